@@ -1,0 +1,1 @@
+"""Decides: the planner and the system manager."""

@@ -1,0 +1,1 @@
+"""Does: the agent of a processing element."""

@@ -1,0 +1,1 @@
+"""Watches and tries: command line, software bus, simulator, demo."""
