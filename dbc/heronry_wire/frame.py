@@ -1,0 +1,119 @@
+"""The frame: the one unit that goes into and comes out of every core, and its text form.
+
+What it decides: what a frame is on this side of every driver (identifier, data, three flags), and how one
+is written down, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log
+(`(12.000345) can0 130#...`), so that a recorded flight replays through the cores, and a simulated one
+opens in any CAN tool.
+
+States: none. Everything here is a pure function of its arguments.
+
+What can be wrong has two shapes, used by all of this package:
+
+- bytes or text from outside that break a rule give a `Malformed` value with the reason: whoever receives
+  counts it per peer and goes on;
+- a call of our own that asks for the impossible raises `WireError`, with a sentence that says what to do.
+
+Limits, on purpose: classical CAN only (at most 8 bytes; CAN FD text is `Malformed`), and a remote frame has
+no data and forgets the length that it asks for: no protocol of this project sends or answers one, and an
+empty frame cannot be taken for a datum.
+"""
+
+import re
+from typing import NamedTuple
+
+STANDARD_MASK = 0x7FF
+EXTENDED_MASK = 0x1FFF_FFFF
+MAX_DATA_BYTES = 8
+
+_ERROR_FLAG = 0x2000_0000  # how can-utils marks an error frame: CAN_ERR_FLAG of linux/can.h
+_NS_PER_S = 1_000_000_000
+
+_FRAME_TEXT = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(R)[0-8]?|((?:[0-9A-Fa-f]{2}){0,8}))", re.ASCII)
+_LOG_TEXT = re.compile(r"\((\d{1,12})\.(\d{1,9})\) (\S+) (\S+)(?: [RT])?", re.ASCII)
+
+
+class WireError(ValueError):
+    """Our own caller asked for something that cannot be put on the bus; the message says what to change."""
+
+
+class Malformed(NamedTuple):
+    """Bytes or text from outside that break a rule: a value to be counted, never an exception."""
+
+    reason: str
+
+
+class Frame(NamedTuple):
+    """One classical CAN frame.
+
+    `can_id` has 11 bits, or 29 when `extended`; `data` has 0..8 bytes, none when `remote`. With `error` set
+    it is no traffic but a controller's report (SocketCAN error frame): `can_id` then holds the error class.
+    A constructor call checks nothing: cores make frames through the codecs, drivers take them from hardware.
+    """
+
+    can_id: int
+    data: bytes
+    extended: bool = False
+    remote: bool = False
+    error: bool = False
+
+
+class LoggedFrame(NamedTuple):
+    """One line of a candump log: when it was seen (ns of the recorder's clock), on which channel, what."""
+
+    time_ns: int
+    channel: str
+    frame: Frame
+
+
+def format_frame(frame: Frame) -> str:
+    """Write a frame as can-utils do: three hex digits of identifier, or eight when it is extended."""
+    if frame.error:
+        identifier = f"{frame.can_id | _ERROR_FLAG:08X}"
+    else:
+        identifier = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
+    return f"{identifier}#{'R' if frame.remote else frame.data.hex().upper()}"
+
+
+def parse_frame(text: str) -> Frame | Malformed:
+    """Read what `format_frame` writes, and what candump, cansend and python-can write."""
+    match = _FRAME_TEXT.fullmatch(text)
+    if match is None:
+        return Malformed(f"{text[:60]!r} is not a classical CAN frame, such as 130#01020000BFC00000")
+    digits, remote, data_hex = match.groups()
+    can_id = int(digits, 16)
+    data = bytes.fromhex(data_hex or "")
+    if len(digits) == 3:
+        if can_id > STANDARD_MASK:
+            return Malformed(f"identifier {digits} has more than 11 bits")
+        return Frame(can_id, data, remote=remote is not None)
+    if can_id & ~EXTENDED_MASK == _ERROR_FLAG and remote is None:
+        return Frame(can_id & EXTENDED_MASK, data, error=True)
+    if can_id > EXTENDED_MASK:
+        return Malformed(f"identifier {digits} has more than 29 bits")
+    return Frame(can_id, data, extended=True, remote=remote is not None)
+
+
+def format_log_line(logged: LoggedFrame) -> str:
+    """Write one line of `candump -L`, without a line end.
+
+    Times of whole microseconds get the six digits that every tool reads. Finer ones get nine, so that
+    nothing is lost and a replay sees the same times; canplayer of older can-utils reads six only.
+    """
+    seconds, fraction_ns = divmod(logged.time_ns, _NS_PER_S)
+    whole_us = fraction_ns % 1000 == 0
+    fraction = f"{fraction_ns // 1000:06d}" if whole_us else f"{fraction_ns:09d}"
+    return f"({seconds:010d}.{fraction}) {logged.channel} {format_frame(logged.frame)}"
+
+
+def parse_log_line(line: str) -> LoggedFrame | Malformed:
+    """Read one line of a candump log, as can-utils and python-can write it (a trailing R or T is skipped)."""
+    match = _LOG_TEXT.fullmatch(line.strip())
+    if match is None:
+        return Malformed(
+            f"{line.strip()[:60]!r} is not a candump log line, such as (12.000345) can0 130#0102"
+        )
+    seconds, fraction, channel, frame_text = match.groups()
+    frame = parse_frame(frame_text)
+    if isinstance(frame, Malformed):
+        return frame
+    return LoggedFrame(int(seconds) * _NS_PER_S + int(fraction.ljust(9, "0")), channel, frame)
