@@ -1,0 +1,60 @@
+"""A configuration: which modules run, each in one mode on one PE, and what each of their inputs is wired to.
+
+A value, nothing more: whether it is legal is for `verify` to say, how good it is for `objective`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from heronry_dg.model import Mode, Spec
+from heronry_dg.situation import Survivors
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """Where an input comes from: a running producer, and the version of the variable its mode gives."""
+
+    producer: str
+    variable: str
+    version: int
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """One running module."""
+
+    pe: str
+    mode: str
+    inputs: Mapping[str, Wire] = field(default_factory=dict)  # leaf path -> wire; a leaf not listed is not wired
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """All running modules by name."""
+
+    modules: Mapping[str, Running] = field(default_factory=dict)
+
+    def mode(self, spec: Spec, module: str) -> Mode:
+        """Mode in which a running module runs."""
+        return spec.modules[module].modes[self.modules[module].mode]
+
+    def wires(self) -> Iterator[tuple[str, str, Wire]]:
+        """Every (consumer, leaf path, wire)."""
+        for consumer, running in self.modules.items():
+            for path, wire in running.inputs.items():
+                yield consumer, path, wire
+
+    def published(self, left: Survivors) -> dict[tuple[str, str], tuple[str, ...]]:
+        """Buses on which each (producer, variable) is published (semantics.md rule 7), in order of first use.
+
+        One that stays on its PE is not listed; a wire without a route contributes nothing.
+        """
+        buses: dict[tuple[str, str], dict[str, None]] = {}
+        for consumer, _, wire in self.wires():
+            producer = self.modules.get(wire.producer)
+            if producer is None:
+                continue
+            route = left.route(producer.pe, self.modules[consumer].pe)
+            if route:
+                buses.setdefault((wire.producer, wire.variable), {}).update(dict.fromkeys(route))
+        return {source: tuple(used) for source, used in buses.items()}

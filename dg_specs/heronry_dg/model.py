@@ -1,0 +1,218 @@
+"""A spec, as the loader hands it to everybody else: frozen, checked, exact.
+
+Quantities are integers: CPU in thousandths of a reference core, memory in bytes, rates in millihertz, bandwidth in
+bit/s, times in nanoseconds. Shares (`max_load`, `reserve`) are exact fractions. Mappings keep the order of the file,
+and that order carries meaning: modes are listed best first, the first phase is the initial one, the first branch of a
+DEMUX is its primary, and ties in identifier allocation go to the earlier name.
+
+What is true of every `Spec` (the loader sees to it): names are unique within their kind, every name that is referred
+to exists, the buses form a forest over the PEs, every wiring cycle passes through a variable with an `initial` value,
+gates have legal arities, and a DEMUX has at least two branches.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal
+
+from heronry_dg.gates import Expression, Leaf, leaves
+
+CRITICALITIES = ("A", "B", "C", "D", "E")
+Criticality = Literal["A", "B", "C", "D", "E"]
+
+
+@dataclass(frozen=True, slots=True)
+class Bus:
+    """One CAN segment."""
+
+    name: str
+    bitrate: int  # bit/s
+    max_load: Fraction = Fraction(8, 10)
+    reserve: Fraction = Fraction(1, 10)  # the share of the bit rate kept for management
+    kind: Literal["wired", "wireless"] = "wired"
+    channels: int = 1  # 2: replicated, every frame on both
+    heartbeat_ns: int = 20_000_000
+    misses: int = 3
+    rate_per_h: Fraction | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Manager:
+    """Where the manager sits, and what a PE does when it hears none."""
+
+    bus: str
+    without_manager: Literal["keep", "safe_mode"] = "keep"
+
+
+@dataclass(frozen=True, slots=True)
+class Pe:
+    """A processing element; on two or more buses it is a gateway."""
+
+    name: str
+    node_id: int  # 92..125
+    buses: tuple[str, ...]
+    cpu_millis: int  # usable capacity, thousandths of a reference core
+    ram: int  # bytes
+    flash: int  # bytes
+    features: frozenset[str] = frozenset()
+    table_bytes: int = 4096
+    rate_per_h: Fraction | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A sensor or an actuator, bolted to one PE."""
+
+    name: str
+    kind: Literal["sensor", "actuator"]
+    pe: str
+    rate_per_h: Fraction | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A datum that modules exchange, in `versions` qualities, of which 1 is the best."""
+
+    name: str
+    type: str  # the name of a CANaerospace data type
+    unit: str | None = None
+    versions: int = 1
+    identifier: int | None = None  # a standard CANaerospace identifier; else allocated
+    initial: int | float | str | tuple[int, ...] | None = None
+    deadline_ns: int | None = None  # None: the period of its producer's mode
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """One way to run a module."""
+
+    name: str
+    needs: Expression | None
+    gives: Mapping[str, int]  # variable -> version
+    cpu_millis: int
+    ram: int  # bytes
+    rate_mhz: int
+
+    def leaves(self) -> Iterator[tuple[str, Leaf]]:
+        """Every input of this mode with its path."""
+        return leaves(self.needs)
+
+
+@dataclass(frozen=True, slots=True)
+class Module:
+    """The quantum that is scheduled."""
+
+    name: str
+    image: str
+    modes: Mapping[str, Mode]  # best first
+    device: str | None = None
+    runs_on: tuple[str, ...] | None = None  # None: any PE
+    requires: frozenset[str] = frozenset()
+    flash: int = 0  # bytes
+    partition: str | None = None
+    checkpoint: bool | int | str | None = None
+    rate_per_h: Fraction | None = None
+
+    def mode_index(self, mode: str) -> int:
+        """Position of a mode; 0 is the best."""
+        return list(self.modes).index(mode)
+
+
+@dataclass(frozen=True, slots=True)
+class Demux:
+    """A gate of which at most one branch module runs."""
+
+    name: str
+    variable: str
+    branches: tuple[str, ...]  # modules, in the spec's order: the first is the primary
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A system output: the root of one dependency graph."""
+
+    name: str
+    output: str  # a module, or a DEMUX
+    outputs: tuple[str, ...]  # that module, or the branches of that DEMUX
+    criticality: Mapping[str | None, Criticality]  # by phase; key None: in every other phase
+    priority: Mapping[str | None, int]
+    value: tuple[int, ...] | None = None  # by mode of the output module; None: 100 (m - i) / m
+
+    def criticality_in(self, phase: str | None) -> Criticality:
+        """Criticality in a phase."""
+        return self.criticality.get(phase, self.criticality[None])
+
+    def priority_in(self, phase: str | None) -> int:
+        """Priority in a phase; 0 is not wanted."""
+        return self.priority.get(phase, self.priority[None])
+
+    def value_of(self, mode_index: int, mode_count: int) -> int:
+        """Value of being served by mode number `mode_index` (0 is the best) out of `mode_count`."""
+        if self.value is not None:
+            return self.value[mode_index]
+        return 100 * (mode_count - mode_index) // mode_count
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """A phase's own rule: entered once `variable` has been beyond the threshold for `hold_ns`."""
+
+    variable: str
+    above: Fraction | None
+    below: Fraction | None
+    hold_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A mission phase."""
+
+    name: str
+    when: When | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Contingency:
+    """What must be planned ahead."""
+
+    faults: int = 1
+    phases: tuple[str, ...] | None = None  # None: all
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """One dependency-graph file, whole."""
+
+    name: str
+    digest: str  # SHA-256 of the file's bytes, hexadecimal
+    buses: Mapping[str, Bus]
+    manager: Manager
+    pes: Mapping[str, Pe]
+    devices: Mapping[str, Device]
+    variables: Mapping[str, Variable]
+    demuxes: Mapping[str, Demux]
+    shorthands: Mapping[str, Expression]  # the other named gates, as written; modules hold them written out
+    modules: Mapping[str, Module]
+    functions: Mapping[str, Function]
+    phases: Mapping[str, Phase] = field(default_factory=dict)  # the first is the initial one
+    separate: tuple[tuple[str, ...], ...] = ()
+    together: tuple[tuple[str, ...], ...] = ()
+    contingency: Contingency = Contingency()
+
+    def initial_phase(self) -> str | None:
+        """Name of the phase that counts when none is asked for."""
+        return next(iter(self.phases), None)
+
+    def producers(self, variable: str) -> Iterator[tuple[Module, Mode]]:
+        """Every (module, mode) that gives a variable, in the spec's order."""
+        for module in self.modules.values():
+            for mode in module.modes.values():
+                if variable in mode.gives:
+                    yield module, mode
+
+    def sources(self) -> Iterator[tuple[str, str]]:
+        """Every (module, variable) of which some mode of the module gives the variable, in the spec's order."""
+        for module in self.modules.values():
+            given = dict.fromkeys(v for mode in module.modes.values() for v in mode.gives)
+            for variable in given:
+                yield module.name, variable

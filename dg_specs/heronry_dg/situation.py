@@ -1,0 +1,198 @@
+"""What is down, what has shrunk, and what is left of the system then.
+
+An element is written `kind:name`: `pe:nav`, `device:gps`, `module:autopilot`, `bus:radio`, `channel:can0.1` (from 1).
+A `Situation` is what somebody said (faults, limits, phase); `Survivors` is what follows from it: a PE that is down
+takes its devices and its routes along, and a PE with no route to the manager's bus cannot be commanded and counts as
+down. With the manager's own bus down nothing is left.
+
+Because the buses form a forest over the PEs, a route between two PEs is unique or absent.
+"""
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from heronry_dg.model import Module, Spec
+
+_KINDS = ("pe", "device", "module", "bus", "channel")
+_LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d+(\.\d+)?)%")
+
+
+class UnknownElementError(ValueError):
+    """An element, limit or phase that the spec does not have; the message says what to write instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """Faults, shrunk capacities, and the mission phase (None where the spec has no phases)."""
+
+    down: frozenset[str] = frozenset()
+    limits: Mapping[str, Fraction] = field(default_factory=dict)  # "bus:radio" -> share of its capacity, 0..1
+    phase: str | None = None
+
+
+def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), phase: str | None = None) -> Situation:
+    """Build a situation from what a user wrote; `limits` as `bus:radio=40%` or `pe:nav=50%`.
+
+    Raises UnknownElementError for names the spec does not have.
+    """
+    if phase is not None and phase not in spec.phases:
+        raise UnknownElementError(_unknown("phase", phase, spec.phases))
+    return Situation(
+        down=frozenset(checked_element(spec, element) for element in down),
+        limits=dict(_limit(spec, text) for text in limits),
+        phase=phase if phase is not None else spec.initial_phase(),
+    )
+
+
+def elements(spec: Spec) -> tuple[str, ...]:
+    """Every element that can be down, in the spec's order."""
+    by_kind: list[tuple[str, Iterable[str]]] = [
+        ("pe", spec.pes),
+        ("device", spec.devices),
+        ("module", spec.modules),
+        ("bus", spec.buses),
+        ("channel", _channels(spec)),
+    ]
+    return tuple(f"{kind}:{name}" for kind, names in by_kind for name in names)
+
+
+def checked_element(spec: Spec, element: str) -> str:
+    """Return `element` if the spec has it; raises UnknownElementError otherwise."""
+    kind, colon, name = element.partition(":")
+    if not colon or kind not in _KINDS:
+        raise UnknownElementError(
+            f"'{element}' is not an element; write KIND:NAME with KIND one of {', '.join(_KINDS)}"
+        )
+    names: Iterable[str] = {
+        "pe": spec.pes,
+        "device": spec.devices,
+        "module": spec.modules,
+        "bus": spec.buses,
+        "channel": _channels(spec),
+    }[kind]
+    if name not in names:
+        raise UnknownElementError(_unknown(kind, name, names))
+    return element
+
+
+def _channels(spec: Spec) -> tuple[str, ...]:
+    return tuple(f"{b.name}.{i}" for b in spec.buses.values() if b.channels > 1 for i in range(1, b.channels + 1))
+
+
+def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:
+    match = _LIMIT.fullmatch(text.strip())
+    if match is None:
+        raise UnknownElementError(f"'{text}' is not a limit; write for example bus:NAME=40% or pe:NAME=50%")
+    element = checked_element(spec, match["element"])
+    if not element.startswith(("bus:", "pe:")):
+        raise UnknownElementError(f"'{element}' has no capacity to limit; only a bus or a pe has")
+    share = Fraction(match["percent"]) / 100
+    if share > 1:
+        raise UnknownElementError(f"'{text}' is more than the capacity there is; write at most 100%")
+    return element, share
+
+
+def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(names) or 'none'}"
+    return f"no {kind} is named '{name}'; {hint}"
+
+
+@dataclass(frozen=True, slots=True)
+class Survivors:
+    """What a situation leaves: PEs that are up and can be commanded, buses, devices, modules, and routes."""
+
+    pe_cpu_millis: Mapping[str, int]  # of each PE that is up, shrunk where limited
+    bus_mbit_per_s: Mapping[str, int]  # of each bus that is up: thousandths of a bit/s for published data, floored
+    devices: frozenset[str]
+    failed_modules: frozenset[str]
+    routes: Mapping[tuple[str, str], tuple[str, ...]]  # (from PE, to PE) -> buses in order; () on the same PE
+    spec: Spec
+
+    def hosts(self, module: Module) -> tuple[str, ...]:
+        """PEs on which a module may run now, in the spec's order (semantics.md rule 1)."""
+        if module.name in self.failed_modules or (module.device is not None and module.device not in self.devices):
+            return ()
+        return tuple(pe for pe in hosts_when_all_is_up(self.spec, module) if pe in self.pe_cpu_millis)
+
+    def route(self, origin: str, destination: str) -> tuple[str, ...] | None:
+        """Buses a datum travels from one PE to another, in order; None where there is no route."""
+        return self.routes.get((origin, destination))
+
+
+def hosts_when_all_is_up(spec: Spec, module: Module) -> tuple[str, ...]:
+    """PEs that `device`, `runs_on` and `requires` allow, in the spec's order."""
+    bolted_to = spec.devices[module.device].pe if module.device is not None else None
+    return tuple(
+        pe.name
+        for pe in spec.pes.values()
+        if (bolted_to is None or pe.name == bolted_to)
+        and (module.runs_on is None or pe.name in module.runs_on)
+        and module.requires <= pe.features
+    )
+
+
+def survivors(spec: Spec, now: Situation) -> Survivors:
+    """Work out what `now` leaves of the system."""
+    buses = [b for b in spec.buses.values() if not _bus_is_down(b.name, b.channels, now)]
+    alive = [p for p in spec.pes if f"pe:{p}" not in now.down]
+    reached = _reachable(spec, {b.name for b in buses}, set(alive))
+    commanded = [p for p in alive if p in reached]
+    return Survivors(
+        pe_cpu_millis={p: int(spec.pes[p].cpu_millis * now.limits.get(f"pe:{p}", Fraction(1))) for p in commanded},
+        bus_mbit_per_s={
+            b.name: int(b.bitrate * 1000 * (b.max_load - b.reserve) * now.limits.get(f"bus:{b.name}", Fraction(1)))
+            for b in buses
+        },
+        devices=frozenset(
+            d.name for d in spec.devices.values() if d.pe in commanded and f"device:{d.name}" not in now.down
+        ),
+        failed_modules=frozenset(m for m in spec.modules if f"module:{m}" in now.down),
+        routes={
+            (origin, destination): route
+            for origin in commanded
+            for destination, route in _routes_from(spec, origin, {b.name for b in buses}, set(commanded)).items()
+        },
+        spec=spec,
+    )
+
+
+def _bus_is_down(bus: str, channels: int, now: Situation) -> bool:
+    if f"bus:{bus}" in now.down:
+        return True
+    return channels > 1 and all(f"channel:{bus}.{i}" in now.down for i in range(1, channels + 1))
+
+
+def _reachable(spec: Spec, buses_up: set[str], pes_up: set[str]) -> set[str]:
+    """PEs with a route to the manager's bus."""
+    if spec.manager.bus not in buses_up:
+        return set()
+    seen_buses, found, frontier = {spec.manager.bus}, set[str](), [spec.manager.bus]
+    while frontier:
+        bus = frontier.pop()
+        for pe in pes_up:
+            if bus in spec.pes[pe].buses and pe not in found:
+                found.add(pe)
+                further = [b for b in spec.pes[pe].buses if b in buses_up and b not in seen_buses]
+                seen_buses.update(further)
+                frontier.extend(further)
+    return found
+
+
+def _routes_from(spec: Spec, origin: str, buses_up: set[str], pes_up: set[str]) -> dict[str, tuple[str, ...]]:
+    routes: dict[str, tuple[str, ...]] = {origin: ()}
+    frontier = [origin]
+    while frontier:
+        here = frontier.pop(0)
+        for bus in spec.pes[here].buses:
+            if bus not in buses_up or bus in routes[here]:
+                continue
+            for pe in spec.pes:
+                if pe in pes_up and pe not in routes and bus in spec.pes[pe].buses:
+                    routes[pe] = (*routes[here], bus)
+                    frontier.append(pe)
+    return routes

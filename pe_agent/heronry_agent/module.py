@@ -1,0 +1,105 @@
+"""The module API: what the code of a software module sees.
+
+A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
+spec: a bare name is looked up in `heronry_agent.images`, `package.module:Class` is imported. It is built anew when it is
+scheduled, and when its mode changes; it keeps no reference to a bus, a clock or another module. All it knows of the
+world comes through `inputs` and `self.ctx`.
+
+Local and remote data look the same. A datum that is too old, foreign or of an unaccepted version is simply absent, so
+an optional input that is not supplied and one that has just been lost are handled by the same line of code.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+Value = int | float | str | bytes | tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Datum:
+    """One value of a variable as a consumer sees it."""
+
+    value: Value
+    version: int  # quality: 1 is the best
+    age_ns: int  # since it was produced (local) or received (remote)
+    valid: bool = True  # False: its producer says that it does not trust it
+
+    def number(self) -> float:
+        """Value as a float; raises TypeError where the variable is not a number."""
+        if isinstance(self.value, (int, float)):
+            return float(self.value)
+        raise TypeError(f"{self.value!r} is not a number; read it with .value")
+
+
+class Inputs(Mapping[str, Datum]):
+    """Fresh inputs of one step, by variable; where several leaves name a variable, its best version.
+
+    A variable that is not supplied is absent: use `inputs.get("name")`.
+    """
+
+    def __init__(self, by_leaf: Mapping[str, tuple[str, Datum]]) -> None:
+        self._by_leaf = by_leaf
+        self._best: dict[str, Datum] = {}
+        for variable, datum in by_leaf.values():
+            held = self._best.get(variable)
+            if held is None or datum.version < held.version:
+                self._best[variable] = datum
+
+    def __getitem__(self, variable: str) -> Datum:
+        return self._best[variable]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._best)
+
+    def __len__(self) -> int:
+        return len(self._best)
+
+    def leaf(self, path: str) -> Datum | None:
+        """Datum at one leaf of `needs`, by its index path ("", "0", "0.1")."""
+        found = self._by_leaf.get(path)
+        return found[1] if found else None
+
+    def every(self, variable: str) -> list[Datum]:
+        """All versions of a variable that are supplied, best first: what a voter compares."""
+        return sorted((d for v, d in self._by_leaf.values() if v == variable), key=lambda d: d.version)
+
+
+class Context(Protocol):
+    """What a module may ask of its host."""
+
+    @property
+    def module(self) -> str:
+        """Name of the module in the spec."""
+
+    @property
+    def mode(self) -> str:
+        """Name of the mode it runs in."""
+
+    @property
+    def period_ns(self) -> int:
+        """Time between two steps."""
+
+    @property
+    def now_ns(self) -> int:
+        """Time of this step on the host's monotonic clock."""
+
+    def read(self) -> Value | None:
+        """Read the device the module is bolted to; None when it does not answer."""
+
+    def write(self, value: Value) -> None:
+        """Drive the device the module is bolted to."""
+
+    def report_failed(self, element: str, detail: int = 0) -> None:
+        """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail 0..65535 is the module's."""
+
+
+class Module:
+    """Base of every module; subclasses override `step`."""
+
+    def __init__(self, ctx: Context) -> None:
+        self.ctx = ctx
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Compute one period: variable -> value for the variables that the mode gives; one left out is not published."""
+        raise NotImplementedError
