@@ -1,0 +1,124 @@
+"""A slice: one PE's part of a configuration, in as few bytes as can be.
+
+Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the pairs
+(producing module, variable) of the spec. The bytes are variable-length integers (seven bits a byte, least significant
+group first), in ascending order of index, so that equal slices have equal bytes and equal digests:
+
+    number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
+    number of remote sources read here, then for each: source, node-ID of its producer
+    number of sources published, then for each: source, bit mask of this PE's buses
+    number of sources forwarded (gateways), then for each: source, node-ID of its producer, bit mask of buses to
+
+The digest covers the spec's digest too: a PE that holds another spec's table stages nothing.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+EMPTY_DIGEST = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleSlice:
+    """One module to run: its index, its mode, and per leaf of that mode the source it reads (None: not wired)."""
+
+    module: int
+    mode: int
+    sources: tuple[int | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Slice:
+    """What one PE runs, reads, publishes and forwards."""
+
+    modules: tuple[ModuleSlice, ...] = ()
+    remote: Mapping[int, int] = field(default_factory=dict)  # source -> node-ID of its producer
+    publish: Mapping[int, int] = field(default_factory=dict)  # source -> bit mask of this PE's buses
+    forward: Mapping[int, tuple[int, int]] = field(default_factory=dict)  # source -> (producer's node-ID, bus mask)
+
+    def encode(self) -> bytes:
+        """Encode; equal slices give equal bytes."""
+        numbers = [len(self.modules)]
+        for module in sorted(self.modules, key=lambda m: m.module):
+            numbers += [module.module, module.mode]
+            numbers += [0 if source is None else source + 1 for source in module.sources]
+        for table in (self.remote, self.publish):
+            numbers.append(len(table))
+            numbers += [number for pair in sorted(table.items()) for number in pair]
+        numbers.append(len(self.forward))
+        numbers += [n for source, (node, mask) in sorted(self.forward.items()) for n in (source, node, mask)]
+        return b"".join(map(_varint, numbers))
+
+
+class SliceError(ValueError):
+    """Bytes that are no slice of this PE; the message says why."""
+
+
+def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
+    """Decode a slice; `leaves` gives the number of leaves of each (module, mode) the PE's table has.
+
+    Raises SliceError.
+    """
+    reader = _Reader(body)
+    modules = []
+    for _ in range(reader.number()):
+        module, mode = reader.number(), reader.number()
+        if (module, mode) not in leaves:
+            raise SliceError(f"module {module} mode {mode} is not in this table")
+        sources = tuple(reader.number() - 1 for _ in range(leaves[module, mode]))
+        modules.append(ModuleSlice(module, mode, tuple(None if s < 0 else s for s in sources)))
+    remote = {reader.number(): reader.number() for _ in range(reader.number())}
+    publish = {reader.number(): reader.number() for _ in range(reader.number())}
+    forward = {reader.number(): (reader.number(), reader.number()) for _ in range(reader.number())}
+    if reader.left():
+        raise SliceError(f"{reader.left()} bytes too many")
+    return Slice(tuple(modules), remote, publish, forward)
+
+
+def slice_digest(spec_digest: str, body: bytes) -> int:
+    """Digest (24 bits, never 0) of one PE's slice."""
+    return _digest24(bytes.fromhex(spec_digest), [body])
+
+
+def configuration_digest(spec_digest: str, slices: Mapping[int, bytes]) -> int:
+    """Digest (24 bits, never 0) of a whole configuration, given the slices by node-ID."""
+    parts = (bytes((node,)) + len(body).to_bytes(2, "big") + body for node, body in sorted(slices.items()))
+    return _digest24(bytes.fromhex(spec_digest), parts)
+
+
+def _digest24(head: bytes, parts: Iterable[bytes]) -> int:
+    digest = hashlib.sha256(head)
+    for part in parts:
+        digest.update(part)
+    return int.from_bytes(digest.digest()[:3], "big") or 1
+
+
+def _varint(number: int) -> bytes:
+    out = bytearray()
+    while number > 0x7F:
+        out.append(number & 0x7F | 0x80)
+        number >>= 7
+    out.append(number)
+    return bytes(out)
+
+
+class _Reader:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self) -> int:
+        number = shift = 0
+        while True:
+            if self._at >= len(self._data) or shift > 28:
+                raise SliceError("the bytes end, or a number does not")
+            byte = self._data[self._at]
+            self._at += 1
+            number |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return number
+            shift += 7
+
+    def left(self) -> int:
+        return len(self._data) - self._at

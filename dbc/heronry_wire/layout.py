@@ -1,0 +1,52 @@
+"""Bit layouts of fixed-size payloads: one table for the codec, the DBC and the documentation.
+
+A layout is a list of named unsigned fields, most significant bit first, as CANaerospace writes its numbers. Packing
+and unpacking go through one big integer: no field needs to start at a byte.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """An unsigned number of `bits` bits; `labels` names its values where they are names."""
+
+    name: str
+    bits: int
+    labels: Mapping[int, str] | None = None
+    unit: str = ""
+
+
+class Layout:
+    """A payload of a whole number of bytes; fields in the order in which they travel."""
+
+    def __init__(self, name: str, *fields: Field) -> None:
+        total = sum(field.bits for field in fields)
+        if total % 8 or total > 64:
+            raise ValueError(f"layout {name} has {total} bits; a CAN payload has a multiple of 8, at most 64")
+        self.name = name
+        self.fields = fields
+        self.length = total // 8  # bytes
+        shift = total
+        steps = []
+        for field in fields:
+            shift -= field.bits
+            steps.append((field.name, shift, (1 << field.bits) - 1))
+        self._steps = tuple(steps)
+
+    def pack(self, *values: int) -> bytes:
+        """Encode one value per field; raises ValueError where one does not fit its field."""
+        number = 0
+        for (name, shift, mask), value in zip(self._steps, values, strict=True):
+            if not 0 <= value <= mask:
+                raise ValueError(f"{self.name}.{name} is {value}; it holds 0 to {mask}")
+            number |= value << shift
+        return number.to_bytes(self.length, "big")
+
+    def unpack(self, data: bytes) -> tuple[int, ...] | None:
+        """Decode one value per field, or None where the length is not this layout's."""
+        if len(data) != self.length:
+            return None
+        number = int.from_bytes(data, "big")
+        return tuple((number >> shift) & mask for _, shift, mask in self._steps)

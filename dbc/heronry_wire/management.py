@@ -1,0 +1,414 @@
+"""The management protocol: every message between a manager and the PEs, and its bytes.
+
+Who says what
+    The manager (126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
+    reconfigures, PING when it suspects, CONTROL to acknowledge. A PE sends STATE every heartbeat period (page 0; page 1
+    on change and every tenth time) and EMCY for a fault. Nothing else commands or reports.
+
+Two phases, numbered
+    PREPARE names a new epoch and the digest of the whole configuration. For each PE, SLICE with index 0 gives
+    length and digest of its slice; a PE whose running slice has that digest stages it at once, any other collects the
+    body from the frames 1, 2, ... (five bytes each) in any order, doubled or not. What is staged is told in page 1.
+    ACTIVATE then carries a step, and LEASE repeats it for whoever missed it:
+
+    step BREAK   stop what the new slice lacks, rewire what stays, report BROKEN
+    step GO      start the rest, but for DEMUX branches that are new on this PE: those stay held (PARTIAL)
+    step GO_ALL  start those too (ACTIVE)
+
+    A step contains the steps before it, so one ACTIVATE with GO_ALL is enough where nothing exclusive moves. Every
+    command may be lost, late or doubled: it names the epoch, an older epoch or a lower term changes nothing, and a step
+    already taken is not taken again.
+
+Numbers
+    An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 and only rises. A digest is 24 bits.
+    All numbers are big-endian, but for EMCY, whose head is CiA 301's and little-endian.
+
+Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
+
+Source: design rules 1 to 6 of the protocol; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from heronry_wire.layout import Field, Layout
+
+MAX_TERM = 0xFFF
+NO_EPOCH = 0
+SLICE_BYTES_PER_FRAME = 5
+LEASE_PERIODS = 5  # T_lease in heartbeat periods
+
+
+class Step(IntEnum):
+    """How far an epoch has got; each contains those before it."""
+
+    PREPARED = 0
+    BREAK = 1
+    GO = 2
+    GO_ALL = 3
+
+
+class PeState(IntEnum):
+    """What a PE does with the epoch that its state names."""
+
+    UNCONFIGURED = 0
+    BROKEN = 1
+    PARTIAL = 2
+    ACTIVE = 3
+
+
+class PeFlags(IntFlag):
+    """What else a PE says in every state frame."""
+
+    HEARS_LEASE = 1
+    FAULT_PENDING = 2
+    OUTPUT_HELD = 4
+
+
+class Reason(IntEnum):
+    """Why a PE has not staged, or what it last refused."""
+
+    NONE = 0
+    INCOMPLETE = 1  # frames of the slice are missing: send it again
+    DIGEST = 2  # the bytes do not have the digest announced, or the table is another spec's
+    UNKNOWN_INDEX = 3  # the slice names what the table does not have
+    IMAGE = 4  # an image cannot be loaded here
+    STALE_TERM = 5  # a higher term has been heard
+    STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
+
+
+class Operation(IntEnum):
+    """Operations of CONTROL."""
+
+    ACKNOWLEDGE = 1  # a = element kind, b = element index: the fault has been heard
+
+
+class ElementKind(IntEnum):
+    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order."""
+
+    PE = 0
+    DEVICE = 1
+    MODULE = 2
+    BUS = 3
+
+
+class FaultCode(IntEnum):
+    """CANopen emergency error codes used here (CiA 301: FF00h to FFFFh are device specific)."""
+
+    RESET = 0x0000
+    MODULE_EXCEPTION = 0xFF01
+    MODULE_OVERRUN = 0xFF02
+    REPORTED = 0xFF03  # a module says that an element has failed
+
+
+_STEPS = {step.value: step.name for step in Step}
+_STATES = {state.value: state.name for state in PeState}
+_REASONS = {reason.value: reason.name for reason in Reason}
+_OPERATIONS = {operation.value: operation.name for operation in Operation}
+_KINDS = {kind.value: kind.name for kind in ElementKind}
+
+_TERM, _EPOCH, _DIGEST = Field("term", 16), Field("epoch", 16), Field("digest", 24)
+_STATE_HEAD = (Field("page", 2), Field("state", 3, _STATES), Field("flags", 3))
+
+LEASE = Layout("LEASE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
+ALIVE = Layout("ALIVE", _TERM, Field("sequence", 8), Field("spare", 6), Field("alive", 34))
+PREPARE = Layout("PREPARE", Field("term", 12), Field("contingency", 12), _EPOCH, _DIGEST)
+SLICE_HEAD = Layout(
+    "SLICE_HEAD", Field("node", 8), Field("epoch_low", 8), Field("index", 8), Field("length", 16), Field("digest", 24)
+)
+SLICE_BODY = Layout("SLICE_BODY", Field("node", 8), Field("epoch_low", 8), Field("index", 8), Field("body", 40))
+ACTIVATE = Layout("ACTIVATE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
+PING = Layout("PING", _TERM, Field("node", 8), Field("sequence", 8))
+CONTROL = Layout("CONTROL", _TERM, Field("node", 8), Field("operation", 8, _OPERATIONS), Field("a", 16), Field("b", 16))
+STATE_0 = Layout("STATE_0", *_STATE_HEAD, Field("incarnation", 8), _EPOCH, Field("sequence", 8), _DIGEST)
+STATE_1 = Layout(
+    "STATE_1",
+    *_STATE_HEAD,
+    Field("staged_epoch", 16),
+    Field("staged_digest", 24),
+    Field("reason", 8, _REASONS),
+    Field("load", 8, unit="%"),
+)
+# CiA 301 has the code little-endian; here its two bytes are two fields.
+EMCY = Layout(
+    "EMCY",
+    Field("code_low", 8),
+    Field("code_high", 8),
+    Field("error_register", 8),
+    Field("kind", 8, _KINDS),
+    Field("index", 16),
+    Field("detail", 16),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Malformed:
+    """Bytes that are not the message they were sent as."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """The manager reigns: `epoch` with `digest` stands at `step` (rule 4)."""
+
+    term: int
+    epoch: int
+    step: Step
+    digest: int
+
+    def encode(self) -> bytes:
+        """Payload of LEASE."""
+        return LEASE.pack(self.term, self.epoch, self.step, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class Alive:
+    """The PEs that the manager counts on, as node-IDs 92..125 (rule 6)."""
+
+    term: int
+    sequence: int
+    nodes: frozenset[int]
+
+    def encode(self) -> bytes:
+        """Payload of ALIVE."""
+        return ALIVE.pack(self.term, self.sequence, 0, sum(1 << (node - 92) for node in self.nodes))
+
+
+@dataclass(frozen=True, slots=True)
+class Prepare:
+    """A configuration is about to be staged; `contingency` 0 means that SLICE frames follow."""
+
+    term: int
+    epoch: int
+    digest: int
+    contingency: int = 0
+
+    def encode(self) -> bytes:
+        """Payload of PREPARE."""
+        return PREPARE.pack(self.term, self.contingency, self.epoch, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class SliceHead:
+    """Length in bytes and digest of the slice of one PE in the epoch being prepared."""
+
+    node: int
+    epoch_low: int
+    length: int
+    digest: int
+
+    def encode(self) -> bytes:
+        """Payload of SLICE with index 0."""
+        return SLICE_HEAD.pack(self.node, self.epoch_low, 0, self.length, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class SliceBody:
+    """Five bytes of a slice: those from 5 (index - 1) on, filled up with zeros. Index 1..255."""
+
+    node: int
+    epoch_low: int
+    index: int
+    body: bytes
+
+    def encode(self) -> bytes:
+        """Payload of SLICE with index 1 or more."""
+        return SLICE_BODY.pack(
+            self.node, self.epoch_low, self.index, int.from_bytes(self.body.ljust(SLICE_BYTES_PER_FRAME, b"\0"), "big")
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Activate:
+    """Take the staged configuration into use, up to `step`."""
+
+    term: int
+    epoch: int
+    step: Step
+    digest: int
+
+    def encode(self) -> bytes:
+        """Payload of ACTIVATE."""
+        return ACTIVATE.pack(self.term, self.epoch, self.step, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """Say your state now; node 0 asks everybody."""
+
+    term: int
+    node: int
+    sequence: int
+
+    def encode(self) -> bytes:
+        """Payload of PING."""
+        return PING.pack(self.term, self.node, self.sequence)
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """An operation on one PE, or on all with node 0."""
+
+    term: int
+    node: int
+    operation: Operation
+    a: int = 0
+    b: int = 0
+
+    def encode(self) -> bytes:
+        """Payload of CONTROL."""
+        return CONTROL.pack(self.term, self.node, self.operation, self.a, self.b)
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage0:
+    """What a PE runs now."""
+
+    state: PeState
+    flags: PeFlags
+    incarnation: int
+    epoch: int
+    sequence: int
+    digest: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 0."""
+        return STATE_0.pack(0, self.state, self.flags, self.incarnation, self.epoch, self.sequence, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage1:
+    """What a PE has staged, why not, and its CPU load in per cent of its capacity."""
+
+    state: PeState
+    flags: PeFlags
+    staged_epoch: int
+    staged_digest: int
+    reason: Reason
+    load: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 1."""
+        return STATE_1.pack(
+            1, self.state, self.flags, self.staged_epoch, self.staged_digest, self.reason, min(self.load, 255)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Emergency:
+    """A fault: which element, and a detail (0..65535) that its finder chose."""
+
+    code: FaultCode
+    error_register: int
+    kind: ElementKind
+    index: int
+    detail: int
+
+    def encode(self) -> bytes:
+        """Payload of EMCY."""
+        return EMCY.pack(self.code & 0xFF, self.code >> 8, self.error_register, self.kind, self.index, self.detail)
+
+
+Command = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
+
+
+def is_newer(epoch: int, than: int) -> bool:
+    """Tell whether an epoch is newer than another, modulo 2^16; any epoch is newer than none."""
+    if than == NO_EPOCH:
+        return epoch != NO_EPOCH
+    return 0 < (epoch - than) % 0x10000 < 0x8000
+
+
+def next_epoch(epoch: int) -> int:
+    """Epoch after this one; never 0."""
+    return epoch % 0xFFFF + 1
+
+
+def decode_command(offset: int, data: bytes) -> Command | Malformed:
+    """Decode a management frame by the offset of its identifier from its manager's base (200 or 210)."""
+    decoder = _DECODERS.get(offset)
+    if decoder is None:
+        return Malformed(f"management identifier offset {offset} is not assigned")
+    return decoder(data)
+
+
+def _lease(data: bytes) -> Lease | Malformed:
+    fields = LEASE.unpack(data)
+    if fields is None or fields[2] not in _STEPS:
+        return Malformed("LEASE has a wrong length or step")
+    return Lease(fields[0], fields[1], Step(fields[2]), fields[3])
+
+
+def _alive(data: bytes) -> Alive | Malformed:
+    fields = ALIVE.unpack(data)
+    if fields is None:
+        return Malformed("ALIVE has a wrong length")
+    term, sequence, _, bitmap = fields
+    return Alive(term, sequence, frozenset(92 + bit for bit in range(34) if bitmap >> bit & 1))
+
+
+def _prepare(data: bytes) -> Prepare | Malformed:
+    fields = PREPARE.unpack(data)
+    if fields is None:
+        return Malformed("PREPARE has a wrong length")
+    term, contingency, epoch, digest = fields
+    return Prepare(term, epoch, digest, contingency)
+
+
+def _slice(data: bytes) -> SliceHead | SliceBody | Malformed:
+    head = SLICE_HEAD.unpack(data)
+    if head is None:
+        return Malformed("SLICE has a wrong length")
+    if head[2] == 0:
+        return SliceHead(head[0], head[1], head[3], head[4])
+    return SliceBody(head[0], head[1], head[2], bytes(data[3:]))
+
+
+def _activate(data: bytes) -> Activate | Malformed:
+    fields = ACTIVATE.unpack(data)
+    if fields is None or fields[2] not in _STEPS:
+        return Malformed("ACTIVATE has a wrong length or step")
+    return Activate(fields[0], fields[1], Step(fields[2]), fields[3])
+
+
+def _ping(data: bytes) -> Ping | Malformed:
+    fields = PING.unpack(data)
+    return Malformed("PING has a wrong length") if fields is None else Ping(*fields)
+
+
+def _control(data: bytes) -> Control | Malformed:
+    fields = CONTROL.unpack(data)
+    if fields is None or fields[2] not in _OPERATIONS:
+        return Malformed("CONTROL has a wrong length or operation")
+    return Control(fields[0], fields[1], Operation(fields[2]), fields[3], fields[4])
+
+
+_DECODERS = {0: _lease, 1: _alive, 2: _prepare, 3: _slice, 4: _activate, 5: _ping, 6: _control}
+
+
+def decode_state(data: bytes) -> StatePage0 | StatePage1 | Malformed:
+    """Decode a state frame, either page."""
+    fields = STATE_0.unpack(data)
+    if fields is None or fields[0] > 1 or fields[1] not in _STATES:
+        return Malformed("STATE has a wrong length, page or state")
+    if fields[0] == 0:
+        _, state, flags, incarnation, epoch, sequence, digest = fields
+        return StatePage0(PeState(state), PeFlags(flags), incarnation, epoch, sequence, digest)
+    paged = STATE_1.unpack(data)
+    if paged is None or paged[5] not in _REASONS:
+        return Malformed("STATE page 1 has an unknown reason")
+    _, state, flags, staged_epoch, staged_digest, reason, load = paged
+    return StatePage1(PeState(state), PeFlags(flags), staged_epoch, staged_digest, Reason(reason), load)
+
+
+def decode_emergency(data: bytes) -> Emergency | Malformed:
+    """Decode an EMCY frame; another maker's codes are malformed here, and only counted."""
+    fields = EMCY.unpack(data)
+    if fields is None:
+        return Malformed("EMCY has a wrong length")
+    low, high, register, kind, index, detail = fields
+    try:
+        return Emergency(FaultCode(high << 8 | low), register, ElementKind(kind), index, detail)
+    except ValueError:
+        return Malformed("EMCY has a code or element that is not ours")
