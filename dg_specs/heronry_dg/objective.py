@@ -1,0 +1,108 @@
+"""How good a configuration is: semantics.md section 4, seven levels, first difference decides.
+
+Critical functions first (by class A to D), then utility, supplied inputs, few changes against what runs, primary
+branches, little bandwidth, little CPU. Everything is an integer, so that any two programs agree on every comparison.
+`score` takes a configuration at its word: it does not ask whether it is legal (that is `verify`), but every name in
+it must exist in the spec.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Function, Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+
+CRITICAL_CLASSES = ("A", "B", "C", "D")
+
+Placement = Mapping[str, tuple[str, str]]
+"""What runs, without its wires: module -> (mode, PE)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """The levels, most important first; the comments say which way is better."""
+
+    critical: tuple[int, int, int, int]  # priorities served of class A, B, C, D: more
+    utility: int  # priority times value over the served functions: more
+    inputs: int  # worth of the wired leaves: more
+    changes: int  # modules whose (mode, PE) differs from the running ones: fewer
+    branches: int  # positions of the DEMUX branches that run: fewer
+    bus_mbit_per_s: int  # thousandths of a bit/s over all buses: fewer
+    cpu_millis: int  # thousandths of a reference core: fewer
+
+    def key(self) -> tuple[int, ...]:
+        """Ten integers that compare as the objectives do: the greater is the better."""
+        costs = (self.changes, self.branches, self.bus_mbit_per_s, self.cpu_millis)
+        return (*self.critical, self.utility, self.inputs, *(-cost for cost in costs))
+
+    @property
+    def bus_bits_per_s(self) -> int:
+        """Published bits per second over all buses, rounded down once, as reported."""
+        return self.bus_mbit_per_s // 1000
+
+
+def score(
+    spec: Spec, now: Situation, configuration: Configuration, running: Configuration | Placement | None
+) -> Objective:
+    """Value a configuration in a situation; with no running configuration nothing counts as a change."""
+    served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
+    published = hops(survivors(spec, now), configuration)
+    return Objective(
+        critical=_critical(now, [function for function, _ in served]),
+        utility=sum(f.priority_in(now.phase) * value_of(spec, configuration, f, branch) for f, branch in served),
+        inputs=sum(_worths(spec, configuration)),
+        changes=changes(placement(configuration), running),
+        branches=sum(
+            position
+            for demux in spec.demuxes.values()
+            for position, branch in enumerate(demux.branches)
+            if branch in configuration.modules
+        ),
+        bus_mbit_per_s=sum(bus_loads_mbit_per_s(spec, published).values()),
+        cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in configuration.modules),
+    )
+
+
+def serving_modules(spec: Spec, configuration: Configuration) -> Iterator[tuple[Function, str | None]]:
+    """Every function with the running module that serves it (None: it is not served)."""
+    for function in spec.functions.values():
+        yield function, next((m for m in function.outputs if m in configuration.modules), None)
+
+
+def value_of(spec: Spec, configuration: Configuration, function: Function, output: str) -> int:
+    """Value of a function that the running module `output` serves, by that module's mode."""
+    module = spec.modules[output]
+    return function.value_of(module.mode_index(configuration.modules[output].mode), len(module.modes))
+
+
+def placement(running: Configuration | Placement) -> Placement:
+    """Mode and PE of each running module."""
+    if isinstance(running, Configuration):
+        return {name: (module.mode, module.pe) for name, module in running.modules.items()}
+    return running
+
+
+def changes(after: Placement, running: Configuration | Placement | None) -> int:
+    """Count the modules that are started, stopped, moved or put into another mode."""
+    if running is None:
+        return 0
+    before = placement(running)
+    return sum(before.get(module) != after.get(module) for module in before.keys() | after.keys())
+
+
+def _critical(now: Situation, served: list[Function]) -> tuple[int, int, int, int]:
+    totals = dict.fromkeys(CRITICAL_CLASSES, 0)
+    for function in served:
+        criticality = function.criticality_in(now.phase)
+        if criticality in totals:
+            totals[criticality] += function.priority_in(now.phase)
+    return totals["A"], totals["B"], totals["C"], totals["D"]
+
+
+def _worths(spec: Spec, configuration: Configuration) -> Iterator[int]:
+    for module in configuration.modules:
+        leaves = dict(configuration.mode(spec, module).leaves())
+        for path, wire in configuration.modules[module].inputs.items():
+            yield leaves[path].points(wire.version)
