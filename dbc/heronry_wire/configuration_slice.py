@@ -1,8 +1,8 @@
 """A slice: one PE's part of a configuration, in as few bytes as can be.
 
-Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the pairs
-(producing module, variable) of the spec. The bytes are variable-length integers (seven bits a byte, least significant
-group first), in ascending order of index, so that equal slices have equal bytes and equal digests:
+Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the
+pairs (producing module, variable) of the spec. The bytes are variable-length integers (seven bits a byte, least
+significant group first), in ascending order of index, so that equal slices have equal bytes and equal digests:
 
     number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer

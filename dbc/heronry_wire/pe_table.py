@@ -150,7 +150,7 @@ def _check(table: PeTable) -> None:
                 raise TableError(f"module {module.name} has the rate {mode.rate_mhz} mHz; it must be positive")
 
 
-def _read(kind: Any, raw: Any, where: str) -> Any:  # noqa: ANN401 - a reader driven by annotations
+def _read(kind: Any, raw: Any, where: str) -> Any:
     """Read plain JSON data as `kind`, strictly; raises TableError with the place."""
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind) and isinstance(kind, type):
@@ -174,7 +174,7 @@ def _read(kind: Any, raw: Any, where: str) -> Any:  # noqa: ANN401 - a reader dr
     raise TableError(f"{where} holds {raw!r:.60}, which does not fit; write the table anew with 'heronry table'")
 
 
-def _read_record(kind: Any, raw: Any, where: str) -> Any:  # noqa: ANN401 - see _read
+def _read_record(kind: Any, raw: Any, where: str) -> Any:
     names = {f.name for f in fields(kind)}
     if not isinstance(raw, dict) or set(raw) != names:
         odd = sorted(set(raw) ^ names) if isinstance(raw, dict) else [type(raw).__name__]

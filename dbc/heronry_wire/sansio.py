@@ -1,0 +1,41 @@
+"""The vocabulary that every core shares with whatever drives it: frames in, frames out, time.
+
+A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. It is called with
+`Tick` when its deadline has come, with `now_ns` never less than before. A driver hands over all frames that have arrived
+before it lets a deadline pass: a stalled process must not take its own pause for everybody's silence.
+"""
+
+from dataclasses import dataclass
+
+from heronry_wire.frame import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A frame arrived on a port (the position of the bus among those this node sits on)."""
+
+    port: int
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The core's deadline has come."""
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Queue a frame for a port; the node's own queue is ordered by priority (design rule 13)."""
+
+    port: int
+    frame: Frame
+
+
+class InvariantError(AssertionError):
+    """A core found itself in a state that must not be; the message tells what and the recent events."""
+
+
+def require(condition: bool, story: str) -> None:
+    """Check an invariant, with `python -O` too; raises InvariantError with the story."""
+    if not condition:
+        raise InvariantError(story)
