@@ -1,0 +1,332 @@
+"""A plan: a configuration with the situation it is for, what it is worth, whether that is proven, and its report.
+
+The report (functions, PEs, buses) follows from the rest and is written out for people and other programs; nothing is
+decided by it. The JSON form is the file that `heronry plan` writes. What reads it:
+
+    read_plan            all of it, for one of our own plans; the report is worked out anew
+    read_situation       phase, faults and limits; what is missing is as in a healthy first phase
+    read_configuration   nothing but `modules`: a plan to be judged may come from any planner
+    read_running         nothing but `pe` and `mode` of the modules: what runs now
+
+Whatever is malformed gives one PlanError, whose sentence names the place.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from fractions import Fraction
+from typing import TypeVar
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score, serving_modules, value_of
+from heronry_dg.situation import Situation, UnknownElementError, situation, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+from heronry_dg.why_not import feasible, why_not
+
+Json = dict[str, object]
+_T = TypeVar("_T")
+
+
+class PlanError(ValueError):
+    """A plan file that cannot be used; the message is one sentence with the place and what is wrong there."""
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionReport:
+    """What became of a function."""
+
+    served: bool
+    mode: str | None  # of the module that serves it
+    value: int  # of that mode; 0 when not served
+    why_not: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class PeReport:
+    """What is used of a PE: CPU in thousandths of a reference core, memory in bytes."""
+
+    cpu_millis: int
+    ram: int
+    flash: int
+
+
+@dataclass(frozen=True, slots=True)
+class BusReport:
+    """What is published on a bus, rounded down, and its share of the bit rate."""
+
+    bits_per_s: int
+    load: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A configuration with its proof and its report; `make_plan` makes them."""
+
+    spec: str  # digest of the spec's file: SHA-256, hexadecimal
+    now: Situation
+    configuration: Configuration
+    objective: Objective
+    optimal: bool  # proven to be the best there is
+    functions: Mapping[str, FunctionReport]
+    pes: Mapping[str, PeReport]
+    buses: Mapping[str, BusReport]
+
+    def to_json(self) -> str:
+        """Write the plan; the same plan gives the same bytes."""
+        document = {
+            "spec": self.spec,
+            "phase": self.now.phase,
+            "down": sorted(self.now.down),
+            "limits": {element: _percent(share) for element, share in sorted(self.now.limits.items())},
+            "objective": _objective_json(self.objective),
+            "optimal": self.optimal,
+            "modules": {name: _running_json(running) for name, running in self.configuration.modules.items()},
+            "functions": {
+                name: {"served": f.served, "mode": f.mode, "value": f.value, "why_not": f.why_not}
+                for name, f in self.functions.items()
+            },
+            "pes": {
+                name: {"cpu_millis": pe.cpu_millis, "ram": pe.ram, "flash": pe.flash} for name, pe in self.pes.items()
+            },
+            "buses": {name: {"bits_per_s": b.bits_per_s, "load": b.load} for name, b in self.buses.items()},
+        }
+        return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def make_plan(
+    spec: Spec,
+    now: Situation,
+    configuration: Configuration,
+    objective: Objective,
+    *,
+    optimal: bool,
+    reasons: Mapping[str, str] | None = None,
+) -> Plan:
+    """Put a plan together and work out its report.
+
+    reasons: why functions are not served, where the planner knows better than `why_not` does by itself.
+    Every name in the configuration must exist in the spec.
+    """
+    in_order = Configuration(
+        {name: configuration.modules[name] for name in spec.modules if name in configuration.modules}
+    )
+    return Plan(
+        spec=spec.digest,
+        now=now,
+        configuration=in_order,
+        objective=objective,
+        optimal=optimal,
+        functions=_function_reports(spec, now, in_order, reasons or {}),
+        pes={name: _pe_report(spec, in_order, name) for name in spec.pes},
+        buses=_bus_reports(spec, now, in_order),
+    )
+
+
+def _function_reports(
+    spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str]
+) -> dict[str, FunctionReport]:
+    found = feasible(spec, now)
+    reports = {}
+    for function, output in serving_modules(spec, configuration):
+        if output is None:
+            reason = reasons.get(function.name) or why_not(found, function)
+            reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)
+        else:
+            value = value_of(spec, configuration, function, output)
+            mode = configuration.modules[output].mode
+            reports[function.name] = FunctionReport(served=True, mode=mode, value=value, why_not=None)
+    return reports
+
+
+def _pe_report(spec: Spec, configuration: Configuration, pe: str) -> PeReport:
+    here = [module for module, running in configuration.modules.items() if running.pe == pe]
+    return PeReport(
+        cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in here),
+        ram=sum(configuration.mode(spec, module).ram for module in here),
+        flash=sum(spec.modules[module].flash for module in here),
+    )
+
+
+def _bus_reports(spec: Spec, now: Situation, configuration: Configuration) -> dict[str, BusReport]:
+    loads = bus_loads_mbit_per_s(spec, hops(survivors(spec, now), configuration))
+    return {
+        bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * spec.buses[bus].bitrate))
+        for bus, load in loads.items()
+    }
+
+
+def _objective_json(objective: Objective) -> Json:
+    return {
+        "critical": dict(zip(CRITICAL_CLASSES, objective.critical, strict=True)),
+        "utility": objective.utility,
+        "inputs": objective.inputs,
+        "changes": objective.changes,
+        "branches": objective.branches,
+        "bus_bits_per_s": objective.bus_bits_per_s,
+        "cpu_millis": objective.cpu_millis,
+    }
+
+
+def _running_json(running: Running) -> Json:
+    inputs = {
+        leaf: {"producer": wire.producer, "variable": wire.variable, "version": wire.version}
+        for leaf, wire in sorted(running.inputs.items())
+    }
+    return {"pe": running.pe, "mode": running.mode, "inputs": inputs}
+
+
+def _percent(share: Fraction) -> str:
+    """Write a share exactly: every limit that a user can write is a finite decimal."""
+    percent = Decimal(share.numerator * 100) / share.denominator
+    return f"{percent.normalize():f}%"
+
+
+def read_plan(text: str, spec: Spec) -> Plan:
+    """Read one of our own plans back; its report is worked out anew, and its claims about itself must be true."""
+    document = _document(text)
+    if _field(document, "spec", str, "the plan") != spec.digest:
+        raise PlanError(f"the plan was made for another file than spec {spec.name}: plan again")
+    now = read_situation(text, spec)
+    configuration = read_configuration(text)
+    _check_names(spec, configuration)
+    claimed = _object(document, "objective", "the plan")
+    changed = _field(claimed, "changes", int, "objective")
+    objective = replace(score(spec, now, configuration, running=None), changes=changed)
+    if claimed != _objective_json(objective):
+        raise PlanError("objective is not what the plan's configuration is worth: plan again")
+    optimal = _field(document, "optimal", bool, "the plan")
+    return make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
+
+
+def read_situation(text: str, spec: Spec) -> Situation:
+    """Read phase, faults and limits of a plan; one that is not given is as in a healthy system's first phase."""
+    document = _document(text)
+    phase = document.get("phase")
+    if phase is not None and not isinstance(phase, str):
+        raise PlanError(f"phase is {_shown(phase)} and must be a string or null")
+    down: list[object] = _field({"down": [], **document}, "down", list, "the plan")
+    limits = _object({"limits": {}, **document}, "limits", "the plan")
+    for index, element in enumerate(down):
+        if not isinstance(element, str):
+            raise PlanError(f"down[{index}] is {_shown(element)} and must be a string")
+    try:
+        return situation(spec, down, [f"{e}={_field(limits, e, str, 'limits')}" for e in limits], phase)
+    except UnknownElementError as error:
+        raise PlanError(str(error)) from None
+
+
+def read_configuration(text: str) -> Configuration:
+    """Read what runs where and how it is wired; nothing but `modules` is looked at, and no name is looked up."""
+    return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(text)})
+
+
+def read_running(text: str) -> Placement:
+    """Read mode and PE of each module; nothing else is looked at."""
+    return {
+        name: (_field(fields, "mode", str, f"modules.{name}"), _field(fields, "pe", str, f"modules.{name}"))
+        for name, fields in _modules(text)
+    }
+
+
+def _modules(text: str) -> Iterator[tuple[str, Json]]:
+    modules = _field(_document(text), "modules", dict, "the plan")
+    for name in modules:
+        yield name, _object(modules, name, "modules")
+
+
+def _running(fields: Json, place: str) -> Running:
+    inputs = _object(fields, "inputs", place)
+    return Running(
+        pe=_field(fields, "pe", str, place),
+        mode=_field(fields, "mode", str, place),
+        inputs={leaf: _wire(_object(inputs, leaf, f"{place}.inputs"), f'{place}.inputs["{leaf}"]') for leaf in inputs},
+    )
+
+
+def _wire(fields: Json, place: str) -> Wire:
+    return Wire(
+        producer=_field(fields, "producer", str, place),
+        variable=_field(fields, "variable", str, place),
+        version=_field(fields, "version", int, place),
+    )
+
+
+def _reasons(document: Json) -> dict[str, str]:
+    functions = _object(document, "functions", "the plan")
+    reports = {name: _object(functions, name, "functions") for name in functions}
+    said = {name: report.get("why_not") for name, report in reports.items()}
+    return {name: reason for name, reason in said.items() if isinstance(reason, str)}
+
+
+def _check_names(spec: Spec, configuration: Configuration) -> None:
+    """Refuse what cannot even be valued; whether it is legal is for `verify` to say."""
+    for name, running in configuration.modules.items():
+        if name not in spec.modules:
+            raise PlanError(f"modules.{name}: the spec has no such module")
+        if running.mode not in spec.modules[name].modes:
+            raise PlanError(f"modules.{name}.mode: the spec has no mode '{running.mode}' of this module")
+        leaves = dict(configuration.mode(spec, name).leaves())
+        for path, wire in running.inputs.items():
+            if path not in leaves or not leaves[path].accepts(wire.version):
+                raise PlanError(f'modules.{name}.inputs["{path}"]: mode {running.mode} has no such input')
+
+
+def _document(text: str) -> Json:
+    try:
+        document = json.loads(text, object_pairs_hook=_fields, parse_constant=_no_constant)
+    except json.JSONDecodeError as error:
+        raise PlanError(f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg})") from None
+    except RecursionError:
+        raise PlanError("the plan is nested too deeply to be one") from None
+    except PlanError:
+        raise
+    except ValueError:
+        raise PlanError("the plan holds a number too long to be one") from None
+    if not isinstance(document, dict):
+        raise PlanError(f"the plan is {_shown(document)} and must be an object")
+    return document
+
+
+def _fields(pairs: list[tuple[str, object]]) -> Json:
+    fields: Json = {}
+    for key, value in pairs:
+        if key in fields:
+            raise PlanError(f"{_shown(key)} is given twice in one object")
+        if not all(text.isprintable() for text in (key, value) if isinstance(text, str)):
+            raise PlanError(f"{_shown(key)}: {_shown(value)} holds characters that cannot be printed")
+        fields[key] = value
+    return fields
+
+
+def _no_constant(name: str) -> object:
+    raise PlanError(f"{name} is no JSON number")
+
+
+_NAMES: Mapping[type, str] = {
+    str: "a string",
+    int: "an integer",
+    bool: "true or false",
+    dict: "an object",
+    list: "a list",
+}
+
+
+def _field(fields: Mapping[str, object], key: str, kind: type[_T], place: str) -> _T:
+    if key not in fields:
+        raise PlanError(f"{place} has no '{key}'")
+    value = fields[key]
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise PlanError(f"{place}: '{key}' is {_shown(value)} and must be {_NAMES[kind]}")
+    return value
+
+
+def _object(fields: Mapping[str, object], key: str, place: str) -> Json:
+    found: Json = _field(fields, key, dict, place)
+    return found
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,144 @@
+"""Why a function is not served: one sentence with the root cause, found without a solver.
+
+First what could run at all if resources were endless: the greatest set of (module, mode) in which each module has a PE
+to run on and each mode's needs can be met from the set (feedback cycles may carry themselves, so the set is shrunk
+from everything, round by round). A function outside it has a cause that can be followed down to a fault. One inside it
+was left out for want of resources, or for something better: there the planner may know more, and says so in `alone`.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import assert_never
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.model import Function, Mode, Module, Spec
+from heronry_dg.situation import Situation, Survivors, hosts_when_all_is_up, survivors
+
+_NAMED_ALTERNATIVES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Feasible:
+    """What could run if resources were endless, and what fell out in which round."""
+
+    spec: Spec
+    now: Situation
+    left: Survivors
+    lost: dict[tuple[str, str], int]  # (module, mode) that cannot run -> round in which that showed; 0: has no PE
+
+    def can_run(self, module: Module) -> bool:
+        """Tell whether some mode of a module could run."""
+        return any((module.name, mode) not in self.lost for mode in module.modes)
+
+    def givers(self, leaf: Leaf) -> Iterator[tuple[Module, Mode]]:
+        """Every (module, mode) in the spec that gives a leaf what it accepts, whether it can run or not."""
+        for module, mode in self.spec.producers(leaf.variable):
+            if leaf.accepts(mode.gives[leaf.variable]):
+                yield module, mode
+
+    def can_hold(self, needs: Expression | None, before: int) -> bool:
+        """Tell whether a gate expression could be met by what had not been lost before that round."""
+        match needs:
+            case None:
+                return True
+            case Leaf():
+                lost = (self.lost.get((module.name, mode.name), before) for module, mode in self.givers(needs))
+                return any(when >= before for when in lost)
+            case And(inputs):
+                return all(self.can_hold(one, before) for one in inputs)
+            case Or(k, inputs):
+                return sum(self.can_hold(one, before) for one in inputs) >= k
+            case Xor(inputs):
+                return any(self.can_hold(one, before) for one in inputs)
+            case _:
+                assert_never(needs)
+
+
+def feasible(spec: Spec, now: Situation) -> Feasible:
+    """Work out what could run in a situation if resources were endless."""
+    left = survivors(spec, now)
+    every = [(module, mode) for module in spec.modules.values() for mode in module.modes.values()]
+    found = Feasible(spec, now, left, {(m.name, mode.name): 0 for m, mode in every if not left.hosts(m)})
+    rounds = 0
+    while True:
+        rounds += 1
+        kept = [(m, mode) for m, mode in every if (m.name, mode.name) not in found.lost]
+        fallen = [(m.name, mode.name) for m, mode in kept if not found.can_hold(mode.needs, rounds)]
+        if not fallen:
+            return found
+        found.lost.update(dict.fromkeys(fallen, rounds))
+
+
+def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -> str:
+    """Say in one sentence why a function is not served.
+
+    alone: what a planner knows: could it be served if nothing else were wanted? None: not known.
+    """
+    if function.priority_in(found.now.phase) == 0:
+        return f"it is not wanted in phase {found.now.phase}" if found.now.phase is not None else "its priority is 0"
+    manager_bus = found.spec.manager.bus
+    if manager_bus not in found.left.bus_mbit_per_s:
+        return f"nothing can be commanded, because the manager's bus {manager_bus} is down"
+    outputs = [found.spec.modules[name] for name in function.outputs]
+    if not any(found.can_run(module) for module in outputs):
+        return ", and ".join(f"{module.name} {_cause(found, module, module.modes)}" for module in outputs)
+    if alone is None:
+        return "it could run, but resources, deadlines or placement rules leave no room for it beside what is served"
+    if alone:
+        return "it could run alone, but what is served outranks it and leaves no room"
+    return "the PEs and buses that are up cannot fit it, even alone"
+
+
+def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
+    """Say, as a verb phrase, why none of some modes of a module can run; `branched`: name no more alternatives."""
+    if module.name in found.left.failed_modules:
+        return "has failed"
+    if not found.left.hosts(module):
+        return _homeless(found, module)
+    first_lost = min(modes, key=lambda mode: found.lost[module.name, mode])
+    leaf = _unmet(found, module.modes[first_lost].needs, before=found.lost[module.name, first_lost])
+    givers: dict[str, list[str]] = {}
+    for giver, mode in found.givers(leaf):
+        givers.setdefault(giver.name, []).append(mode.name)
+    if not givers:
+        return f"needs {_wanted(found, leaf)}, which no module gives"
+    shown = list(givers)[: 1 if branched else _NAMED_ALTERNATIVES]
+    branched = branched or len(givers) > 1
+    causes = [f"{name}, which {_cause(found, found.spec.modules[name], givers[name], branched)}" for name in shown]
+    more = [f"{len(givers) - len(shown)} more that cannot run either"] if len(givers) > len(shown) else []
+    return f"needs {_wanted(found, leaf)} from {', or from '.join([*causes, *more])}"
+
+
+def _unmet(found: Feasible, needs: Expression | None, before: int) -> Leaf:
+    """Find the first leaf that kept an expression from holding; causes lie in earlier rounds, so none is circular."""
+    while not isinstance(needs, Leaf):
+        inputs = needs.inputs if needs is not None else ()
+        needs = next(one for one in inputs if not found.can_hold(one, before))
+    return needs
+
+
+def _wanted(found: Feasible, leaf: Leaf) -> str:
+    versions = found.spec.variables[leaf.variable].versions
+    if (leaf.best, leaf.worst) == (1, versions):
+        return leaf.variable
+    return f"{leaf.variable}@{leaf.worst}" if leaf.best == leaf.worst else f"{leaf.variable}@<={leaf.worst}"
+
+
+def _homeless(found: Feasible, module: Module) -> str:
+    """Say, as a verb phrase, why a module that has not failed has no PE."""
+    homes = hosts_when_all_is_up(found.spec, module)
+    if not homes:
+        return "may run on no PE of the spec, by its device, runs_on and requires"
+    if module.device is not None:
+        if f"device:{module.device}" in found.now.down:
+            return f"needs device {module.device}, which is down"
+        return f"needs device {module.device} on {homes[0]}, which {_pe_cause(found, homes[0])}"
+    if len(homes) == 1:
+        return f"may run on {homes[0]} only, which {_pe_cause(found, homes[0])}"
+    return f"may run only on PEs that are gone: {', '.join(f'{pe} {_pe_cause(found, pe)}' for pe in homes)}"
+
+
+def _pe_cause(found: Feasible, pe: str) -> str:
+    if f"pe:{pe}" in found.now.down:
+        return "is down"
+    return f"has no route to the manager's bus {found.spec.manager.bus}"
