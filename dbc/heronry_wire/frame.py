@@ -1,9 +1,9 @@
 """The frame: the one unit that goes into and comes out of every core, and its text form.
 
-What it decides: what a frame is on this side of every driver (identifier, data, three flags), and how one
-is written down, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log
-(`(12.000345) can0 130#...`), so that a recorded flight replays through the cores, and a simulated one
-opens in any CAN tool.
+What it decides: what a frame is on this side of every driver (identifier, data, three flags), which of two wins the
+bus, and how one is written down, in the notation of can-utils (`130#01020000BFC00000`) and in the lines of its log
+(`(12.000345) can0 130#...`), so that a recorded flight replays through the cores, and a simulated one opens in any
+CAN tool.
 
 States: none. Everything here is a pure function of its arguments.
 
@@ -65,6 +65,19 @@ class LoggedFrame(NamedTuple):
     frame: Frame
 
 
+def arbitration_key(frame: Frame) -> int:
+    """Order frames as the bus does: of two that start together, the one with the smaller key wins.
+
+    The bits are compared as they are sent: the 11 base bits, RTR (SRR when extended), IDE, then the other 18
+    bits and RTR. So a standard frame beats an extended one with the same base, and a data frame beats the
+    remote frame of its identifier. Never compare 29-bit identifiers with 11-bit ones as integers.
+    """
+    if frame.extended:
+        base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
+        return base << 21 | 0b11 << 19 | extension << 1 | frame.remote
+    return frame.can_id << 21 | frame.remote << 20
+
+
 def format_frame(frame: Frame) -> str:
     """Write a frame as can-utils do: three hex digits of identifier, or eight when it is extended."""
     if frame.error:
@@ -109,9 +122,7 @@ def parse_log_line(line: str) -> LoggedFrame | Malformed:
     """Read one line of a candump log, as can-utils and python-can write it (a trailing R or T is skipped)."""
     match = _LOG_TEXT.fullmatch(line.strip())
     if match is None:
-        return Malformed(
-            f"{line.strip()[:60]!r} is not a candump log line, such as (12.000345) can0 130#0102"
-        )
+        return Malformed(f"{line.strip()[:60]!r} is not a candump log line, such as (12.000345) can0 130#0102")
     seconds, fraction, channel, frame_text = match.groups()
     frame = parse_frame(frame_text)
     if isinstance(frame, Malformed):

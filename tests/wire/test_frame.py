@@ -8,6 +8,7 @@ from heronry_wire.frame import (
     Frame,
     LoggedFrame,
     Malformed,
+    arbitration_key,
     format_frame,
     format_log_line,
     parse_frame,
@@ -117,3 +118,28 @@ def test_a_broken_log_line_is_a_value(line: str, reason: str) -> None:
 def test_any_text_gives_a_value(text: str) -> None:
     assert isinstance(parse_frame(text), Frame | Malformed)
     assert isinstance(parse_log_line(text), LoggedFrame | Malformed)
+
+
+def sent_bits(frame: Frame) -> list[int]:
+    """What a node sends until arbitration ends, written down from the frame formats of ISO 11898-1."""
+    if frame.extended:
+        base, extension = f"{frame.can_id >> 18:011b}", f"{frame.can_id & 0x3FFFF:018b}"
+        return [int(bit) for bit in f"{base}11{extension}{frame.remote:d}"]
+    return [int(bit) for bit in f"{frame.can_id:011b}{frame.remote:d}0"]
+
+
+traffic = frames.filter(lambda frame: not frame.error)
+
+
+@given(traffic, traffic)
+def test_the_smaller_key_is_the_frame_whose_dominant_bit_comes_first(one: Frame, other: Frame) -> None:
+    winner = next(((a < b) for a, b in zip(sent_bits(one), sent_bits(other), strict=False) if a != b), None)
+    keys = arbitration_key(one), arbitration_key(other)
+    assert (keys[0] < keys[1]) == (winner is True)
+    assert (keys[0] == keys[1]) == (winner is None)
+
+
+def test_a_redundant_29_bit_frame_beats_every_emergency_event_but_none_with_base_0() -> None:
+    roll_rate_on_channel_1 = Frame(0x10130, b"", extended=True)
+    order = sorted([Frame(1, b""), roll_rate_on_channel_1, Frame(0, b"")], key=arbitration_key)
+    assert order == [Frame(0, b""), roll_rate_on_channel_1, Frame(1, b"")]

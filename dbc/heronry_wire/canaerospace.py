@@ -1,0 +1,282 @@
+"""CANaerospace data frames: the 4-byte header, the 32 data types, validity, emergency events.
+
+What it decides: which bytes a datum is, and whether given bytes are one. The format is that of the
+CANaerospace Interface Specification V1.7 (Stock Flight Systems, 2006), called [S] below, with its page.
+
+    byte 0   node-ID: of the sender (in node services: of the node that is addressed)     [S p.8]
+    byte 1   data type: 0..31 of [S p.5-7], 32..99 reserved, 100..255 user-defined
+    byte 2   service code: in data frames of this project the status of the datum, see below
+    byte 3   message code: counts up by one per frame of this identifier and node, 255 is followed by 0
+    4..7     payload: 0 to 4 bytes, big-endian, exactly as long as its type
+
+States: none. Lost, doubled and late frames show in the message code, which the receiver compares; a forged
+frame looks like a true one (the data plane is not authenticated).
+
+The status of a datum. V1.7 says that byte 2 "should continuously reflect the status of the data" and defines
+no code points. Here the low nibble is the version of the datum (1 best .. 15) and the high nibble its
+`Validity`. A few standard identifiers use byte 2 otherwise, as waypoint, tyre or brake number:
+`standard_identifiers` knows them.
+
+Redundancy. [S p.53] gives channel n of an identifier the 29-bit identifier 65536 n + id. Its priority is not
+that of the integer: the bits that are sent first are n // 4, so channels 1 to 3 have base 0 and beat every
+11-bit frame but identifier 0, emergency events included (see `frame.arbitration_key`). This project sends
+11-bit frames only, and knows these to recognise other people's.
+"""
+
+import struct
+from enum import IntEnum
+from typing import NamedTuple
+
+from heronry_wire.frame import EXTENDED_MASK, STANDARD_MASK, Frame, Malformed, WireError
+from heronry_wire.identifiers import emergency_event_id
+
+HEADER_BYTES = 4
+MAX_PAYLOAD_BYTES = 4
+_FIRST_USER_TYPE = 100
+_CHANNEL_STEP = 65536
+
+
+class DataType(IntEnum):
+    """The data types of [S p.5-7]; the value is the code in byte 1.
+
+    Natural values: None for NODATA; float for FLOAT; `ErrorReport` for ERROR; int for the other single ones
+    (B... types are bit fields: unsigned) and for each half of a DOUBLE; a tuple of int for the types of 2, 3
+    or 4; str of exactly that many characters for ACHAR.. (Latin-1, so that no byte is lost).
+    """
+
+    NODATA = 0
+    ERROR = 1
+    FLOAT = 2
+    LONG = 3
+    ULONG = 4
+    BLONG = 5
+    SHORT = 6
+    USHORT = 7
+    BSHORT = 8
+    CHAR = 9
+    UCHAR = 10
+    BCHAR = 11
+    SHORT2 = 12
+    USHORT2 = 13
+    BSHORT2 = 14
+    CHAR4 = 15
+    UCHAR4 = 16
+    BCHAR4 = 17
+    CHAR2 = 18
+    UCHAR2 = 19
+    BCHAR2 = 20
+    MEMID = 21
+    CHKSUM = 22
+    ACHAR = 23
+    ACHAR2 = 24
+    ACHAR4 = 25
+    CHAR3 = 26
+    UCHAR3 = 27
+    BCHAR3 = 28
+    ACHAR3 = 29
+    DOUBLEH = 30
+    DOUBLEL = 31
+
+    @property
+    def payload_bytes(self) -> int:
+        """Length of the payload, 0..4; a frame is 4 bytes longer."""
+        return _LAYOUTS[self].size
+
+
+# One struct per type, in the order of their codes.
+_LAYOUTS = tuple(
+    struct.Struct(f">{layout}")
+    for layout in (
+        *("", "hbb", "f", "i", "I", "I", "h", "H", "H", "b", "B", "B", "2h", "2H", "2H", "4b"),
+        *("4B", "4B", "2b", "2B", "2B", "I", "I", "1s", "2s", "4s", "3b", "3B", "3B", "3s", "I", "I"),
+    )
+)
+_TYPES = tuple(DataType)
+_RANGES = {
+    "": "no value (None)",
+    "hbb": "an ErrorReport of -32768..32767 and twice -128..127",
+    "f": "a number of IEEE 754 single precision",
+    "i": "-2147483648..2147483647",
+    "I": "0..4294967295",
+    "h": "-32768..32767",
+    "H": "0..65535",
+    "b": "-128..127",
+    "B": "0..255",
+}
+
+
+class ErrorReport(NamedTuple):
+    """The value of an ERROR datum, the payload of an emergency event [S p.9]."""
+
+    error_code: int  # -32768..32767
+    operation_id: int  # -128..127
+    location_id: int  # -128..127
+
+
+Value = None | int | float | str | bytes | tuple[int, ...]
+
+
+class Datum(NamedTuple):
+    """One CANaerospace frame without its identifier; `value` is what its `data_type` says.
+
+    `data_type` is a plain int 100..255 for a user-defined type, whose value is 0..4 raw bytes.
+    """
+
+    node_id: int
+    data_type: DataType | int
+    service_code: int
+    message_code: int
+    value: Value
+
+
+class Validity(IntEnum):
+    """May the datum be used: the code points of the high nibble of byte 2."""
+
+    NOT_STATED = 0
+    VALID = 1
+    DEGRADED = 2  # usable, outside its usual accuracy
+    INVALID = 3  # the source has failed: do not use
+    NO_COMPUTED_DATA = 4  # the source works and has nothing to say yet
+
+
+class Status(NamedTuple):
+    """Byte 2 of a data frame of this project: version of the datum (1 best .. 15) and validity."""
+
+    version: int
+    validity: Validity
+
+
+def pack_status(status: Status) -> int:
+    """Give byte 2; raises WireError for a version outside 1..15."""
+    if not 1 <= status.version <= 15:
+        raise WireError(f"version {status.version} does not fit into a frame: a variable has 1 to 15 versions")
+    return status.validity << 4 | status.version
+
+
+_VALIDITIES = tuple(Validity)
+
+
+def unpack_status(service_code: int) -> Status | Malformed:
+    """Read byte 2 of a data frame."""
+    version, validity = service_code & 0x0F, service_code >> 4
+    if version == 0:
+        return Malformed("the datum states no version (low nibble of byte 2 is 0)")
+    if validity >= len(_VALIDITIES):
+        return Malformed(f"validity {validity} is not defined")
+    return Status(version, _VALIDITIES[validity])
+
+
+def encode_data(can_id: int, datum: Datum, *, extended: bool = False) -> Frame:
+    """Give the frame; raises WireError when a field or the value is out of its range."""
+    limit = EXTENDED_MASK if extended else STANDARD_MASK
+    if not 0 <= can_id <= limit:
+        raise WireError(f"identifier {can_id} is outside 0..{limit}")
+    header = (datum.node_id, int(datum.data_type), datum.service_code, datum.message_code)
+    try:
+        data = bytes(header)
+    except ValueError:
+        raise WireError(f"header {header} does not fit: each of its four fields takes 0..255") from None
+    return Frame(can_id, data + _encode_value(datum.data_type, datum.value), extended)
+
+
+def _encode_value(code: int, value: Value) -> bytes:
+    if code >= _FIRST_USER_TYPE:
+        if not isinstance(value, bytes) or len(value) > MAX_PAYLOAD_BYTES:
+            raise WireError(f"user-defined type {code} takes 0 to 4 raw bytes, not {value!r}")
+        return value
+    if code >= len(_TYPES):
+        raise WireError(f"data type {code} is reserved: use 0..31, or 100..255 for your own")
+    layout = _LAYOUTS[code]
+    try:
+        if layout.format.endswith("s"):
+            return _encode_text(layout.size, value)
+        arguments = () if value is None else value if isinstance(value, tuple) else (value,)
+        return layout.pack(*arguments)
+    except (struct.error, OverflowError, ValueError):
+        raise WireError(f"{_TYPES[code].name} cannot carry {value!r}: it takes {_takes(layout)}") from None
+
+
+def _encode_text(characters: int, value: Value) -> bytes:
+    text = value.encode("latin-1") if isinstance(value, str) else b""
+    if len(text) != characters:
+        raise ValueError
+    return text
+
+
+def _takes(layout: struct.Struct) -> str:
+    form = layout.format[1:]
+    if form.endswith("s"):
+        return f"text of exactly {layout.size} Latin-1 character(s)"
+    if form[:1].isdigit():
+        return f"a tuple of {form[0]}, each {_RANGES[form[1:]]}"
+    return _RANGES[form]
+
+
+def decode_data(frame: Frame) -> Datum | Malformed:
+    """Read the header and the value of a frame, whatever its identifier; never raises."""
+    data = frame.data
+    if frame.remote or frame.error:
+        return Malformed("not a data frame")
+    if len(data) < HEADER_BYTES:
+        return Malformed(f"{len(data)} bytes are too few for the 4-byte header")
+    node_id, code, service_code, message_code = data[0], data[1], data[2], data[3]
+    payload = data[HEADER_BYTES:]
+    if code < len(_TYPES):
+        layout = _LAYOUTS[code]
+        if len(payload) != layout.size:
+            return Malformed(f"{_TYPES[code].name} has {layout.size} bytes of payload, not {len(payload)}")
+        return Datum(node_id, _TYPES[code], service_code, message_code, _decode_value(code, layout, payload))
+    if code < _FIRST_USER_TYPE or len(payload) > MAX_PAYLOAD_BYTES:
+        return Malformed(f"data type {code} with {len(payload)} bytes of payload: reserved, or more than 4 bytes")
+    return Datum(node_id, code, service_code, message_code, payload)
+
+
+def _decode_value(code: int, layout: struct.Struct, payload: bytes) -> Value:
+    values = layout.unpack(payload)
+    if len(values) != 1:
+        if code == DataType.ERROR:
+            return ErrorReport(*values)
+        return values or None
+    value: int | float | bytes = values[0]
+    return value.decode("latin-1") if isinstance(value, bytes) else value
+
+
+def split_double(value: float) -> tuple[int, int]:
+    """Give the values of the DOUBLEH and the DOUBLEL frame that carry a double together [S p.7]."""
+    high, low = struct.unpack(">II", struct.pack(">d", value))
+    return high, low
+
+
+def join_double(high: int, low: int) -> float:
+    """Give back the double of a DOUBLEH and a DOUBLEL value; that they belong together is not checked."""
+    value: float = struct.unpack(">d", struct.pack(">II", high, low))[0]
+    return value
+
+
+def encode_emergency_event(node_id: int, report: ErrorReport, *, service_code: int = 0, message_code: int = 0) -> Frame:
+    """Give the emergency event frame of a node, under the identifier of the plan; `decode_data` reads it."""
+    datum = Datum(node_id, DataType.ERROR, service_code, message_code, report)
+    return encode_data(emergency_event_id(node_id), datum)
+
+
+class Redundant(NamedTuple):
+    """What a 29-bit CANaerospace identifier says: redundancy channel and 11-bit identifier."""
+
+    channel: int  # 0..8191
+    can_id: int
+
+
+def redundant_id(channel: int, can_id: int) -> int:
+    """Give the 29-bit identifier of a redundancy channel [S p.53]; beware of its priority (see above)."""
+    extended_id = _CHANNEL_STEP * channel + can_id
+    if not (0 <= can_id <= STANDARD_MASK and 0 <= extended_id <= EXTENDED_MASK):
+        raise WireError(f"no 29-bit identifier for channel {channel} of {can_id}: use 0..8191 and 0..2047")
+    return extended_id
+
+
+def split_redundant_id(extended_id: int) -> Redundant | Malformed:
+    """Read a 29-bit identifier as redundancy channel and identifier, if it can be one."""
+    channel, can_id = divmod(extended_id, _CHANNEL_STEP)
+    if can_id > STANDARD_MASK:
+        return Malformed(f"29-bit identifier {extended_id:08X} is not a CANaerospace one")
+    return Redundant(channel, can_id)

@@ -1,0 +1,180 @@
+"""CANaerospace node services: questions to one node or to all, and their answers.
+
+What it decides: which channel, direction and service a frame is, and which bytes a request or an answer has
+(CANaerospace V1.7 p.10-23). A request carries the node-ID that it addresses (0: everybody), an answer the
+node-ID of the one that answers. Channel c has the identifiers 128 + 2c (c = 0..35) or 2000 + 2(c - 100)
+(c = 100..115) for requests, and the next one for answers. Channel 110 is CANopen's (LSS) and is never used here.
+
+States: none. Every node of this project answers IDS on channel 0 and nothing else; the other services are known
+so that tools can ask other people's units, and show what is said. A lost answer is asked for again by who wants
+it; V1.7 gives 100 ms. To a broadcast every node answers: in this project node n waits (n - 92) ms, so that the
+answers do not all start at once.
+
+Blocks (DDS writes, DUS reads) are a start with the number of messages, data messages numbered from 0, and a
+checksum that names the last number. Where V1.7 is silent (number of the first message, what the sum is over)
+this follows the common C implementation: from 0, and the sum of all bytes modulo 2**32.
+"""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from heronry_wire.canaerospace import DataType, Datum, Value, decode_data, encode_data
+from heronry_wire.frame import Frame, Malformed, WireError
+from heronry_wire.identifiers import FIRST_PE, HIGH_SERVICE_IDS, LOW_SERVICE_IDS, LSS_IDS
+
+BROADCAST = 0
+ANSWER_WITHIN_NS = 100_000_000
+MAX_BLOCK_BYTES = 1020
+
+_NS_PER_MS = 1_000_000
+_FIRST_LOW_CHANNEL = 100
+_BYTES_PER_MESSAGE = 4
+_BLOCK_TYPES = (DataType.UCHAR, DataType.UCHAR2, DataType.UCHAR3, DataType.UCHAR4)
+
+
+class Service(IntEnum):
+    """Service codes, byte 2 of a node service frame (V1.7 p.11); 16..99 are reserved, 100..255 free."""
+
+    IDS = 0  # identification
+    NSS = 1  # node synchronisation; no answer
+    DDS = 2  # data download: to the node
+    DUS = 3  # data upload: from the node
+    SCS = 4  # simulation control
+    TIS = 5  # transmission interval
+    FPS = 6  # flash programming: store the configuration
+    STS = 7  # state transmission: send everything once; no answer
+    FSS = 8  # filter setting
+    TCS = 9  # test control
+    BSS = 10  # baud rate setting; answered only on failure
+    NIS = 11  # node-ID setting
+    MIS = 12  # module information
+    MCS = 13  # module configuration
+    CSS = 14  # CAN identifier setting
+    DSS = 15  # distribution setting
+
+
+class Result(IntEnum):
+    """What a node says in the message code of an answer (signed), or in the LONG of a block answer.
+
+    In an answer to DDS, 0 means XOFF (wait) and 1 means XON (go on).
+    """
+
+    OUT_OF_RANGE = -6
+    WRONG_CODE = -3
+    INVALID = -2
+    ABORT = -1
+    OK = 0
+    XON = 1
+
+    @property
+    def message_code(self) -> int:
+        """The byte that carries it as a signed number."""
+        return self & 0xFF
+
+
+class ServiceMessage(NamedTuple):
+    """A node service frame: `datum.node_id` is who is asked or answers, `datum.service_code` the service."""
+
+    channel: int
+    is_answer: bool
+    datum: Datum
+
+
+class Identification(NamedTuple):
+    """The answer to IDS, each 0..255: distribution 0 is the standard one, header type 0 the standard one."""
+
+    hardware_revision: int
+    software_revision: int
+    distribution: int = 0
+    header_type: int = 0
+
+
+def service_id(channel: int, *, is_answer: bool) -> int:
+    """Give the identifier of requests to, or answers on, a channel."""
+    low = channel >= _FIRST_LOW_CHANNEL
+    ids, index = (LOW_SERVICE_IDS, channel - _FIRST_LOW_CHANNEL) if low else (HIGH_SERVICE_IDS, channel)
+    if not 0 <= 2 * index < len(ids) or ids[2 * index] in LSS_IDS:
+        raise WireError(f"service channel {channel} does not exist here: use 0..35 or 100..115, without 110")
+    return ids[2 * index] + is_answer
+
+
+def encode_service(message: ServiceMessage) -> Frame:
+    """Give the frame of a node service message."""
+    return encode_data(service_id(message.channel, is_answer=message.is_answer), message.datum)
+
+
+def decode_service(frame: Frame) -> ServiceMessage | Malformed:
+    """Read a node service frame."""
+    if frame.extended or frame.can_id in LSS_IDS:
+        return Malformed("not a node service frame")
+    if frame.can_id in HIGH_SERVICE_IDS:
+        channel, is_answer = divmod(frame.can_id - HIGH_SERVICE_IDS[0], 2)
+    elif frame.can_id in LOW_SERVICE_IDS:
+        channel, is_answer = divmod(frame.can_id - LOW_SERVICE_IDS[0], 2)
+        channel += _FIRST_LOW_CHANNEL
+    else:
+        return Malformed("not a node service frame")
+    datum = decode_data(frame)
+    return datum if isinstance(datum, Malformed) else ServiceMessage(channel, is_answer == 1, datum)
+
+
+def request(
+    service: int,
+    node_id: int,
+    *,
+    channel: int = 0,
+    data_type: DataType | int = DataType.NODATA,
+    message_code: int = 0,
+    value: Value = None,
+) -> ServiceMessage:
+    """Ask a node (0: everybody); IDS, STS, FPS, NIS and DSS carry no value, but for their message code."""
+    return ServiceMessage(channel, is_answer=False, datum=Datum(node_id, data_type, service, message_code, value))
+
+
+def answer(
+    asked: ServiceMessage,
+    node_id: int,
+    *,
+    data_type: DataType | int = DataType.NODATA,
+    message_code: int = 0,
+    value: Value = None,
+) -> ServiceMessage:
+    """Answer a request, on its channel, as node `node_id`."""
+    datum = Datum(node_id, data_type, asked.datum.service_code, message_code, value)
+    return ServiceMessage(asked.channel, is_answer=True, datum=datum)
+
+
+def answer_identification(asked: ServiceMessage, node_id: int, own: Identification) -> ServiceMessage:
+    """Answer IDS; the message code is the one of the request."""
+    code = asked.datum.message_code
+    return answer(asked, node_id, data_type=DataType.UCHAR4, message_code=code, value=tuple(own))
+
+
+def read_identification(message: ServiceMessage) -> Identification | Malformed:
+    """Read an answer to IDS."""
+    _, data_type, service, _, value = message.datum
+    right = message.is_answer and service == Service.IDS and data_type == DataType.UCHAR4
+    if not right or not isinstance(value, tuple):
+        return Malformed("not an answer to IDS, which has four unsigned bytes")
+    return Identification(*value)
+
+
+def answer_delay_ns(asked: ServiceMessage, node_id: int) -> int:
+    """How long a node waits before it answers: not at all, or, if all were asked, (n - 92) ms."""
+    return (node_id - FIRST_PE) * _NS_PER_MS if asked.datum.node_id == BROADCAST else 0
+
+
+def block_data(service: Service, node_id: int, block: bytes) -> list[Datum]:
+    """Cut a block into the data messages of DDS and DUS, numbered from 0."""
+    if not 1 <= len(block) <= MAX_BLOCK_BYTES:
+        raise WireError(f"a block of {len(block)} bytes: send 1 to {MAX_BLOCK_BYTES} at a time")
+    parts = [block[i : i + _BYTES_PER_MESSAGE] for i in range(0, len(block), _BYTES_PER_MESSAGE)]
+    return [
+        Datum(node_id, _BLOCK_TYPES[len(part) - 1], service, number, tuple(part) if len(part) > 1 else part[0])
+        for number, part in enumerate(parts)
+    ]
+
+
+def block_checksum(block: bytes) -> int:
+    """Give the CHKSUM value of a block: the sum of its bytes modulo 2**32."""
+    return sum(block) & 0xFFFF_FFFF

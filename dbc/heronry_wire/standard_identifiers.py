@@ -1,0 +1,48 @@
+"""What the standard identifiers 300..1499 mean: name, types, unit and notes.
+
+What it decides: nothing; it looks up the default identifier distribution of CANaerospace V1.7, sections 5.1 to
+5.10, which lies in `nod.csv` beside this file, with its source and the corrections named at its head. The file is
+read at the first look-up, so that an agent that never asks never pays.
+
+An identifier that is not in the list is reserved, or not assigned: nobody may give it a meaning of his own.
+"""
+
+import csv
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+from heronry_wire.canaerospace import DataType
+
+
+class StandardIdentifier(NamedTuple):
+    """One row of the default identifier distribution."""
+
+    can_id: int
+    name: str
+    types: tuple[DataType, ...]
+    unit: str  # as the specification prints it; empty where there is none
+    notes: str
+
+    @property
+    def byte_2_is_an_index(self) -> bool:
+        """Whether byte 2 carries a waypoint, tyre or brake number, and so cannot carry version and validity."""
+        return self.notes.startswith("service code field contains")
+
+
+def standard_identifier(can_id: int) -> StandardIdentifier | None:
+    """Look up an identifier; None when the list does not assign it."""
+    return standard_identifiers().get(can_id)
+
+
+@cache
+def standard_identifiers() -> dict[int, StandardIdentifier]:
+    """Give the whole list by identifier; one shared dict, to be read only."""
+    text = files(__package__).joinpath("nod.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return {int(row["id"]): _from_row(row) for row in rows}
+
+
+def _from_row(row: dict[str, str]) -> StandardIdentifier:
+    types = tuple(DataType[name] for name in row["types"].split("|"))
+    return StandardIdentifier(int(row["id"]), row["name"], types, row["unit"], row["notes"])
