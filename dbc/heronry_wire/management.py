@@ -31,6 +31,8 @@ Source: design rules 1 to 6 of the protocol; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (he
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import Command
 from heronry_wire.layout import Field, Layout
 
 MAX_TERM = 0xFFF
@@ -139,13 +141,6 @@ EMCY = Layout(
     Field("index", 16),
     Field("detail", 16),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Malformed:
-    """Bytes that are not the message they were sent as."""
-
-    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,7 +305,7 @@ class Emergency:
         return EMCY.pack(self.code & 0xFF, self.code >> 8, self.error_register, self.kind, self.index, self.detail)
 
 
-Command = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
+ManagementMessage = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
 
 
 def is_newer(epoch: int, than: int) -> bool:
@@ -325,11 +320,11 @@ def next_epoch(epoch: int) -> int:
     return epoch % 0xFFFF + 1
 
 
-def decode_command(offset: int, data: bytes) -> Command | Malformed:
-    """Decode a management frame by the offset of its identifier from its manager's base (200 or 210)."""
-    decoder = _DECODERS.get(offset)
+def decode_command(command: int, data: bytes) -> ManagementMessage | Malformed:
+    """Decode a management frame by its place among the ten identifiers of its manager (`identifiers.Command`)."""
+    decoder = _DECODERS.get(command)
     if decoder is None:
-        return Malformed(f"management identifier offset {offset} is not assigned")
+        return Malformed(f"management command {command} is not assigned")
     return decoder(data)
 
 
@@ -384,7 +379,15 @@ def _control(data: bytes) -> Control | Malformed:
     return Control(fields[0], fields[1], Operation(fields[2]), fields[3], fields[4])
 
 
-_DECODERS = {0: _lease, 1: _alive, 2: _prepare, 3: _slice, 4: _activate, 5: _ping, 6: _control}
+_DECODERS = {
+    Command.LEASE.value: _lease,
+    Command.ALIVE.value: _alive,
+    Command.PREPARE.value: _prepare,
+    Command.SLICE.value: _slice,
+    Command.ACTIVATE.value: _activate,
+    Command.PING.value: _ping,
+    Command.CONTROL.value: _control,
+}
 
 
 def decode_state(data: bytes) -> StatePage0 | StatePage1 | Malformed:
