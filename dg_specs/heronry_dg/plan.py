@@ -208,11 +208,11 @@ def read_situation(text: str, spec: Spec) -> Situation:
         raise PlanError(f"phase is {_shown(phase)} and must be a string or null")
     down: list[object] = _field({"down": [], **document}, "down", list, "the plan")
     limits = _object({"limits": {}, **document}, "limits", "the plan")
-    for index, element in enumerate(down):
-        if not isinstance(element, str):
-            raise PlanError(f"down[{index}] is {_shown(element)} and must be a string")
+    names = [element for element in down if isinstance(element, str)]
+    if len(names) != len(down):
+        raise PlanError(f"down is {_shown(down)} and must be a list of strings")
     try:
-        return situation(spec, down, [f"{e}={_field(limits, e, str, 'limits')}" for e in limits], phase)
+        return situation(spec, names, [f"{e}={_field(limits, e, str, 'limits')}" for e in limits], phase)
     except UnknownElementError as error:
         raise PlanError(str(error)) from None
 
