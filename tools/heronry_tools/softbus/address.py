@@ -1,0 +1,80 @@
+"""The place of a bus in the file system: at most one hub at a path, and no dead socket in the way.
+
+What it decides: a socket that refuses connections was left by a hub that crashed, and is taken over; one
+that accepts them belongs to a living hub, which is left alone. The probe and the bind are one step under a
+lock on the folder, so that two hubs which start together cannot both take over.
+
+What if: the folder is not there, is not writable, or the path is something else than a socket: HubError
+says so. The socket is removed at the end, unless another hub has taken the path meanwhile.
+"""
+
+import fcntl
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_PENDING_CONNECTIONS = 64
+
+
+class HubError(RuntimeError):
+    """A hub cannot run as asked; the message says why and what to do."""
+
+
+class Address:
+    """A listening socket at a path of the file system, removed by `close`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            with _folder_locked(path.parent):
+                _clear(path)
+                self.listener.bind(os.fspath(path))
+                self.listener.listen(_PENDING_CONNECTIONS)
+                self._inode = path.stat().st_ino
+        except HubError:
+            self.listener.close()
+            raise
+        except OSError as error:
+            self.listener.close()
+            raise HubError(f"{path}: no hub can run there: {error.strerror or error}") from error
+        self.listener.setblocking(False)
+
+    def close(self) -> None:
+        """Stop listening and remove the socket."""
+        with suppress(OSError), _folder_locked(self._path.parent):
+            if self._path.stat().st_ino == self._inode:
+                self._path.unlink()
+        self.listener.close()
+
+
+@contextmanager
+def _folder_locked(folder: Path) -> Iterator[None]:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _clear(path: Path) -> None:
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISSOCK(mode):
+        raise HubError(f"{path}: there is a file already, and not a socket; choose another path")
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+        probe.setblocking(False)
+        try:
+            probe.connect(os.fspath(path))
+        except ConnectionRefusedError:
+            path.unlink()
+            return
+        except BlockingIOError:
+            pass  # it listens, and is busy
+    raise HubError(f"{path}: a hub runs there already; use it, or choose another path")

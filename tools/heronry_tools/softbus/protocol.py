@@ -1,0 +1,148 @@
+"""What a client and the hub of a software bus say to each other.
+
+A client has two sockets, both SOCK_SEQPACKET, so that one record is one read:
+
+- the *command* socket is its connection to the hub's path. The client says hello, sets filters, asks for
+  statistics (each is answered by one JSON record) and offers frames (each is answered by `DONE` when it has
+  left the bus). It offers the next frame only after that: a transmit mailbox for one frame, so that the
+  client's own priority queue decides what comes next.
+- the *receive* socket carries frames from the hub, and nothing else. Its hub end travels with the hello.
+  Separate sockets keep a thread that waits to send and a thread that receives out of each other's way.
+
+What if: records are neither lost nor doubled on a UNIX socket; its end (an empty read) means that the other
+side is gone. Bytes that break these rules are a `Malformed` value: the hub refuses that client with the
+reason, and serves the others.
+"""
+
+import json
+from struct import Struct
+from typing import Any, NamedTuple
+
+from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
+
+PROTOCOL_VERSION = 1
+MAX_COMMAND_BYTES = 65536
+
+DONE = b"D"
+"""The offered frame has left the bus: the client may offer the next one."""
+
+_FRAME_KIND = 0x4F  # cannot begin a JSON object
+_EXTENDED, _REMOTE, _OWN = 1, 2, 4
+
+# kind, flags, data length code, padding, identifier, time, data
+_RECORD = Struct("<BBBxIq8s")
+RECORD_BYTES = _RECORD.size
+
+_NO_DATA = bytes(MAX_DATA_BYTES)
+
+
+class BusFrame(NamedTuple):
+    """A frame on the software bus: `dlc` is also the length that a remote frame asks for."""
+
+    frame: Frame
+    dlc: int
+    time_ns: int
+    """Offered: CLOCK_MONOTONIC of the sender when it offered. Received: end of frame, ns since the epoch."""
+    own: bool = False
+    """Received frames only: it was sent through this very connection."""
+
+
+def encode_frame(sent: BusFrame) -> bytes:
+    """Encode a frame, offered or received."""
+    frame = sent.frame
+    flags = (_EXTENDED if frame.extended else 0) | (_REMOTE if frame.remote else 0) | (_OWN if sent.own else 0)
+    return _RECORD.pack(_FRAME_KIND, flags, sent.dlc, frame.can_id, sent.time_ns, frame.data)
+
+
+def decode_frame(record: bytes) -> BusFrame | Malformed:
+    """Decode a frame, offered or received."""
+    if len(record) != RECORD_BYTES:
+        return Malformed(f"a frame record has {RECORD_BYTES} bytes, not {len(record)}")
+    kind, flags, dlc, can_id, time_ns, data = _RECORD.unpack(record)
+    extended, remote = bool(flags & _EXTENDED), bool(flags & _REMOTE)
+    if kind != _FRAME_KIND or flags & ~(_EXTENDED | _REMOTE | _OWN):
+        return Malformed(f"kind {kind:#x} with flags {flags:#x} is unknown")
+    if dlc > MAX_DATA_BYTES:
+        return Malformed(f"a classical frame has at most {MAX_DATA_BYTES} bytes, not {dlc}")
+    if can_id > (EXTENDED_MASK if extended else STANDARD_MASK):
+        return Malformed(f"identifier {can_id:#x} has more than {29 if extended else 11} bits")
+    frame = Frame(can_id, b"" if remote else data[:dlc], extended, remote)
+    return BusFrame(frame, dlc, time_ns, bool(flags & _OWN))
+
+
+def is_command(record: bytes) -> bool:
+    """Tell a JSON command or answer from a frame record."""
+    return record.startswith(b"{")
+
+
+def encode_command(content: dict[str, Any]) -> bytes:
+    """Encode a command or an answer."""
+    return json.dumps(content, separators=(",", ":")).encode()
+
+
+def decode_command(record: bytes) -> dict[str, Any] | Malformed:
+    """Decode a command or an answer."""
+    try:
+        content = json.loads(record)
+    except ValueError as error:
+        return Malformed(f"a command is a JSON object: {error}")
+    if not isinstance(content, dict):
+        return Malformed("a command is a JSON object")
+    return content
+
+
+class AcceptanceFilter(NamedTuple):
+    """Accepts the identifiers that equal `can_id` under `mask`; of one format, or of both when None."""
+
+    can_id: int
+    mask: int
+    extended: bool | None
+
+    def accepts(self, can_id: int, *, extended: bool) -> bool:
+        """Say whether this filter lets an identifier pass."""
+        return (self.extended is None or self.extended == extended) and not (can_id ^ self.can_id) & self.mask
+
+
+def decode_filters(content: object) -> tuple[AcceptanceFilter, ...] | Malformed:
+    """Read the filters of a command: a list of [can_id, mask, extended or null]."""
+    if not isinstance(content, list):
+        return Malformed("filters are a list of [can_id, mask, extended]")
+    filters = []
+    for entry in content:
+        match entry:
+            case [int(can_id), int(mask), (bool() | None) as extended]:
+                filters.append(AcceptanceFilter(can_id, mask, extended))
+            case _:
+                return Malformed(f"{entry!r} is not a filter [can_id, mask, extended]")
+    return tuple(filters)
+
+
+class ClientStatistics(NamedTuple):
+    """What the hub counted for one connected client."""
+
+    number: int
+    pid: int
+    sent: int
+    received: int
+    overruns: int
+    """Frames that this client was too slow to receive."""
+
+
+class BusStatistics(NamedTuple):
+    """Counters of the hub since its start; take two and subtract for a rate."""
+
+    bitrate: int
+    time_ns: int
+    busy_ns: int
+    frames: int
+    clients: tuple[ClientStatistics, ...]
+
+    def load_since(self, earlier: "BusStatistics") -> float:
+        """Return the share of the time between two readings in which the bus was occupied, 0.0..1.0."""
+        return (self.busy_ns - earlier.busy_ns) / max(self.time_ns - earlier.time_ns, 1)
+
+
+def decode_statistics(content: dict[str, Any]) -> BusStatistics:
+    """Decode the hub's answer to a request for statistics."""
+    clients = tuple(ClientStatistics(*entry) for entry in content.pop("clients"))
+    return BusStatistics(**content, clients=clients)
