@@ -1,0 +1,305 @@
+"""How long frames take, and how long they can be made to wait.
+
+What it decides: the length of a frame on the wire, exact or in the worst case, and for a set of periodic messages on
+one bus the longest time from the moment a message is due until its last bit has been sent.
+
+Lengths count every bit from start-of-frame to the end of the 3-bit intermission, after which the next frame may start
+(ISO 11898-1). Start-of-frame to CRC is stuffed: after five equal bits one of the other kind is sent, which may itself
+be the first of the next five. Of the 47 + 8n bits of an 11-bit frame 34 + 8n are stuffed, of the 67 + 8n of a 29-bit
+frame 54 + 8n.
+
+Response times follow R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability
+analysis: refuted, revisited and revised", Real-Time Systems 35 (2007) 239-272, in its exact form: every instance in
+the busy period is looked at, deadlines are arbitrary, jitter counts. A message waits for at most one frame of lower
+priority that has just started, and for every frame of higher priority that is queued before it starts itself:
+
+    busy period    t    = B + sum over this one and all above of ceil((t + J) / T) C
+    instances      Q    = ceil((t + J) / T)
+    queueing delay w(q) = B + q C + sum over all above of ceil((w(q) + J + tau) / T) C
+    response       R    = max over q in 0..Q-1 of J + w(q) - q T + C
+
+All times are bit times (tau = 1) and exact: rationals go in and come out, in between they are integers on one common
+denominator. Both equations ask for the least fixed point, which is found by letting a window of time grow with what
+is released inside it (`_Window`); the window of one priority is where the next one starts.
+
+What it assumes: every node sends by priority, not first-in-first-out. What it does not know: offsets between messages
+(the result is safe, and exact for unrelated clocks), and errors, unless it is told (`Errors`).
+
+A level that loads the bus to within 1/10 000 of all that it can carry counts as overload, and its response as
+unbounded: the quartzes of two nodes differ by as much, and the busy period grows without limit towards it.
+"""
+
+from collections.abc import Sequence
+from fractions import Fraction
+from heapq import heappush, heapreplace
+from math import lcm
+from typing import NamedTuple
+
+from heronry_wire.frame import MAX_DATA_BYTES, Frame, WireError
+
+WORST_BLOCKING_BITS = 135  # an 8-byte frame with 11 bits of identifier
+ERROR_BITS = 31  # error flags, delimiter and intermission after an error, at most (Davis 2007 section 5)
+
+_NEVER_STUFFED_BITS = 13  # CRC delimiter, ACK, ACK delimiter, end of frame (7), intermission (3)
+_CRC_BITS = 15
+_CRC_POLYNOMIAL = 0x4599
+_OVERLOAD = 10_000
+
+Exact = int | Fraction
+
+
+def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
+    """Give the length in bits of the longest frame with that many data bytes, 0..8."""
+    if not 0 <= data_bytes <= MAX_DATA_BYTES:
+        raise WireError(f"a frame has 0..8 data bytes, not {data_bytes}")
+    return (80 if extended else 55) + 10 * data_bytes
+
+
+def exact_bits(frame: Frame) -> int:
+    """Give the length in bits of this very frame, with its stuff bits; not for error frames."""
+    data, size = frame.data, len(frame.data)
+    if frame.extended:
+        base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
+        header = base << 27 | 0b11 << 25 | extension << 7 | frame.remote << 6 | size
+        header_bits, padded_bytes = 39, 5
+    else:
+        header = frame.can_id << 7 | frame.remote << 6 | size
+        header_bits, padded_bytes = 19, 3
+    content = header << 8 * size | int.from_bytes(data, "big")
+    crc = 0  # zeros in front of the header do not change it
+    for byte in content.to_bytes(padded_bytes + size, "big"):
+        crc = (crc << 8 & 0x7FFF) ^ _CRC_TABLE[crc >> 7 ^ byte]
+    stuffed = (content << _CRC_BITS | crc).to_bytes(padded_bytes + size + 2, "big")
+    stuff_bits, row = _FIRST_ROWS[header_bits, stuffed[0]]
+    for byte in stuffed[1:]:
+        more, row = row[byte]
+        stuff_bits += more
+    return header_bits + 8 * size + _CRC_BITS + stuff_bits + _NEVER_STUFFED_BITS
+
+
+def _crc_table() -> list[int]:
+    table = []
+    for byte in range(256):
+        crc = byte << 7
+        for _ in range(8):
+            crc = crc << 1 ^ (_CRC_POLYNOMIAL if crc & 0x4000 else 0)
+        table.append(crc & 0x7FFF)
+    return table
+
+
+class _Row(list[tuple[int, "_Row"]]):
+    """For one state of the stuffing (last bit, length of its run): by next byte, stuff bits and next state."""
+
+
+def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
+    """Send bits one by one; give how many were stuffed in between, and the state that is left."""
+    stuffed = 0
+    for bit in bits:
+        last, run = bit, run + 1 if bit == last else 1
+        if run == 5:
+            last, run, stuffed = "1" if bit == "0" else "0", 1, stuffed + 1
+    return stuffed, last, run
+
+
+def _stuff_tables() -> dict[tuple[int, int], tuple[int, _Row]]:
+    """Give, by header length and first byte of the padded stream, the stuff bits in it and the state after it."""
+    rows = {(last, run): _Row() for last in "01" for run in range(1, 5)}
+    for (last, run), row in rows.items():
+        for byte in range(256):
+            stuffed, next_last, next_run = _stuff(f"{byte:08b}", last, run)
+            row.append((stuffed, rows[next_last, next_run]))
+    first = {}
+    for header_bits in (19, 39):
+        used = (header_bits + _CRC_BITS) % 8
+        for byte in range(1 << used):
+            stuffed, last, run = _stuff(f"{byte:0{used}b}", "", 0)
+            first[header_bits, byte] = stuffed, rows[last, run]
+    return first
+
+
+_CRC_TABLE = _crc_table()
+_FIRST_ROWS = _stuff_tables()
+
+
+class Message(NamedTuple):
+    """A periodic (or sporadic) message; all times in bit times of its bus, exact.
+
+    bits: its longest frame, with intermission. period: the shortest time between two of it. jitter: how late it can be
+    queued after it was due. deadline: counted from when it was due; it may be longer than the period.
+    """
+
+    name: str
+    bits: int
+    period: Exact
+    jitter: Exact
+    deadline: Exact
+
+
+class Errors(NamedTuple):
+    """How often frames are destroyed: at most `burst` (1 or more) at once, and one more each `interval` bit times."""
+
+    burst: int
+    interval: Exact
+
+
+class Response(NamedTuple):
+    """The longest response time of a message, in bit times; `bits` is None when nothing bounds it."""
+
+    name: str
+    bits: Fraction | None
+    meets_deadline: bool
+    instances: int  # how many instances in the busy period were looked at; 0 when unbounded
+
+
+class _Stream(NamedTuple):
+    """A message on the common denominator."""
+
+    cost: int
+    period: int
+    jitter: int
+    deadline: int
+
+
+class _Window:
+    """A stretch of time that grows with what is released in it.
+
+    Releases strictly before `length + ahead` count; `due` is a heap of the first one of each stream that does not
+    count yet. It only ever grows, so every release is looked at once.
+    """
+
+    __slots__ = ("ahead", "due", "length")
+
+    def __init__(self, length: int, ahead: int, due: list[tuple[int, int, int]]) -> None:
+        self.length = length
+        self.ahead = ahead
+        self.due = due
+
+    def admit(self, cost: int, period: int, jitter: int) -> None:
+        """Add a stream whose first instance is released at -jitter; that one always counts."""
+        count = max(1, -(-(self.length + self.ahead + jitter) // period))
+        self.length += count * cost
+        heappush(self.due, (count * period - jitter, period, cost))
+
+    def settle(self) -> None:
+        """Grow until nothing more is released inside: the least fixed point."""
+        due, limit = self.due, self.length + self.ahead
+        while due and due[0][0] < limit:
+            release, period, cost = due[0]
+            count = -((release - limit) // period)
+            limit += count * cost
+            heapreplace(due, (release + count * period, period, cost))
+        self.length = limit - self.ahead
+
+    def copy(self) -> "_Window":
+        return _Window(self.length, self.ahead, self.due.copy())
+
+
+class _Level(NamedTuple):
+    """What a priority level waits for beside messages: when one of these changes, its windows start anew."""
+
+    blocking: int
+    error_cost: int  # 0: no errors
+    error_jitter: int
+
+
+def analyse(messages: Sequence[Message], *, blocking_bits: int = 0, errors: Errors | None = None) -> list[Response]:
+    """Give the response time of each message, in the order given, which is the order of priority, highest first.
+
+    blocking_bits: longest frame on the bus with less priority than any of these (0: there is none).
+    errors: what the bus is to withstand (None: no errors).
+    Raises WireError for a message without a length or a period.
+    """
+    _check(messages, errors)
+    scale, streams, interval = _on_one_denominator(messages, errors)
+    levels = _levels(streams, scale, blocking_bits, with_errors=errors is not None)
+    bounded = _bounded(streams, levels, interval)
+    responses: list[Response] = []
+    busy = queue = _Window(0, 0, [])
+    for index, (message, stream) in enumerate(zip(messages, streams, strict=True)):
+        if index >= bounded:
+            responses.append(Response(message.name, None, meets_deadline=False, instances=0))
+            continue
+        if index == 0 or levels[index] != levels[index - 1]:
+            burst = errors.burst if errors else 0
+            busy = _window(levels[index], burst, interval, 0, streams[:index])
+            queue = _window(levels[index], burst, interval, scale, streams[:index])
+        busy.admit(*stream[:3])
+        busy.settle()
+        queue.settle()
+        worst, instances = _longest(stream, busy.length, queue)
+        responses.append(Response(message.name, Fraction(worst, scale), worst <= stream.deadline, instances))
+        queue.admit(*stream[:3])
+    return responses
+
+
+def _check(messages: Sequence[Message], errors: Errors | None) -> None:
+    for message in messages:
+        if message.bits <= 0 or message.period <= 0 or message.jitter < 0:
+            raise WireError(f"message {message.name}: give a length and a period above 0, and no negative jitter")
+    if errors and (errors.burst < 1 or errors.interval <= 0):
+        raise WireError(f"{errors}: give a burst of 1 or more and an interval above 0, or no errors at all")
+
+
+def _on_one_denominator(messages: Sequence[Message], errors: Errors | None) -> tuple[int, list[_Stream], int]:
+    """Give the number of steps in a bit time, the messages and the interval between errors in steps."""
+    interval = errors.interval if errors else 1
+    times = [interval, *(time for m in messages for time in (m.period, m.jitter, m.deadline))]
+    scale = lcm(*(time.denominator for time in times))
+
+    def steps(time: Exact) -> int:
+        return time.numerator * (scale // time.denominator)
+
+    streams = [_Stream(m.bits * scale, steps(m.period), steps(m.jitter), steps(m.deadline)) for m in messages]
+    return scale, streams, steps(interval)
+
+
+def _levels(streams: list[_Stream], scale: int, blocking_bits: int, *, with_errors: bool) -> list[_Level]:
+    blocking, blockings = blocking_bits * scale, []
+    for stream in reversed(streams):
+        blockings.append(blocking)
+        blocking = max(blocking, stream.cost)
+    longest, levels = 0, []
+    for stream, blocking in zip(streams, reversed(blockings), strict=True):
+        longest = max(longest, stream.cost)
+        if with_errors:
+            # An error may also strike while the message itself is sent: those up to w + C count.
+            levels.append(_Level(blocking, ERROR_BITS * scale + longest, stream.cost - scale))
+        else:
+            levels.append(_Level(blocking, 0, 0))
+    return levels
+
+
+def _bounded(streams: list[_Stream], levels: list[_Level], interval: int) -> int:
+    """Give how many messages, from the top, load the bus less than it can carry."""
+    whole = lcm(interval, *(stream.period for stream in streams))
+    load = 0
+    for index, (stream, level) in enumerate(zip(streams, levels, strict=True)):
+        load += stream.cost * (whole // stream.period)
+        with_errors = load + level.error_cost * (whole // interval)
+        if with_errors * _OVERLOAD >= whole * (_OVERLOAD - 1):
+            return index
+    return len(streams)
+
+
+def _window(level: _Level, burst: int, interval: int, ahead: int, above: list[_Stream]) -> _Window:
+    window = _Window(level.blocking, ahead, [])
+    if burst:
+        window.length += (burst - 1) * level.error_cost
+        window.admit(level.error_cost, interval, level.error_jitter if ahead else 0)
+    for stream in above:
+        window.admit(*stream[:3])
+    return window
+
+
+def _longest(stream: _Stream, busy: int, queue: _Window) -> tuple[int, int]:
+    """Give the longest response among the instances in the busy period, and how many there are."""
+    instances = -(-(busy + stream.jitter) // stream.period)
+    worst = delay = queue.length
+    if instances > 1:
+        queue = queue.copy()
+    for index in range(1, instances):
+        queue.length += stream.cost
+        queue.settle()
+        delay = queue.length - index * stream.period
+        worst = max(worst, delay)
+    return stream.jitter + worst + stream.cost, instances
