@@ -1,18 +1,23 @@
-"""What a configuration sends: on which buses, how many bits, under which identifiers, and how late it can arrive.
+"""What a configuration sends: on which buses, how many bits, and under which identifiers.
 
 A *source* is a (producer, variable). It is published on every bus of the route to each of its consumers on another
 PE, once however many consume it (semantics.md rule 7). A `Hop` is a source on one of those buses.
 
 Bandwidth is worst-case frame bits times rate, in thousandths of a bit/s, and exact.
+
+Identifiers are the same on every bus. The standard ones belong to the best producers; the others are allocated by the
+best criticality that a producer could serve, in any phase in which the function is wanted and over all modes.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.model import Mode, Spec
+from heronry_dg.model import CRITICALITIES, Function, Mode, Spec
 from heronry_dg.situation import Survivors
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
+from heronry_wire.identifiers import Source, allocate
+from heronry_wire.timing import worst_bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +36,7 @@ class Hop:
 
 def frame_bits(spec: Spec, variable: str) -> int:
     """Worst-case bits of a variable's data frame (11-bit identifier), with stuff bits and the space between frames."""
-    return 55 + 10 * (HEADER_BYTES + DataType[spec.variables[variable].type].payload_bytes)
+    return worst_bits(HEADER_BYTES + DataType[spec.variables[variable].type].payload_bytes)
 
 
 def source_mbit_per_s(spec: Spec, variable: str, mode: Mode) -> int:
@@ -59,3 +64,59 @@ def bus_loads_mbit_per_s(spec: Spec, published: Iterable[Hop]) -> dict[str, int]
         mode = spec.modules[hop.producer].modes[hop.mode]
         loads[hop.bus] += source_mbit_per_s(spec, hop.variable, mode)
     return loads
+
+
+def identifiers(spec: Spec) -> dict[tuple[str, str], int]:
+    """CAN identifier of every (producer, variable) of a spec; the smaller has priority on the bus.
+
+    Raises WireError where the spec has more of them than there are identifiers.
+    """
+    ranks = _criticality_ranks(spec)
+    return allocate(
+        _identifier_source(spec, producer, variable, ranks[producer], order)
+        for order, (producer, variable) in enumerate(spec.sources())
+    )
+
+
+def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, order: int) -> Source:
+    giving = [mode for mode in spec.modules[producer].modes.values() if variable in mode.gives]
+    return Source(
+        producer,
+        variable,
+        standard=spec.variables[variable].identifier,
+        best_version=giving[0].gives[variable],
+        criticality_rank=rank,
+        rate_mhz=max(mode.rate_mhz for mode in giving),
+        order=order,
+    )
+
+
+def _criticality_ranks(spec: Spec) -> dict[str, int]:
+    """Best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
+    ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
+    for function in spec.functions.values():
+        rank = _best_rank(spec, function)
+        for module in _contributors(spec, function):
+            ranks[module] = min(ranks[module], rank)
+    return ranks
+
+
+def _best_rank(spec: Spec, function: Function) -> int:
+    """Best criticality of a function over the phases in which it is wanted; E where it never is."""
+    phases: Sequence[str | None] = tuple(spec.phases) or (None,)
+    wanted = [phase for phase in phases if function.priority_in(phase) > 0]
+    return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)
+
+
+def _contributors(spec: Spec, function: Function) -> set[str]:
+    """Modules whose data could reach an output of a function, over all modes, those outputs included."""
+    found, frontier = set[str](), list(function.outputs)
+    while frontier:
+        name = frontier.pop()
+        if name not in found:
+            found.add(name)
+            for mode in spec.modules[name].modes.values():
+                for _, leaf in mode.leaves():
+                    givers = spec.producers(leaf.variable)
+                    frontier.extend(module.name for module, m in givers if leaf.accepts(m.gives[leaf.variable]))
+    return found

@@ -1,0 +1,169 @@
+"""How late a datum can arrive: the response-time analysis of every bus (semantics.md rule 9).
+
+The analysis itself is `heronry_wire.timing`; this file says what is on each wired bus: above all data, one 8-byte
+frame per PE of the bus (up or not: it may come back) and two of the manager in each heartbeat period; then the data
+by identifier; and one 8-byte frame of less priority that has just started.
+
+What a datum took to cross one bus is its jitter on the next, so a response counts from the source. A wireless bus is
+not analysed and adds nothing. Data may cross two buses in both directions, so the buses are gone through again and
+again until no jitter changes. That ends: what delays a datum has a smaller identifier, and the same one on every bus.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from math import ceil
+
+from heronry_dg.model import Bus, Spec
+from heronry_dg.traffic import Hop, frame_bits, identifiers
+from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
+
+_NS_PER_S = 1_000_000_000
+_MANAGER_FRAMES = 2  # LEASE and ALIVE, in each heartbeat period
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """The longest time from when a datum is due at its source to its last bit on a wired bus."""
+
+    hop: Hop
+    response_ns: int | None  # rounded up; None: nothing bounds it
+    deadline_ns: int  # rounded down
+    meets_deadline: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Late:
+    """A datum that can miss its deadline, and every hop that its response time depends on, its own included.
+
+    As long as all of those are published, whatever else is, it stays late.
+    """
+
+    hop: Hop
+    response_ns: int | None
+    deadline_ns: int
+    causes: frozenset[Hop]
+
+
+class ResponseTimes:
+    """Response times of any set of hops of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.spec = spec
+        self.identifiers = identifiers(spec)
+        self._management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
+
+    def responses(self, published: Iterable[Hop]) -> list[Response]:
+        """Response time of every hop on a wired bus: by bus in the spec's order, by priority."""
+        by_bus = self._by_bus(published)
+        delays = self._delays_ns(by_bus)
+        return [
+            self._response(hop, delays[_key(hop)])
+            for bus, hops_there in by_bus.items()
+            if self.spec.buses[bus].kind == "wired"
+            for hop in hops_there
+        ]
+
+    def late(self, published: Iterable[Hop]) -> list[Late]:
+        """Every hop that can miss its deadline, in the order of `responses`, with what makes it late."""
+        published = tuple(published)
+        missed = [response for response in self.responses(published) if not response.meets_deadline]
+        by_bus = self._by_bus(published)
+        return [Late(r.hop, r.response_ns, r.deadline_ns, self._causes(r.hop, by_bus)) for r in missed]
+
+    def _by_bus(self, published: Iterable[Hop]) -> dict[str, list[Hop]]:
+        by_bus: dict[str, list[Hop]] = {bus: [] for bus in self.spec.buses}
+        for hop in published:
+            by_bus[hop.bus].append(hop)
+        for hops_there in by_bus.values():
+            hops_there.sort(key=lambda hop: self.identifiers[hop.producer, hop.variable])
+        return by_bus
+
+    def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
+        """Exact time from the source to the end of each hop, wireless ones included; None: unbounded."""
+        delays: dict[tuple[str, str, str], Fraction | None] = {}
+        while True:
+            before = dict(delays)
+            for bus, hops_there in by_bus.items():
+                jitters = [
+                    Fraction(0)
+                    if hop.after is None
+                    else delays.get((hop.producer, hop.variable, hop.after), Fraction(0))
+                    for hop in hops_there
+                ]
+                wired = self.spec.buses[bus].kind == "wired"
+                found = self._cross(self.spec.buses[bus], hops_there, jitters) if wired else jitters
+                delays.update(zip(map(_key, hops_there), found, strict=True))
+            if delays == before:
+                return delays
+
+    def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
+        """Delay at the end of one wired bus, by priority; below one that is unbounded all are."""
+        bounded = jitters.index(None) if None in jitters else len(jitters)
+        data = [
+            self._message(bus, hop, jitter)
+            for hop, jitter in zip(hops_there[:bounded], jitters[:bounded], strict=True)
+            if jitter is not None
+        ]
+        management = self._management[bus.name]
+        responses = analyse([*management, *data], blocking_bits=WORST_BLOCKING_BITS)[len(management) :]
+        delays = [None if r.bits is None else r.bits * _NS_PER_S / bus.bitrate for r in responses]
+        return delays + [None] * (len(jitters) - bounded)
+
+    def _message(self, bus: Bus, hop: Hop, jitter_ns: Fraction) -> Message:
+        bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
+        return Message(
+            name=f"{hop.variable} from {hop.producer}",
+            bits=frame_bits(self.spec, hop.variable),
+            period=_period_ns(self.spec, hop) * bits_per_ns,
+            jitter=jitter_ns * bits_per_ns,
+            deadline=_deadline_ns(self.spec, hop) * bits_per_ns,
+        )
+
+    def _response(self, hop: Hop, delay_ns: Fraction | None) -> Response:
+        deadline_ns = _deadline_ns(self.spec, hop)
+        return Response(
+            hop=hop,
+            response_ns=None if delay_ns is None else ceil(delay_ns),
+            deadline_ns=int(deadline_ns),
+            meets_deadline=delay_ns is not None and delay_ns <= deadline_ns,
+        )
+
+    def _causes(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> frozenset[Hop]:
+        found: set[Hop] = set()
+        frontier = [hop]
+        while frontier:
+            one = frontier.pop()
+            if one not in found:
+                found.add(one)
+                frontier.extend(self._delaying(one, by_bus))
+        return frozenset(found)
+
+    def _delaying(self, hop: Hop, by_bus: Mapping[str, list[Hop]]) -> Iterator[Hop]:
+        """Hops that a delay depends on directly: more urgent ones on a wired bus, and its own one before."""
+        if self.spec.buses[hop.bus].kind == "wired":
+            there = by_bus[hop.bus]
+            yield from there[: there.index(hop)]
+        if hop.after is not None:
+            yield from (one for one in by_bus[hop.after] if _key(one)[:2] == _key(hop)[:2])
+
+
+def _key(hop: Hop) -> tuple[str, str, str]:
+    return hop.producer, hop.variable, hop.bus
+
+
+def _management(spec: Spec, bus: Bus) -> list[Message]:
+    """What is sent above all data: the state of each PE, and the manager's own, each once in a heartbeat period."""
+    period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
+    senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + _MANAGER_FRAMES
+    return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders
+
+
+def _period_ns(spec: Spec, hop: Hop) -> Fraction:
+    return Fraction(1000 * _NS_PER_S, spec.modules[hop.producer].modes[hop.mode].rate_mhz)
+
+
+def _deadline_ns(spec: Spec, hop: Hop) -> Fraction:
+    """Deadline of a datum from when it is due; where the spec gives none, its period."""
+    given = spec.variables[hop.variable].deadline_ns
+    return _period_ns(spec, hop) if given is None else Fraction(given)

@@ -1,0 +1,367 @@
+"""The judge: is a configuration legal in a situation, and if not, which rules does it break and where.
+
+No solver, and no choosing: one function per rule of semantics.md section 3, each of which looks at the configuration
+as it stands. A violation names its rule as number and sub-rule (`7.cpu`), the place, and what is wrong in one sentence.
+
+    1 place      module, mode, pe (unknown names), pe_down, cut_off, runs_on, requires, device, device_down, failed
+    2 wire       input (unknown), producer (not running), variable (another one), gives, version, accepts, route
+    3 gate       leaf, and, or, xor (does not hold), below (wired below what does not hold)
+    4 demux      branches (more than one runs), wired (a branch is not)
+    5 purpose    idle
+    6 cycles     cycle (of wires none of whose variables has an initial value)
+    7 resources  cpu, ram, flash, bus
+    8 placement  separate, together
+    9 deadlines  deadline
+
+A plan may come from anywhere, so every name in it can be wrong. What names an unknown module, mode or PE is reported
+under rule 1 and left out of whatever would need to know it; apart from that one fault is one violation wherever it
+can be, and the order of violations does not depend on the order in the plan.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.gates import And, Expression, Leaf, Or, child_path, holds, leaves
+from heronry_dg.model import Mode, Module, Spec
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One broken rule."""
+
+    rule: str  # number and sub-rule: "7.cpu"
+    where: str  # "module NAME", "pe NAME", ...
+    sentence: str
+
+    def __str__(self) -> str:
+        return f"rule {self.rule}, {self.where}: {self.sentence}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """What is judged: the configuration in the spec's order, without modules and modes that the spec lacks."""
+
+    spec: Spec
+    now: Situation
+    left: Survivors
+    known: Configuration
+    sound: Configuration  # the same without wires that are wrong by themselves (rule 2)
+
+    def mode(self, module: str) -> Mode:
+        return self.known.mode(self.spec, module)
+
+    def on(self, pe: str) -> list[str]:
+        """Modules that run on a PE."""
+        return [name for name, running in self.known.modules.items() if running.pe == pe]
+
+
+def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Violation]:
+    """List every broken rule; an empty list means that the configuration is legal.
+
+    The situation must be one of this spec, as `situation` makes them.
+    """
+    found = list(_unknown_names(spec, configuration))
+    known = _known(spec, configuration)
+    case = _Case(spec, now, survivors(spec, now), known, _sound(spec, known))
+    for rule in (
+        _place,
+        _wires,
+        _gates,
+        _demuxes,
+        _purpose,
+        _cycles,
+        _pe_resources,
+        _bus_resources,
+        _rules,
+        _deadlines,
+    ):
+        found.extend(rule(case))
+    return found
+
+
+def _known(spec: Spec, configuration: Configuration) -> Configuration:
+    """Keep what the spec knows, modules and inputs in its order."""
+    kept = {}
+    for name, module in spec.modules.items():
+        running = configuration.modules.get(name)
+        if running is not None and running.mode in module.modes:
+            order = {path: i for i, (path, _) in enumerate(module.modes[running.mode].leaves())}
+            inputs = sorted(running.inputs.items(), key=lambda item: (order.get(item[0], len(order)), item[0]))
+            kept[name] = Running(running.pe, running.mode, dict(inputs))
+    return Configuration(kept)
+
+
+def _sound(spec: Spec, known: Configuration) -> Configuration:
+    """Keep the wires that carry what they should."""
+    kept = {}
+    for name, running in known.modules.items():
+        accepted = dict(known.mode(spec, name).leaves())
+        right = {
+            path: wire
+            for path, wire in running.inputs.items()
+            if path in accepted and not any(_wire(spec, known, accepted[path], wire))
+        }
+        kept[name] = Running(running.pe, running.mode, right)
+    return Configuration(kept)
+
+
+# Rule 1: place
+
+
+def _unknown_names(spec: Spec, configuration: Configuration) -> Iterator[Violation]:
+    for name in sorted(configuration.modules.keys() - spec.modules.keys()):
+        yield Violation("1.module", f"module {name}", "the spec has no such module")
+    for name, module in spec.modules.items():
+        running = configuration.modules.get(name)
+        if running is not None and running.mode not in module.modes:
+            yield Violation(
+                "1.mode",
+                f"module {name}",
+                f"it has no mode '{running.mode}'; its modes are {', '.join(module.modes)}",
+            )
+
+
+def _place(case: _Case) -> Iterator[Violation]:
+    for name, running in case.known.modules.items():
+        module = case.spec.modules[name]
+        where = f"module {name}"
+        if name in case.left.failed_modules:
+            yield Violation("1.failed", where, "it has failed and must not run")
+        if running.pe not in case.spec.pes:
+            yield Violation("1.pe", where, f"the spec has no PE named '{running.pe}'")
+            continue
+        if f"pe:{running.pe}" in case.now.down:
+            yield Violation("1.pe_down", where, f"it is placed on {running.pe}, which is down")
+        elif running.pe not in case.left.pe_cpu_millis:
+            bus = case.spec.manager.bus
+            yield Violation("1.cut_off", where, f"it is placed on {running.pe}, which has no route to {bus}")
+        yield from _host(case, module, running.pe)
+
+
+def _host(case: _Case, module: Module, pe: str) -> Iterator[Violation]:
+    where = f"module {module.name}"
+    if module.runs_on is not None and pe not in module.runs_on:
+        yield Violation("1.runs_on", where, f"it may run on {', '.join(module.runs_on)} and is placed on {pe}")
+    missing = module.requires - case.spec.pes[pe].features
+    if missing:
+        yield Violation("1.requires", where, f"it requires {', '.join(sorted(missing))}, which {pe} does not offer")
+    if module.device is None:
+        return
+    home = case.spec.devices[module.device].pe
+    if pe != home:
+        yield Violation("1.device", where, f"its device {module.device} is on {home}, and it is placed on {pe}")
+    if f"device:{module.device}" in case.now.down:
+        yield Violation("1.device_down", where, f"its device {module.device} is down")
+
+
+# Rule 2: wire
+
+
+def _wires(case: _Case) -> Iterator[Violation]:
+    for name, running in case.known.modules.items():
+        accepted = dict(case.mode(name).leaves())
+        for path, wire in running.inputs.items():
+            where = f'module {name}, input "{path}"'
+            if path not in accepted:
+                yield Violation("2.input", where, f"mode {running.mode} has no such input")
+                continue
+            yield from (
+                Violation(rule, where, text) for rule, text in _wire(case.spec, case.known, accepted[path], wire)
+            )
+            yield from _route(case, running.pe, wire.producer, where)
+
+
+def _wire(spec: Spec, known: Configuration, leaf: Leaf, wire: Wire) -> Iterator[tuple[str, str]]:
+    """Check one wire from end to end; the first thing that is wrong with it is reported."""
+    if wire.producer not in known.modules:
+        yield "2.producer", f"it is wired to {wire.producer}, which does not run"
+        return
+    mode = known.mode(spec, wire.producer)
+    if wire.variable != leaf.variable:
+        yield "2.variable", f"it takes {leaf.variable} and is wired to {wire.variable}"
+    elif wire.variable not in mode.gives:
+        yield "2.gives", f"{wire.producer} does not give {wire.variable} in mode {mode.name}"
+    elif wire.version != mode.gives[wire.variable]:
+        given = mode.gives[wire.variable]
+        yield (
+            "2.version",
+            f"{wire.producer} gives {wire.variable}@{given} in mode {mode.name}, not @{wire.version}",
+        )
+    elif not leaf.accepts(wire.version):
+        yield "2.accepts", f"it takes {leaf.variable}@{leaf.best} to @{leaf.worst}, not @{wire.version}"
+
+
+def _route(case: _Case, consumer_pe: str, producer: str, where: str) -> Iterator[Violation]:
+    """Check that data get through; where a PE is down or unknown rule 1 has said so."""
+    if producer not in case.known.modules:
+        return
+    ends = (case.known.modules[producer].pe, consumer_pe)
+    down = any(pe not in case.spec.pes or f"pe:{pe}" in case.now.down for pe in ends)
+    if not down and ends[0] != ends[1] and case.left.route(*ends) is None:
+        yield Violation("2.route", where, f"no route that is up leads from {ends[0]} to {ends[1]}")
+
+
+# Rule 3: gate
+
+
+def _gates(case: _Case) -> Iterator[Violation]:
+    for name, running in case.known.modules.items():
+        needs = case.mode(name).needs
+        if needs is None:
+            continue
+        # An unwired branch of a DEMUX is reported by rule 4, and by rule 4 alone.
+        demuxed = {path for path, leaf in leaves(needs) if leaf.demux is not None}
+        for rule, path, text in _gate(needs, "", demuxed | running.inputs.keys(), "3.leaf"):
+            yield Violation(rule, f'module {name}, input "{path}"' if path else f"module {name}", text)
+
+
+def _gate(
+    expression: Expression, path: str, wired: Collection[str], rule_if_unwired: str
+) -> Iterator[tuple[str, str, str]]:
+    """Check an expression that must hold; yields (rule, path, sentence)."""
+    if isinstance(expression, Leaf):
+        if path not in wired:
+            yield rule_if_unwired, path, f"{expression.variable} is needed and not wired"
+        return
+    children = [(child, child_path(path, index)) for index, child in enumerate(expression.inputs)]
+    if isinstance(expression, And):
+        for child, at in children:
+            yield from _gate(child, at, wired, "3.and")
+        return
+    held = sum(holds(child, wired, at) for child, at in children)
+    if isinstance(expression, Or):
+        if held < expression.k:
+            yield "3.or", path, f"{held} of {len(children)} inputs hold, and at least {expression.k} must"
+    elif held != 1:
+        yield "3.xor", path, f"{held} of {len(children)} inputs hold, and exactly one must"
+    for child, at in children:
+        if holds(child, wired, at):
+            yield from _gate(child, at, wired, "3.leaf")
+        else:
+            yield from _nothing_below(child, at, wired)
+
+
+def _nothing_below(expression: Expression, path: str, wired: Collection[str]) -> Iterator[tuple[str, str, str]]:
+    for at, leaf in leaves(expression, path):
+        if at in wired:
+            yield "3.below", at, f'{leaf.variable} is wired, but the gate "{path}" above it does not hold'
+
+
+# Rule 4: demux
+
+
+def _demuxes(case: _Case) -> Iterator[Violation]:
+    for demux in case.spec.demuxes.values():
+        running = [branch for branch in demux.branches if branch in case.known.modules]
+        if len(running) > 1:
+            yield Violation("4.branches", f"demux {demux.name}", f"{' and '.join(running)} run, and only one may")
+        for branch in running:
+            paths = [path for path, leaf in case.mode(branch).leaves() if leaf.demux == demux.name]
+            if not any(path in case.known.modules[branch].inputs for path in paths):
+                yield Violation("4.wired", f"demux {demux.name}", f"{branch} runs and is not wired to {demux.variable}")
+
+
+# Rule 5: purpose
+
+
+def _purpose(case: _Case) -> Iterator[Violation]:
+    serving: set[str] = set()
+    frontier = [
+        output
+        for function in case.spec.functions.values()
+        if function.priority_in(case.now.phase) > 0
+        for output in function.outputs
+    ]
+    while frontier:
+        module = frontier.pop()
+        if module in case.known.modules and module not in serving:
+            serving.add(module)
+            frontier.extend(wire.producer for wire in case.known.modules[module].inputs.values())
+    for name in case.known.modules:
+        if name not in serving:
+            yield Violation("5.idle", f"module {name}", "it serves no function that is wanted in the phase")
+
+
+# Rule 6: cycles
+
+
+def _cycles(case: _Case) -> Iterator[Violation]:
+    feeds: dict[str, list[str]] = {name: [] for name in case.known.modules}
+    for consumer, _, wire in case.sound.wires():
+        if case.spec.variables[wire.variable].initial is None:
+            feeds[consumer].append(wire.producer)
+    while acyclic := [name for name, producers in feeds.items() if not any(p in feeds for p in producers)]:
+        for name in acyclic:
+            del feeds[name]
+    if feeds:
+        ring = _ring(feeds)
+        yield Violation("6.cycle", f"module {ring[0]}", f"no variable on the cycle {' <- '.join(ring)} has an initial")
+
+
+def _ring(feeds: dict[str, list[str]]) -> list[str]:
+    """Find a cycle in a graph of which every node has a successor in it; the first node is repeated at the end."""
+    walk = [next(iter(feeds))]
+    while len(set(walk)) == len(walk):
+        walk.append(next(producer for producer in feeds[walk[-1]] if producer in feeds))
+    return walk[walk.index(walk[-1]) :]
+
+
+# Rule 7: resources
+
+
+def _pe_resources(case: _Case) -> Iterator[Violation]:
+    for name, cpu_millis in case.left.pe_cpu_millis.items():
+        pe, here = case.spec.pes[name], case.on(name)
+        for rule, used, capacity, unit in (
+            ("7.cpu", sum(case.mode(module).cpu_millis for module in here), cpu_millis, "thousandths of a core"),
+            ("7.ram", sum(case.mode(module).ram for module in here), pe.ram, "bytes of RAM"),
+            ("7.flash", sum(case.spec.modules[module].flash for module in here), pe.flash, "bytes of flash"),
+        ):
+            if used > capacity:
+                yield Violation(rule, f"pe {name}", f"its modules take {used} {unit}, and it has {capacity}")
+
+
+def _bus_resources(case: _Case) -> Iterator[Violation]:
+    loads = bus_loads_mbit_per_s(case.spec, hops(case.left, case.sound))
+    for name, capacity in case.left.bus_mbit_per_s.items():
+        if loads[name] > capacity:
+            used, room = loads[name] / 1000, capacity / 1000
+            yield Violation("7.bus", f"bus {name}", f"{used:.3f} bit/s are published, and {room:.3f} are for data")
+
+
+# Rule 8: placement rules
+
+
+def _rules(case: _Case) -> Iterator[Violation]:
+    for group in case.spec.separate:
+        running = [name for name in group if name in case.known.modules]
+        for index, name in enumerate(running):
+            pe = case.known.modules[name].pe
+            twin = next((other for other in running[:index] if case.known.modules[other].pe == pe), None)
+            if twin is not None:
+                yield Violation("8.separate", f"module {name}", f"it must not share a PE with {twin}; both are on {pe}")
+    for group in case.spec.together:
+        running = [name for name in group if name in case.known.modules]
+        for name in running[1:]:
+            first, here = case.known.modules[running[0]].pe, case.known.modules[name].pe
+            if here != first:
+                text = f"it must run on one PE with {running[0]}, which is on {first}; it is on {here}"
+                yield Violation("8.together", f"module {name}", text)
+
+
+# Rule 9: deadlines
+
+
+def _deadlines(case: _Case) -> Iterator[Violation]:
+    for late in ResponseTimes(case.spec).late(hops(case.left, case.sound)):
+        hop = late.hop
+        taken = "no bound" if late.response_ns is None else f"up to {late.response_ns} ns"
+        yield Violation(
+            "9.deadline",
+            f"bus {hop.bus}",
+            f"{hop.variable} from {hop.producer} takes {taken} to arrive, and its deadline is {late.deadline_ns} ns",
+        )
