@@ -71,11 +71,12 @@ class ModuleEntry:
 
 @dataclass(frozen=True, slots=True)
 class SourceEntry:
-    """A (producing module, variable) pair and the identifier of its data frames."""
+    """A (producing module, variable) pair, the identifier of its data frames, and how long one may be waited for."""
 
     module: str
     variable: str
     identifier: int
+    period_ns: int  # the longest over the modes that give it: a slice does not say in which one its producer runs
 
 
 @dataclass(frozen=True, slots=True)
