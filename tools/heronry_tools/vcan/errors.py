@@ -1,0 +1,5 @@
+"""The one exception of this package: something outside us is not as needed."""
+
+
+class CannotRunError(Exception):
+    """The command could not be run at all; the message is one sentence that says why and what to do."""

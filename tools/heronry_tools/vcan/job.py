@@ -1,0 +1,31 @@
+"""What the outer program tells the first process inside a user-mode Linux, and what it is told back: two JSON files."""
+
+from typing import NotRequired, TypedDict
+
+
+class Job(TypedDict):
+    """One command and the world it is to find. All paths are the host's, which are the guest's too."""
+
+    executable: str  # absolute
+    argv: list[str]  # argv[0] is the name the user gave
+    env: dict[str, str]
+    cwd: str
+    umask: int
+    user: int
+    group: int
+    groups: list[int]
+    stdout: str  # a file to append to, or TERMINAL
+    stderr: str  # may be the same file as stdout
+    rows_columns: tuple[int, int]  # of the terminal
+    hostname: str
+    busybox: str
+    modules: list[str]  # in the order in which they can be loaded
+    interfaces: list[str]
+    result: str  # where the Result is to be written
+
+
+class Result(TypedDict):
+    """How it ended: exactly one of the two is there. No result at all means that the guest's kernel died."""
+
+    exit_code: NotRequired[int]  # 0..255; 128 + n when signal n ended the command
+    failure: NotRequired[str]  # why the command was not started
