@@ -73,9 +73,9 @@ class Plan:
     pes: Mapping[str, PeReport]
     buses: Mapping[str, BusReport]
 
-    def to_json(self) -> str:
-        """Write the plan; the same plan gives the same bytes."""
-        document = {
+    def document(self) -> Json:
+        """Give the plan as plain data: what `to_json` writes."""
+        return {
             "spec": self.spec,
             "phase": self.now.phase,
             "down": sorted(self.now.down),
@@ -92,7 +92,10 @@ class Plan:
             },
             "buses": {name: {"bits_per_s": b.bits_per_s, "load": b.load} for name, b in self.buses.items()},
         }
-        return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+    def to_json(self) -> str:
+        """Write the plan; the same plan gives the same bytes."""
+        return json.dumps(self.document(), indent=2, ensure_ascii=False) + "\n"
 
 
 def make_plan(

@@ -1,0 +1,174 @@
+"""From names to indices: the tables of the PEs, and the slices of a configuration.
+
+A table says once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes a module. Both are
+pure functions of the spec, so a manager and a PE that hold the same spec digest mean the same thing by every index.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Module, Spec, Variable
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.traffic import identifiers
+from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
+from heronry_wire.pe_table import (
+    FORMAT,
+    DeviceEntry,
+    LeafEntry,
+    ModeEntry,
+    ModuleEntry,
+    PeTable,
+    Port,
+    SourceEntry,
+    VariableEntry,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledConfiguration:
+    """A configuration as it travels: one body per node-ID, its digest, and the digest of the whole."""
+
+    slices: Mapping[int, bytes]
+    digest: int
+    slice_digests: Mapping[int, int]
+
+
+class Compiler:
+    """Compiles configurations and tables of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._module_index = {name: i for i, name in enumerate(spec.modules)}
+        self._source_index = {source: i for i, source in enumerate(spec.sources())}
+        self._all_up = survivors(spec, Situation())
+
+    @cached_property
+    def _identifiers(self) -> Mapping[tuple[str, str], int]:
+        return identifiers(self._spec)
+
+    def table(self, pe: str) -> PeTable:
+        """Table of one PE."""
+        spec, own = self._spec, self._spec.pes[pe]
+        ports = tuple(self._port(pe, bus) for bus in own.buses)
+        return PeTable(
+            format=FORMAT,
+            spec=spec.name,
+            spec_digest=spec.digest,
+            name=pe,
+            node_id=own.node_id,
+            cpu_millis=own.cpu_millis,
+            without_manager=spec.manager.without_manager,
+            uplink=self._uplink(pe),
+            ports=ports,
+            modules=tuple(
+                self._module_entry(module)
+                for module in spec.modules.values()
+                if pe in hosts_when_all_is_up(spec, module)
+            ),
+            sources=tuple(
+                SourceEntry(module, variable, self._identifiers[module, variable], self._period_ns(module, variable))
+                for module, variable in self._source_index
+            ),
+            variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
+            devices=tuple(DeviceEntry(d.name, d.kind, spec.pes[d.pe].node_id) for d in spec.devices.values()),
+            module_names=tuple(spec.modules),
+        )
+
+    def configuration(self, configuration: Configuration) -> CompiledConfiguration:
+        """Slices for every PE of the spec (an empty body for one that runs nothing) and their digests."""
+        slices = {pe.node_id: self._slice(configuration, pe.name).encode() for pe in self._spec.pes.values()}
+        return CompiledConfiguration(
+            slices=slices,
+            digest=configuration_digest(self._spec.digest, slices),
+            slice_digests={node: slice_digest(self._spec.digest, body) for node, body in slices.items()},
+        )
+
+    def _period_ns(self, module: str, variable: str) -> int:
+        """Longest period of a source, over the modes that give it."""
+        modes = self._spec.modules[module].modes.values()
+        return 1_000_000_000_000 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
+
+    def _port(self, pe: str, bus: str) -> Port:
+        entry = self._spec.buses[bus]
+        beyond = (self._spec.pes[p] for p in self._spec.pes if bus in (self._all_up.route(pe, p) or ())[:1])
+        return Port(
+            bus=bus,
+            bitrate=entry.bitrate,
+            heartbeat_ns=entry.heartbeat_ns,
+            misses=entry.misses,
+            wireless=entry.kind == "wireless",
+            channels=entry.channels,
+            nodes=tuple(p.node_id for p in beyond),
+        )
+
+    def _uplink(self, pe: str) -> int:
+        """Port toward the manager's bus: that bus itself, or the one through which its PEs are reached."""
+        buses = self._spec.pes[pe].buses
+        if self._spec.manager.bus in buses:
+            return buses.index(self._spec.manager.bus)
+        for other in self._spec.pes.values():
+            route = self._all_up.route(pe, other.name)
+            if route and self._spec.manager.bus in other.buses:
+                return buses.index(route[0])
+        return 0
+
+    def _module_entry(self, module: Module) -> ModuleEntry:
+        return ModuleEntry(
+            index=self._module_index[module.name],
+            name=module.name,
+            image=module.image,
+            device=module.device,
+            demux=any(module.name in demux.branches for demux in self._spec.demuxes.values()),
+            movable=len(hosts_when_all_is_up(self._spec, module)) > 1,
+            modes=tuple(
+                ModeEntry(
+                    name=mode.name,
+                    rate_mhz=mode.rate_mhz,
+                    cpu_millis=mode.cpu_millis,
+                    leaves=tuple(LeafEntry(path, leaf.variable, leaf.best, leaf.worst) for path, leaf in mode.leaves()),
+                    gives=dict(mode.gives),
+                )
+                for mode in module.modes.values()
+            ),
+        )
+
+    def _slice(self, configuration: Configuration, pe: str) -> Slice:
+        running = {name: r for name, r in configuration.modules.items() if r.pe == pe}
+        remote: dict[int, int] = {}
+        modules = []
+        for name, entry in running.items():
+            sources: list[int | None] = []
+            for path, _ in configuration.mode(self._spec, name).leaves():
+                wire = entry.inputs.get(path)
+                sources.append(None if wire is None else self._source_index[wire.producer, wire.variable])
+                if wire is not None and configuration.modules[wire.producer].pe != pe:
+                    producer_pe = configuration.modules[wire.producer].pe
+                    remote[self._source_index[wire.producer, wire.variable]] = self._spec.pes[producer_pe].node_id
+            mode_index = self._spec.modules[name].mode_index(entry.mode)
+            modules.append(ModuleSlice(self._module_index[name], mode_index, tuple(sources)))
+        publish, forward = self._traffic(configuration, pe)
+        return Slice(tuple(modules), remote, publish, forward)
+
+    def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
+        """What this PE publishes itself, and what it forwards as a gateway."""
+        publish: dict[int, int] = {}
+        forward: dict[int, tuple[int, int]] = {}
+        ports = {bus: 1 << port for port, bus in enumerate(self._spec.pes[pe].buses)}
+        for consumer, _, wire in configuration.wires():
+            origin = configuration.modules[wire.producer].pe
+            route = self._all_up.route(origin, configuration.modules[consumer].pe) or ()
+            source = self._source_index[wire.producer, wire.variable]
+            if origin == pe and route:
+                publish[source] = publish.get(source, 0) | ports[route[0]]
+            for inward, outward in pairwise(route):
+                if origin != pe and inward in ports and outward in ports:
+                    node, mask = forward.get(source, (self._spec.pes[origin].node_id, 0))
+                    forward[source] = (node, mask | ports[outward])
+        return publish, forward
+
+
+def _variable_entry(variable: Variable) -> VariableEntry:
+    return VariableEntry(type=variable.type, initial=variable.initial)

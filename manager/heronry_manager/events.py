@@ -1,0 +1,110 @@
+"""The one stream of events: what the manager saw, decided and did, as versioned JSON lines.
+
+Every line is an object with `v` (1), `t_ns` (the manager's monotonic clock), `event` (a key of KINDS) and the fields
+listed there. Times of a reconfiguration are always four: detect, decide, distribute, activate. Views never ask the
+manager: `reduce` builds their snapshot from the lines, live or recorded.
+
+What makes a line: the manager's core, and `heronry demo` for what it did to the system itself (kill, restore).
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+VERSION = 1
+
+KINDS: Mapping[str, str] = {
+    "manager_started": "spec, spec_digest, node, term, bus: the manager listens, then reigns",
+    "second_manager": "node, term: somebody else sends LEASE",
+    "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
+    "pe_lost": "pe, cause, last_heard_ns: no longer counted on",
+    "pe_absent": "pe, cause: not heard in the start-up window",
+    "pe_heard_again": "pe, cause: a hold-down begins",
+    "pe_joined": "pe, cause: counted on from now",
+    "fault_reported": "element, by, detail, code: a module or an agent reported a fault; it is latched",
+    "plan_requested": "request, down, phase, causes",
+    "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
+    "plan_failed": "request, reason: the present configuration goes on",
+    "plan_unchanged": "request: everything already runs as planned",
+    "epoch_prepared": "epoch, digest, pes, bytes: PREPARE and the slices are out",
+    "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
+    "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
+    "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
+    "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
+    "stopped": "reason: the manager ends",
+    "bus": "name, interface, channel, models: which bus this is, and what it does not model",
+    "process": "pe, pid, what: the demo started, killed or restored a process",
+}
+
+
+def event(kind: str, now_ns: int, **data: Any) -> dict[str, Any]:
+    """Build one event; raises KeyError for a kind that is not in KINDS."""
+    _ = KINDS[kind]
+    return {"v": VERSION, "t_ns": now_ns, "event": kind, **data}
+
+
+def to_line(one: Mapping[str, Any]) -> str:
+    """Text form: one line of JSON without its line break."""
+    return json.dumps(one, separators=(",", ":"), sort_keys=False)
+
+
+@dataclass(slots=True)
+class Snapshot:
+    """What a view shows: the state of everything after some events."""
+
+    spec: str = ""
+    epoch: int = 0
+    phase: str | None = None
+    pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
+    failed: list[str] = field(default_factory=list)  # latched elements
+    plan: dict[str, Any] = field(default_factory=dict)
+    stage: str = "starting"  # planning, preparing, activating, running
+    reconfigurations: list[dict[str, Any]] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+_STANDING = {
+    "pe_suspected": "suspect",
+    "pe_lost": "down",
+    "pe_absent": "down",
+    "pe_heard_again": "returning",
+    "pe_joined": "up",
+}
+_STAGE = {
+    "plan_requested": "planning",
+    "epoch_prepared": "preparing",
+    "epoch_step": "activating",
+    "reconfigured": "running",
+    "plan_unchanged": "running",
+    "stopped": "stopped",
+}
+
+
+def reduce(events: Iterable[Mapping[str, Any]], start: Snapshot | None = None) -> Snapshot:
+    """Fold events into a snapshot; kinds of a later version are passed over."""
+    view = start or Snapshot()
+    for one in events:
+        _apply(view, one)
+    return view
+
+
+def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
+    kind = one.get("event", "")
+    view.stage = _STAGE.get(kind, view.stage)
+    if kind in _STANDING:
+        view.pes[one["pe"]] = _STANDING[kind]
+    match kind:
+        case "manager_started":
+            view.spec = one["spec"]
+        case "fault_reported" if one["element"] not in view.failed:
+            view.failed.append(one["element"])
+        case "plan_ready":
+            view.plan, view.phase = one["plan"], one["plan"].get("phase")
+        case "reconfigured":
+            view.epoch = one["epoch"]
+            view.reconfigurations.append(dict(one))
+        case "plan_failed" | "second_manager" | "pe_refused":
+            view.problems.append(to_line(one))
+        case _:
+            pass

@@ -1,0 +1,206 @@
+"""Which PEs the manager counts on: suspect, ask, declare, and let back in.
+
+One record per PE, moved by what is heard of it and by time alone (never by what was commanded):
+
+    WAITING    never heard, the start-up window is open
+    UP         heard within its period
+    SUSPECT    a period was missed; it has been PINGed; still counted on
+    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
+    RETURNING  heard again; counted on after a hold-down without a gap
+
+A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
+return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
+A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine.
+
+Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
+last one, so that a beat on its way when the last period ends still counts. What the manager slept through is not held
+against anybody: the driver hands over all frames before it lets a deadline pass.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from heronry_dg.model import Spec
+
+HOLD_DOWN_PERIODS = 10
+LONGEST_HOLD_DOWN_NS = 60_000_000_000
+FORGIVEN_AFTER_NS = 60_000_000_000  # a loss this long ago no longer counts toward quarantine
+
+
+class Standing(Enum):
+    """Where a PE stands."""
+
+    WAITING = "waiting"
+    UP = "up"
+    SUSPECT = "suspect"
+    DOWN = "down"
+    RETURNING = "returning"
+
+
+class Change(Enum):
+    """What happened to a PE."""
+
+    JOINED = "joined"  # counted on from now
+    SUSPECTED = "suspected"
+    LOST = "lost"  # was counted on, and is no more
+    ABSENT = "absent"  # not heard before the start-up window closed
+    HEARD_AGAIN = "heard again"  # hold-down begins
+
+
+@dataclass(frozen=True, slots=True)
+class HealthChange:
+    """One change, with the time of the last frame heard before it (None: never heard) and the cause in words."""
+
+    pe: str
+    change: Change
+    cause: str
+    last_heard_ns: int | None
+
+
+@dataclass(slots=True)
+class _Record:
+    name: str
+    period_ns: int
+    misses: int
+    standing: Standing = Standing.WAITING
+    heard_ns: int | None = None
+    incarnation: int | None = None
+    returning_since_ns: int = 0
+    lost_ns: int | None = None
+    losses: int = 0
+
+    def suspect_ns(self) -> int:
+        return (self.heard_ns or 0) + self.period_ns * 5 // 4
+
+    def declare_ns(self) -> int:
+        return (self.heard_ns or 0) + self.period_ns * self.misses + self.period_ns // 4
+
+    def hold_down_ns(self) -> int:
+        return min(self.period_ns * HOLD_DOWN_PERIODS << max(0, self.losses - 1), LONGEST_HOLD_DOWN_NS)
+
+
+class Health:
+    """Standing of every PE of a spec."""
+
+    def __init__(self, spec: Spec, now_ns: int, window_ns: int) -> None:
+        """Open the start-up window of `window_ns` at `now_ns`."""
+        self._window_closes_ns: int | None = now_ns + window_ns
+        self._records = {}
+        for pe in spec.pes.values():
+            bus = _reporting_bus(spec, pe.name)
+            self._records[pe.name] = _Record(pe.name, spec.buses[bus].heartbeat_ns, spec.buses[bus].misses)
+
+    def standing(self, pe: str) -> Standing:
+        """Where a PE stands now."""
+        return self._records[pe].standing
+
+    def counted_on(self) -> list[str]:
+        """PEs that are up or merely suspect."""
+        return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
+
+    def starting(self) -> bool:
+        """Tell whether some PE has not been heard and may still be starting."""
+        return self._window_closes_ns is not None
+
+    def period_ns(self, pe: str) -> int:
+        """Heartbeat period of a PE on the bus on which it reports."""
+        return self._records[pe].period_ns
+
+    def silence_ns(self, pe: str, now_ns: int) -> int | None:
+        """Time since a PE was last heard; None if never."""
+        heard = self._records[pe].heard_ns
+        return None if heard is None else now_ns - heard
+
+    def heard(self, pe: str, incarnation: int | None, now_ns: int) -> list[HealthChange]:
+        """A state frame of a PE arrived; `incarnation` where the page says it."""
+        record = self._records[pe]
+        last, record.heard_ns = record.heard_ns, now_ns
+        changes: list[HealthChange] = []
+        if incarnation is not None:
+            if record.incarnation not in (None, incarnation):
+                changes += self._lose(record, last, now_ns, f"it rebooted (incarnation {incarnation})")
+            record.incarnation = incarnation
+        match record.standing:
+            case Standing.WAITING:
+                record.standing = Standing.UP
+                changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
+                self._close_window_if_all_heard()
+            case Standing.SUSPECT:
+                record.standing = Standing.UP
+            case Standing.DOWN:
+                record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
+                wait_ms = record.hold_down_ns() // 1_000_000
+                changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
+            case Standing.UP | Standing.RETURNING:
+                pass
+        return changes
+
+    def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
+        """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
+        record = self._records[pe]
+        return self._lose(record, record.heard_ns, now_ns, cause)
+
+    def tick(self, now_ns: int) -> list[HealthChange]:
+        """Let time pass."""
+        changes: list[HealthChange] = []
+        for record in self._records.values():
+            changes += self._tick_one(record, now_ns)
+        if self._window_closes_ns is not None and now_ns >= self._window_closes_ns:
+            self._window_closes_ns = None
+            for record in self._records.values():
+                if record.standing is Standing.WAITING:
+                    record.standing = Standing.DOWN
+                    cause = "not heard in the start-up window"
+                    changes.append(HealthChange(record.name, Change.ABSENT, cause, None))
+        return changes
+
+    def next_deadline_ns(self) -> int | None:
+        """When `tick` has something to do."""
+        deadlines = [] if self._window_closes_ns is None else [self._window_closes_ns]
+        for record in self._records.values():
+            match record.standing:
+                case Standing.UP:
+                    deadlines.append(record.suspect_ns())
+                case Standing.SUSPECT:
+                    deadlines.append(record.declare_ns())
+                case Standing.RETURNING:
+                    deadlines.append(min(record.declare_ns(), record.returning_since_ns + record.hold_down_ns()))
+                case Standing.WAITING | Standing.DOWN:
+                    pass
+        return min(deadlines, default=None)
+
+    def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
+        last = record.heard_ns
+        if record.standing is Standing.UP and now_ns >= record.suspect_ns():
+            record.standing = Standing.SUSPECT
+            return [HealthChange(record.name, Change.SUSPECTED, "a heartbeat period was missed", last)]
+        if record.standing is Standing.SUSPECT and now_ns >= record.declare_ns():
+            return self._lose(record, last, now_ns, f"silent for {record.misses} heartbeat periods")
+        if record.standing is Standing.RETURNING:
+            if now_ns >= record.declare_ns():
+                record.standing = Standing.DOWN
+            elif now_ns >= record.returning_since_ns + record.hold_down_ns():
+                record.standing = Standing.UP
+                return [HealthChange(record.name, Change.JOINED, "back, and its hold-down is over", last)]
+        return []
+
+    def _lose(self, record: _Record, last_ns: int | None, now_ns: int, cause: str) -> list[HealthChange]:
+        counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
+        if counted_on:
+            recent = record.lost_ns is not None and now_ns - record.lost_ns < FORGIVEN_AFTER_NS
+            record.losses = record.losses + 1 if recent else 1
+            record.lost_ns = now_ns
+        record.standing = Standing.DOWN
+        return [HealthChange(record.name, Change.LOST, cause, last_ns)] if counted_on else []
+
+    def _close_window_if_all_heard(self) -> None:
+        if all(r.standing is not Standing.WAITING for r in self._records.values()):
+            self._window_closes_ns = None
+
+
+def _reporting_bus(spec: Spec, pe: str) -> str:
+    """Bus on which a PE's state starts its way to the manager: the slowest one tells how often it can be expected."""
+    buses = spec.pes[pe].buses
+    if spec.manager.bus in buses:
+        return spec.manager.bus
+    return max(buses, key=lambda bus: spec.buses[bus].heartbeat_ns)

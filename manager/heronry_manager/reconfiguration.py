@@ -1,0 +1,260 @@
+"""One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (rule 4).
+
+    PREPARING   PREPARE and the slices are out; every awaited PE must say that it has staged this epoch's digest
+    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must say BROKEN
+    GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must say ACTIVE
+    HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
+    DONE        every awaited PE is ACTIVE
+    ABANDONED   given up before ACTIVATE: the number is never used again
+
+A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged: a lost frame costs
+one `retry`, a doubled one nothing. A PE that has not answered in `patience` retries is reported in `overdue`; the core
+fails it and plans around it. After the first ACTIVATE there is no way back, only on to a newer epoch.
+
+*Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
+waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
+
+Bodies of slices are paced to half the bus, because their identifier outranks all data.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+
+from heronry_dg.configuration import Configuration
+from heronry_manager.compilation import CompiledConfiguration
+from heronry_wire.management import (
+    SLICE_BYTES_PER_FRAME,
+    Activate,
+    PeState,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    Step,
+)
+
+PATIENCE_RETRIES = 8
+_FRAME_BITS = 135
+_LONGEST_BURST = 8  # bodies sent at once by a driver whose timer was late
+
+
+class Stage(Enum):
+    """Where an epoch stands."""
+
+    PREPARING = "preparing"
+    BREAKING = "breaking"
+    GOING = "going"
+    HOLDING = "holding"
+    DONE = "done"
+    ABANDONED = "abandoned"
+
+
+@dataclass(frozen=True, slots=True)
+class Participant:
+    """A PE counted on when the epoch was opened."""
+
+    pe: str
+    node: int
+    retry_ns: int
+    awaited: bool
+    runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
+
+
+@dataclass(slots=True)
+class _Progress:
+    who: Participant
+    staged: bool = False
+    step: Step = Step.PREPARED  # the furthest that its state frames have shown
+    partial: bool = False
+    wants_body: bool = False
+    asked_ns: int = 0
+    asked_times: int = 0
+
+
+@dataclass(slots=True)
+class Times:
+    """Instants of one reconfiguration, nanoseconds on the manager's clock."""
+
+    prepared_ns: int
+    staged_ns: int | None = None
+    activated_ns: int | None = None
+    done_ns: int | None = None
+
+
+@dataclass
+class Reconfiguration:
+    """State of one epoch; `outbox` collects the messages to send."""
+
+    term: int
+    epoch: int
+    configuration: Configuration
+    compiled: CompiledConfiguration
+    placed: dict[str, set[str]]  # exclusive tokens by PE
+    participants: list[Participant]
+    bitrate: int
+    started_ns: int
+    stage: Stage = Stage.PREPARING
+    outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Send PREPARE and the head of every slice."""
+        self.times = Times(self.started_ns)
+        self.must_break: set[str] = set()
+        self.held_until_ns: int | None = None
+        self._progress = {p.pe: _Progress(p, wants_body=self._differs(p)) for p in self.participants}
+        self._bodies: deque[SliceBody] = deque()
+        self._next_body_ns = self.started_ns
+        self._body_gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
+        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
+        for progress in self._progress.values():
+            self._ask(progress, self.started_ns)
+
+    @property
+    def step(self) -> Step:
+        """Step that LEASE repeats."""
+        return {
+            Stage.BREAKING: Step.BREAK,
+            Stage.HOLDING: Step.GO,
+            Stage.GOING: Step.GO_ALL,
+            Stage.DONE: Step.GO_ALL,
+        }.get(self.stage, Step.PREPARED)
+
+    @property
+    def open(self) -> bool:
+        """Tell whether somebody may still have to be served."""
+        return self.stage is not Stage.ABANDONED
+
+    def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
+        """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
+        progress = self._progress.get(pe)
+        if progress is None or not self.open:
+            return
+        if has_staged and not progress.staged:
+            progress.staged, progress.asked_times = True, 0
+        elif wants_body and not progress.staged and not progress.wants_body:
+            progress.wants_body = True
+            self._queue_body(progress.who, now_ns)
+
+    def reported(self, pe: str, state: PeState) -> None:
+        """Page 0 of a PE names this epoch: it has taken a step."""
+        progress = self._progress.get(pe)
+        if progress is None or state is PeState.UNCONFIGURED:
+            return
+        progress.staged = True
+        reached = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO_ALL}[state]
+        if reached > progress.step:
+            progress.step, progress.asked_times = reached, 0
+
+    def drop(self, pe: str) -> None:
+        """A PE is no longer counted on: wait for it no more."""
+        self._progress.pop(pe, None)
+        self.must_break.discard(pe)
+
+    def all_staged(self) -> bool:
+        """Tell whether every awaited PE has staged."""
+        return all(p.staged for p in self._progress.values() if p.who.awaited)
+
+    def all_broken(self) -> bool:
+        """Tell whether every PE that loses something exclusive has stopped it."""
+        return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
+
+    def all_active(self) -> bool:
+        """Tell whether every awaited PE has taken the step it was last sent."""
+        wanted = self.step
+        return all(
+            p.step >= wanted or (wanted is Step.GO and p.step >= Step.GO)
+            for p in self._progress.values()
+            if p.who.awaited
+        )
+
+    def activate(self, must_break: set[str], held_until_ns: int | None, now_ns: int) -> None:
+        """Everybody has staged: take the first step (there is no way back)."""
+        self.times.staged_ns = self.times.activated_ns = now_ns
+        self.must_break = must_break & self._progress.keys()
+        self.held_until_ns = held_until_ns
+        if self.must_break:
+            self.stage = Stage.BREAKING
+            self._send_step()
+        else:
+            self.go(now_ns)
+
+    def go(self, now_ns: int) -> None:
+        """Everything exclusive is free but what a silent PE may still hold: start the rest."""
+        held = self.held_until_ns is not None and now_ns < self.held_until_ns
+        self.stage = Stage.HOLDING if held else Stage.GOING
+        self._send_step()
+
+    def finish(self, now_ns: int) -> None:
+        """Everybody awaited is active."""
+        self.stage, self.times.done_ns = Stage.DONE, now_ns
+
+    def abandon(self) -> None:
+        """Give this number up, before its first ACTIVATE."""
+        self.stage = Stage.ABANDONED
+        self._bodies.clear()
+
+    def tick(self, now_ns: int) -> list[str]:
+        """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
+        self._pace_bodies(now_ns)
+        overdue = []
+        step_again = False
+        for pe, progress in self._progress.items():
+            if not self._waits_for(progress) or now_ns < progress.asked_ns + progress.who.retry_ns:
+                continue
+            if progress.asked_times >= PATIENCE_RETRIES:
+                overdue.append(pe)
+            elif not progress.staged:
+                self._ask(progress, now_ns)
+            else:
+                step_again = True
+                progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
+        if step_again:
+            self._send_step()
+        return overdue
+
+    def next_deadline_ns(self) -> int | None:
+        """When `tick` has something to do."""
+        deadlines = [p.asked_ns + p.who.retry_ns for p in self._progress.values() if self._waits_for(p)]
+        if self._bodies:
+            deadlines.append(self._next_body_ns)
+        if self.stage is Stage.HOLDING and self.held_until_ns is not None:
+            deadlines.append(self.held_until_ns)
+        return min(deadlines, default=None)
+
+    def _waits_for(self, progress: _Progress) -> bool:
+        if not self.open:
+            return False
+        return not progress.staged or progress.step < self.step
+
+    def _differs(self, who: Participant) -> bool:
+        return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]
+
+    def _ask(self, progress: _Progress, now_ns: int) -> None:
+        """Send the head of a slice, and its body again if it was asked for before."""
+        who = progress.who
+        body, digest = self.compiled.slices[who.node], self.compiled.slice_digests[who.node]
+        if progress.asked_times:
+            self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
+        self.outbox.append(SliceHead(who.node, self.epoch & 0xFF, len(body), digest))
+        if progress.wants_body:
+            self._queue_body(who, now_ns)
+        progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
+
+    def _queue_body(self, who: Participant, now_ns: int) -> None:
+        queued = {(frame.node, frame.index) for frame in self._bodies}
+        body = self.compiled.slices[who.node]
+        for index, start in enumerate(range(0, len(body), SLICE_BYTES_PER_FRAME), start=1):
+            if (who.node, index) not in queued:
+                chunk = body[start : start + SLICE_BYTES_PER_FRAME]
+                self._bodies.append(SliceBody(who.node, self.epoch & 0xFF, index, chunk))
+        progress = self._progress[who.pe]
+        progress.asked_ns = now_ns + len(self._bodies) * self._body_gap_ns
+
+    def _pace_bodies(self, now_ns: int) -> None:
+        self._next_body_ns = max(self._next_body_ns, now_ns - _LONGEST_BURST * self._body_gap_ns)
+        while self._bodies and now_ns >= self._next_body_ns:
+            self.outbox.append(self._bodies.popleft())
+            self._next_body_ns += self._body_gap_ns
+
+    def _send_step(self) -> None:
+        self.outbox.append(Activate(self.term, self.epoch, self.step, self.compiled.digest))
