@@ -21,8 +21,8 @@ No frame is started later than `now_ns`, so no offer that comes afterwards could
 from typing import NamedTuple
 
 from heronry_tools.softbus.protocol import BusFrame
-from heronry_tools.softbus.exact_length import exact_frame_bits
 from heronry_wire.frame import arbitration_key
+from heronry_wire.timing import exact_bits
 
 NS_PER_S = 1_000_000_000
 
@@ -78,7 +78,7 @@ class Line:
 
     def frame_ns(self, sent: BusFrame) -> int:
         """Return how long a frame occupies the bus, rounded up to whole ns."""
-        return -(-exact_frame_bits(sent.frame) * NS_PER_S // self.bitrate)
+        return -(-exact_bits(sent.frame) * NS_PER_S // self.bitrate)
 
     def _next_start_ns(self) -> int:
         return max(self._idle_since_ns, min(offered.time_ns for _, offered in self._offers.values()))
