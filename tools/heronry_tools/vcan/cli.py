@@ -18,7 +18,7 @@ from types import FrameType
 from typing import NoReturn
 
 from heronry_tools.vcan import debian_packages, host_kernel, user_mode_linux
-from heronry_tools.vcan.command import Command, ExpiredError, NotFoundError, described
+from heronry_tools.vcan.command import ExpiredError, NotFoundError, described
 from heronry_tools.vcan.errors import CannotRunError
 
 TIME_RAN_OUT, CANNOT_RUN, NOT_FOUND = 124, 125, 127
@@ -114,12 +114,21 @@ def _can_utils() -> Path | None:
     return debian_packages.unpacked("can-utils") / "usr" / "bin"
 
 
-def _run(command: Command, interfaces: list[str], expired: Callable[[], bool]) -> int:
+def _can_utils_if_to_be_had() -> Path | None:
+    """As _can_utils, for where the command may well do without them."""
+    try:
+        return _can_utils()
+    except CannotRunError as error:
+        print(f"with-vcan: going on without candump and cansend: {error}", file=sys.stderr, flush=True)
+        return None
+
+
+def _run(argv: list[str], interfaces: list[str], expired: Callable[[], bool]) -> int:
     try:
         with host_kernel.interfaces_up(interfaces):
-            return host_kernel.run(command, expired)
+            return host_kernel.run(described(argv, _can_utils_if_to_be_had()), expired)
     except host_kernel.UnavailableError:
-        return user_mode_linux.run(command, interfaces, expired)
+        return user_mode_linux.run(described(argv, _can_utils()), interfaces, expired)
 
 
 def _stop(signal_number: int, _frame: FrameType | None) -> None:
@@ -145,8 +154,7 @@ def main(words: list[str] | None = None) -> int:
     for number in STOPPED_BY:
         signal.signal(number, _stop)
     try:
-        command = described(arguments.command, _can_utils())
-        return _run(command, arguments.interfaces, lambda: time.monotonic() >= deadline_s)
+        return _run(arguments.command, arguments.interfaces, lambda: time.monotonic() >= deadline_s)
     except ExpiredError:
         return _give_up(TIME_RAN_OUT, f"{arguments.command[0]} was ended after {arguments.timeout:g} s (--timeout)")
     except NotFoundError as error:

@@ -4,11 +4,6 @@ What it does: boots Debian's user-mode-linux with `guest.py` as its first proces
 while it is written, and returns the exit code that the guest left. No privilege is used: to the host's files the
 guest can do what its caller can.
 
-How output travels. Into a terminal: through a console of the guest and a pipe, so that the command sees a terminal of
-the same size. Into anything else: through a file that both sides see, followed as it grows, so that the command sees
-no terminal and no byte is lost when the guest stops. Where both streams go to one place they share one file, which
-keeps their order.
-
 What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too
 long (ExpiredError), we are told to stop (an exception from a signal handler). In each case the guest's process group
 is killed; if we are killed ourselves, the host's kernel kills it. All traces are in one temporary folder; the guest's
@@ -33,8 +28,8 @@ from pathlib import Path
 from heronry_tools.vcan import debian_packages, guest
 from heronry_tools.vcan.command import Command, ExpiredError
 from heronry_tools.vcan.errors import CannotRunError
-from heronry_tools.vcan.guest import TERMINAL
 from heronry_tools.vcan.job import Job, Result
+from heronry_tools.vcan.streams import Streams
 
 MEMORY_MIB = 2048  # a sparse file: only what the guest touches is taken
 MEMORY_LEAST_FREE_BYTES = 1 << 30
@@ -53,7 +48,7 @@ def run(command: Command, interfaces: list[str], expired: Callable[[], bool]) ->
     busybox = debian_packages.unpacked("busybox-static") / "bin" / "busybox"
     with _job_folder() as folder:
         _build_xstate(folder / "xstate.so")
-        streams = _Streams(folder)
+        streams = Streams(folder)
         job = _job(command, interfaces, streams, folder, busybox=busybox, modules=_modules(kernel))
         (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
         try:
@@ -69,66 +64,8 @@ def run(command: Command, interfaces: list[str], expired: Callable[[], bool]) ->
         return _exit_code(folder)
 
 
-class _Streams:
-    """The command's stdout and stderr: where they begin in the guest, and how they get to ours."""
-
-    def __init__(self, folder: Path) -> None:
-        self.places: list[str] = []
-        self.console: int | None = None  # the guest's end of the terminal's pipe
-        self._routes: list[tuple[int, int]] = []  # (read from, write to)
-        self._console_source: int | None = None
-        one_place = os.path.sameopenfile(1, 2)
-        for ours, name in ((1, "stdout"), (2, "stderr")):
-            if os.isatty(ours):
-                self._add_terminal(ours)
-            elif ours == 2 and one_place:
-                self.places.append(self.places[0])
-            else:
-                self._add_file(ours, folder / name)
-
-    def _add_terminal(self, ours: int) -> None:
-        self.places.append(TERMINAL)
-        if self.console is None:
-            source, self.console = os.pipe()
-            os.set_blocking(source, False)
-            self._routes.append((source, ours))
-
-    def _add_file(self, ours: int, file: Path) -> None:
-        file.touch()
-        self.places.append(str(file))
-        self._routes.append((os.open(file, os.O_RDONLY), ours))
-
-    def pump(self) -> bool:
-        """Carry out what has come since the last time; tells whether there was any."""
-        moved = False
-        for source, sink in self._routes:
-            while chunk := _read_now(source):
-                moved = True
-                _write_all(sink, chunk)
-        return moved
-
-    def close(self) -> None:
-        """Close our ends; the files themselves go with their folder."""
-        for source, _ in self._routes:
-            os.close(source)
-        if self.console is not None:
-            os.close(self.console)
-
-
-def _read_now(source: int) -> bytes:
-    try:
-        return os.read(source, 1 << 16)
-    except BlockingIOError:
-        return b""
-
-
-def _write_all(sink: int, chunk: bytes) -> None:
-    while chunk:
-        chunk = chunk[os.write(sink, chunk) :]
-
-
 def _job(
-    command: Command, interfaces: list[str], streams: _Streams, folder: Path, *, busybox: Path, modules: list[str]
+    command: Command, interfaces: list[str], streams: Streams, folder: Path, *, busybox: Path, modules: list[str]
 ) -> Job:
     umask = os.umask(0o77)
     os.umask(umask)
@@ -208,7 +145,7 @@ def _roomy_folder(*, hidden_in_guest: bool) -> str:
 
 
 @contextmanager
-def _booted(linux: Path, folder: Path, streams: _Streams) -> Iterator["subprocess.Popen[bytes]"]:
+def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess.Popen[bytes]"]:
     console = [] if streams.console is None else [f"con1=null,fd:{streams.console}"]
     arguments = [
         f"mem={MEMORY_MIB}M",

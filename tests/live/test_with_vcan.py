@@ -1,0 +1,210 @@
+"""tools/with-vcan, called as a user calls it: what goes in reaches the command, what comes out reaches the user.
+
+Where the kernel has no vcan, these tests boot a user-mode Linux once per call, about a second each.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WITH_VCAN = [sys.executable, str(ROOT / "tools" / "with-vcan")]
+HOST_HAS_VCAN = Path("/sys/class/net/vcan0").exists()
+CAN_BE_HAD = HOST_HAS_VCAN or shutil.which("apt-get") is not None
+# candump does not say when it has begun to listen
+UNTIL_CANDUMP_SAW = "candump -n 1 -L any & while kill -0 $! 2>/dev/null; do {}; done; wait"
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(not CAN_BE_HAD, reason="no vcan0 in this kernel, and no apt-get to fetch one"),
+]
+user_mode_only = pytest.mark.skipif(HOST_HAS_VCAN, reason="the kernel's own vcan0 is used here, no user-mode Linux")
+
+
+def with_vcan(*words: str, cwd: Path = ROOT, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run([*WITH_VCAN, *words], cwd=cwd, env=env, capture_output=True, check=False, timeout=300)
+
+
+def python_inside(script: str, *words: str) -> subprocess.CompletedProcess[bytes]:
+    return with_vcan("--timeout", "120", sys.executable, "-c", script, *words)
+
+
+def interface_names() -> set[str]:
+    return {path.name for path in Path("/sys/class/net").iterdir()}
+
+
+def processes_that_mention(text: str) -> list[str]:
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command_line = (process / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if text.encode() in command_line and process.name != str(os.getpid()):
+            found.append(process.name)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("script", "exit_code"), [("exit 0", 0), ("exit 7", 7), ("kill -TERM $$", 128 + signal.SIGTERM)]
+)
+def test_the_exit_code_is_the_commands(script: str, exit_code: int) -> None:
+    assert with_vcan("sh", "-c", script).returncode == exit_code
+
+
+def test_stdout_and_stderr_stay_apart_and_stdin_is_empty() -> None:
+    done = with_vcan("sh", "-c", "echo to stdout; echo to stderr >&2; cat")
+    assert done.stdout == b"to stdout\n"
+    assert done.stderr.endswith(b"to stderr\n")
+    assert b"to stdout" not in done.stderr
+
+
+def test_output_to_one_place_keeps_its_order(tmp_path: Path) -> None:
+    transcript = tmp_path / "transcript"
+    with transcript.open("wb") as file:
+        subprocess.run(
+            [*WITH_VCAN, "sh", "-c", "echo 1; echo 2 >&2; echo 3; echo 4 >&2"],
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            check=True,
+        )
+    assert transcript.read_bytes().endswith(b"1\n2\n3\n4\n")
+
+
+def test_every_byte_arrives() -> None:
+    done = with_vcan("sh", "-c", "head -c 3000000 /dev/zero; printf '\\377\\r\\n\\001'")
+    assert done.stdout == bytes(3_000_000) + b"\xff\r\n\x01"
+
+
+def test_arguments_environment_and_folder_arrive_unchanged(tmp_path: Path) -> None:
+    folder = tmp_path / "a folder's name"
+    folder.mkdir()
+    words = ["a b", "", "'", '"', "$HOME", "*", "back\\slash", "line\nbreak", "--timeout", "ünïcode"]
+    env = {**os.environ, "HERONRY_TEST": " 'two'\nlines ", "not-a-shell-name%%": "x"}
+    script = "import json, os, sys; print(json.dumps([sys.argv[1:], os.getcwd(), dict(os.environ), os.getuid()]))"
+    done = with_vcan(sys.executable, "-c", script, *words, cwd=folder, env=env)
+    seen_words, seen_folder, seen_env, user = json.loads(done.stdout)
+    assert seen_words == words
+    assert seen_folder == str(folder)
+    assert {name: seen_env.get(name) for name in env if name != "PATH"} == {
+        name: value for name, value in env.items() if name != "PATH"
+    }
+    assert seen_env["PATH"].startswith(env["PATH"])
+    assert user == os.getuid()
+
+
+def test_files_written_inside_are_the_callers_own(tmp_path: Path) -> None:
+    with_vcan("sh", "-c", "umask 027; echo content > note", cwd=tmp_path)
+    note = tmp_path / "note"
+    assert note.read_text() == "content\n"
+    assert note.stat().st_uid == os.getuid()
+    assert note.stat().st_mode & 0o777 == 0o640
+
+
+def test_candump_sees_a_frame_from_cansend() -> None:
+    done = with_vcan("--timeout", "120", "sh", "-c", UNTIL_CANDUMP_SAW.format("cansend vcan0 321#C0FFEE"))
+    assert done.stdout.endswith(b" vcan0 321#C0FFEE\n")
+
+
+def test_python_can_sends_and_receives() -> None:
+    done = python_inside(
+        "import can\n"
+        "with can.Bus('vcan0', interface='socketcan') as here, can.Bus('vcan0', interface='socketcan') as there:\n"
+        "    here.send(can.Message(arbitration_id=0x12C, is_extended_id=False, data=[1, 2, 3]))\n"
+        "    message = there.recv(10)\n"
+        "print(hex(message.arbitration_id), bytes(message.data))\n"
+    )
+    assert done.stdout == b"0x12c b'\\x01\\x02\\x03'\n", done.stderr.decode()
+
+
+def test_two_interfaces_are_two_buses() -> None:
+    done = with_vcan(
+        *("--timeout", "120", "--interfaces", "vcan0,vcan1", "sh", "-c"),
+        UNTIL_CANDUMP_SAW.format("cansend vcan1 001#") + "; cat /sys/class/net/vcan0/statistics/rx_packets",
+    )
+    lines = done.stdout.splitlines()
+    assert lines[0].endswith(b" vcan1 001#")
+    assert lines[1] == b"0"
+
+
+def test_a_command_that_takes_too_long_is_ended() -> None:
+    done = with_vcan("--timeout", "3", "sleep", "1000")
+    assert done.returncode == 124
+    assert done.stderr.endswith(b"with-vcan: sleep was ended after 3 s (--timeout)\n")
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_everything_and_leaves_nothing(stop: signal.Signals, tmp_path: Path) -> None:
+    interfaces = interface_names()
+    process = subprocess.Popen(
+        [*WITH_VCAN, "sh", "-c", "sleep 1000 & echo running; wait"],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        assert process.stdout.readline() == b"running\n"
+        process.send_signal(stop)
+        assert process.wait(60) == -stop
+    assert list(tmp_path.iterdir()) == []
+    assert processes_that_mention(str(tmp_path)) == []
+    assert interface_names() == interfaces
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "sentence"),
+    [
+        (["no-such-command"], 127, b"no-such-command was not found"),
+        ([], 125, b"a command to run is missing"),
+        (["--timeout", "soon", "true"], 125, b"'soon' is not a number of seconds above zero"),
+        (["--interfaces", "vcan0,vcan0", "true"], 125, b"is not a list of different interface names"),
+    ],
+)
+def test_a_mistake_is_answered_by_one_sentence(words: list[str], exit_code: int, sentence: bytes) -> None:
+    done = with_vcan(*words)
+    assert done.returncode == exit_code
+    assert sentence in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_file_that_is_no_program_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "not-a-program"
+    file.write_text("no first line says what runs this\n")
+    file.chmod(0o755)
+    done = with_vcan(str(file))
+    assert done.returncode in {125, 126}
+    assert f"cannot run {file}: Exec format error" in done.stderr.decode()
+
+
+@user_mode_only
+def test_without_apt_the_remedy_is_named(tmp_path: Path) -> None:
+    done = with_vcan("true", env={**os.environ, "PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)})
+    assert done.returncode == 125
+    assert b"no apt-get here" in done.stderr
+    assert b"modprobe vcan" in done.stderr
+
+
+@user_mode_only
+def test_two_that_start_together_fetch_a_package_once(tmp_path: Path) -> None:
+    script = "from heronry_tools.vcan.debian_packages import unpacked; print(unpacked('can-utils'))"
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", script],
+            env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    answers = [process.communicate(timeout=300) for process in both]
+    assert answers[0][0] == answers[1][0]
+    assert (Path(answers[0][0].strip()) / "usr" / "bin" / "candump").exists()
+    assert sum(notes.count("fetching") for _, notes in answers) == 1
+    assert sorted(path.name for path in Path(answers[0][0].strip()).parent.iterdir()) == ["can-utils", "lock"]
