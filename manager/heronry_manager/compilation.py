@@ -91,6 +91,10 @@ class Compiler:
         modes = self._spec.modules[module].modes.values()
         return 1_000_000_000_000 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
+    def _longest_period_ns(self, module: str, variable: str) -> int:
+        modes = self._spec.modules[module].modes.values()
+        return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
+
     def _port(self, pe: str, bus: str) -> Port:
         entry = self._spec.buses[bus]
         beyond = (self._spec.pes[p] for p in self._spec.pes if bus in (self._all_up.route(pe, p) or ())[:1])

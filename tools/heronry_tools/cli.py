@@ -1,0 +1,61 @@
+"""The command `heronry`: one parser, one file per command, nothing heavy imported before it is needed.
+
+A command file has `add_parsers(subparsers)`, which sets `run` (arguments -> exit code) on each of its parsers. Errors
+that a user can mend are `UserError`: one sentence on stderr, exit code 2. Ctrl-C ends with 130.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from heronry_tools.errors import UserError, as_user_error
+
+_COMMANDS = ("plan_command", "manager_command", "demo.command", "dbc_command")
+
+_EPILOG = """\
+examples:
+  heronry demo                                   the whole system on a software bus: a kill, a reconfiguration
+  heronry plan big_blue --down pe:flight         the best configuration without the flight computer
+  heronry plan big_blue --json >plan.json        ... as JSON
+  heronry verify big_blue plan.json              is that plan legal?
+  heronry manager my.dg.yaml -i socketcan -c can0
+  heronry dbc big_blue >big_blue.dbc             read the bus with cantools
+
+A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_and_chute.
+'heronry COMMAND --help' teaches each command by example.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="heronry",
+        description="Graceful degradation for CAN-bus avionics: plan, deploy, watch and try.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name in _COMMANDS:
+        import_module(f"heronry_tools.{name}").add_parsers(subparsers)
+    arguments = parser.parse_args(argv)
+    try:
+        code: int = arguments.run(arguments)
+    except UserError as error:
+        print(f"heronry: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 141
+    except Exception as error:
+        known = as_user_error(error)
+        if known is None:
+            raise
+        print(f"heronry: {known}", file=sys.stderr)
+        return 2
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
