@@ -52,10 +52,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _bitrate(text: str) -> int:
-    bitrate = int(text)
-    if not MIN_BITRATE <= bitrate <= MAX_BITRATE:
-        raise argparse.ArgumentTypeError(f"{text} is not a bit rate from {MIN_BITRATE} to {MAX_BITRATE} bit/s")
-    return bitrate
+    if not text.isdecimal() or not MIN_BITRATE <= int(text) <= MAX_BITRATE:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a bit rate from {MIN_BITRATE} to {MAX_BITRATE} bit/s")
+    return int(text)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from the next call, and from one that waits. Too slow a reader loses the newest 
 
 import os
 import socket
+import struct
 import time
 from contextlib import ExitStack, suppress
 
@@ -35,7 +36,7 @@ from heronry_tools.softbus.protocol import (
 )
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
 
-_CONNECT_TIMEOUT_S = 5.0
+_CONNECT_TIMEOUT_S = 5
 _LINGER_S = 1.0
 
 
@@ -145,7 +146,8 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
         undo.enter_context(receive)
         with hub_end:
             try:
-                command.settimeout(_CONNECT_TIMEOUT_S)
+                # A socket with a time-out of Python's does not wait for its turn to be accepted; this one does.
+                command.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _CONNECT_TIMEOUT_S, 0))
                 command.connect(path)
                 link = Link(command, path)
                 hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
@@ -153,7 +155,7 @@ def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, 
             except can.CanOperationError as error:
                 raise can.CanInitializationError(str(error)) from error
             except OSError as error:
-                reason = f"{path}: no hub there ({error.strerror or error}); {how_to_start(path)}"
+                reason = f"{path}: no hub answers there ({error.strerror or error}); {how_to_start(path)}"
                 raise can.CanInitializationError(reason) from error
         if bitrate not in {None, hub_bitrate}:
             remedy = "leave the bit rate out, or give the same"

@@ -15,7 +15,6 @@ stored. Two hubs, one path: `address.py`. Its starter dies, even of SIGKILL: `st
 import ctypes
 import os
 import select
-import socket
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -38,6 +37,8 @@ from heronry_wire.frame import Malformed
 
 MAX_CLIENTS = 400
 """A client takes two descriptors, and `select` takes none above 1023."""
+
+_MAX_CONNECTIONS = MAX_CLIENTS + 100  # so many more can be told that the bus is full; the rest waits
 
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _TIMER_SLACK_NS = 1_000
@@ -62,7 +63,9 @@ class Hub:
         listener_fd = self._address.listener.fileno()
         while True:
             noted_ns = time.monotonic_ns()
-            watched = [*stops, listener_fd, *self._by_fd]
+            watched = [*stops, *self._by_fd]
+            if len(self._ports) < _MAX_CONNECTIONS:
+                watched.append(listener_fd)
             clogged = [port for port in self._ports if port.queue]
             readable, writable, _ = select.select(watched, clogged, [], self._sleep_s(noted_ns))
             if not stops.isdisjoint(readable):
@@ -98,8 +101,6 @@ class Hub:
         port = Port(self._last_number, command)
         self._ports.append(port)
         self._by_fd[command.fileno()] = port
-        if len(self._ports) > MAX_CLIENTS:
-            port.refuse(f"the bus has {MAX_CLIENTS} clients already, which is all it takes")
 
     def _serve(self, port: Port) -> None:
         record, descriptors = port.read()
@@ -116,15 +117,21 @@ class Hub:
 
     def _welcome(self, port: Port, record: bytes, descriptors: list[int]) -> Malformed | None:
         match decode_command(record), descriptors:
-            case {"do": "hello", "protocol": version, "own": bool(own)}, [receive_fd]:
-                port.join(socket.socket(fileno=receive_fd), wants_own=own)
+            case {"do": "hello", "protocol": version, "own": bool(own)}, [descriptor]:
                 if version != PROTOCOL_VERSION:
-                    return Malformed(f"the hub speaks protocol {PROTOCOL_VERSION} and the client {version!r}")
-                port.answer(encode_command({"bitrate": self._line.bitrate}))
-                return None
+                    problem = f"the hub speaks protocol {PROTOCOL_VERSION} and the client {version!r}"
+                elif len(self._ports) > MAX_CLIENTS:
+                    problem = f"the bus has {MAX_CLIENTS} clients already, which is all it takes"
+                elif port.join(descriptor, wants_own=own):
+                    port.answer(encode_command({"bitrate": self._line.bitrate}))
+                    return None
+                else:
+                    problem = "what came with the hello is no socket"
+            case _:
+                problem = "the first record is not a hello with one descriptor"
         for descriptor in descriptors:
             os.close(descriptor)
-        return Malformed("the first record is not a hello with one descriptor")
+        return Malformed(problem)
 
     def _obey(self, port: Port, record: bytes) -> Malformed | None:
         match decode_command(record):

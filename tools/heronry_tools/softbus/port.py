@@ -82,11 +82,15 @@ class Port:
         self.answer(encode_command({"refused": reason}))
         self.gone = True
 
-    def join(self, receive: socket.socket, *, wants_own: bool) -> None:
-        """Take the receive socket that came with the hello."""
-        receive.setblocking(False)
-        self.receive = receive
+    def join(self, receive_fd: int, *, wants_own: bool) -> bool:
+        """Take the receive socket that came with the hello, or say False if it is none."""
+        try:
+            self.receive = socket.socket(fileno=receive_fd)
+        except OSError:
+            return False
+        self.receive.setblocking(False)
         self._wants_own = wants_own
+        return True
 
     def set_filters(self, filters: tuple[AcceptanceFilter, ...] | None) -> None:
         """Accept from now on what passes at least one filter; None accepts everything."""

@@ -84,7 +84,7 @@ def decode_command(record: bytes) -> dict[str, Any] | Malformed:
     """Decode a command or an answer."""
     try:
         content = json.loads(record)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         return Malformed(f"a command is a JSON object: {error}")
     if not isinstance(content, dict):
         return Malformed("a command is a JSON object")
