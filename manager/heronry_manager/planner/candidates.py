@@ -1,0 +1,179 @@
+"""What could run at all, before anything is decided: the small problem that the solver gets.
+
+Two passes over the spec, both exact:
+
+*Possible.* A mode is possible when its module has a host that alone could carry it and when its `needs` could hold,
+were every other possible mode running. The greatest such set is taken, because feedback is legal: two modules that feed
+each other are possible together.
+
+*Useful.* A module is useful when it is the output of a wanted function (priority above 0 in the phase), a branch of a
+wanted DEMUX, or feeds a possible mode of a useful module. What is not useful cannot serve (semantics.md rule 5).
+
+What remains contains every legal configuration. Nothing here knows of sums: resources and traffic are the solver's.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import assert_never
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.model import Mode, Module, Spec
+from heronry_dg.situation import Situation, Survivors, survivors
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A producer that a leaf could be wired to: a module in any of `modes`, which give one version."""
+
+    module: str
+    version: int
+    modes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A module that may run, with the PEs that could carry each of its possible modes."""
+
+    module: Module
+    hosts: Mapping[str, tuple[str, ...]]  # possible mode -> PEs, both in the spec's order
+
+    def modes(self) -> Iterator[Mode]:
+        """Possible modes, best first."""
+        return (self.module.modes[name] for name in self.hosts)
+
+    def pes(self) -> tuple[str, ...]:
+        """PEs that could carry some mode."""
+        return tuple(dict.fromkeys(pe for hosts in self.hosts.values() for pe in hosts))
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Everything that may run in a situation."""
+
+    spec: Spec
+    phase: str | None
+    left: Survivors
+    wanted: frozenset[str]  # modules that serve by running: outputs of wanted functions
+    modules: Mapping[str, Candidate]
+
+    def sources(self, consumer: str, mode: str, leaf: Leaf) -> tuple[Source, ...]:
+        """Producers that a leaf of a mode could be wired to, one entry per module and version, in the spec's order."""
+        found: dict[tuple[str, int], list[str]] = {}
+        for candidate in self.modules.values():
+            for given in candidate.modes():
+                version = given.gives.get(leaf.variable)
+                if version is None or not leaf.accepts(version):
+                    continue
+                if candidate.module.name == consumer and given.name != mode:
+                    continue  # a module that feeds itself does so in the one mode it runs in
+                found.setdefault((candidate.module.name, version), []).append(given.name)
+        return tuple(Source(module, version, tuple(modes)) for (module, version), modes in found.items())
+
+
+def holds_unwired(expression: Expression) -> bool:
+    """Tell whether a gate holds with nothing wired below it (0-of-n, or an AND of such)."""
+    match expression:
+        case Leaf() | Xor():
+            return False
+        case And(inputs):
+            return all(holds_unwired(child) for child in inputs)
+        case Or(k, inputs):
+            return sum(holds_unwired(child) for child in inputs) >= k
+        case _:
+            assert_never(expression)
+
+
+def candidates(spec: Spec, now: Situation) -> Candidates:
+    """Work out what may run in a situation."""
+    left = survivors(spec, now)
+    wanted = frozenset(m for f in spec.functions.values() if f.priority_in(now.phase) > 0 for m in f.outputs)
+    possible = _possible(_placeable(spec, left))
+    useful = _useful(possible, wanted)
+    modules = {name: candidate for name, candidate in possible.items() if name in useful}
+    return Candidates(spec, now.phase, left, wanted, modules)
+
+
+def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:
+    """Modules with the PEs that could carry each mode if nothing else ran there."""
+    placeable = {}
+    for module in spec.modules.values():
+        pes = [pe for pe in left.hosts(module) if module.flash <= spec.pes[pe].flash]
+        hosts = {
+            mode.name: tuple(
+                pe for pe in pes if mode.cpu_millis <= left.pe_cpu_millis[pe] and mode.ram <= spec.pes[pe].ram
+            )
+            for mode in module.modes.values()
+        }
+        hosts = {mode: fitting for mode, fitting in hosts.items() if fitting}
+        if hosts:
+            placeable[module.name] = Candidate(module, hosts)
+    return placeable
+
+
+def _possible(placeable: dict[str, Candidate]) -> dict[str, Candidate]:
+    """Take away modes whose needs cannot hold until none is left."""
+    current = placeable
+    while True:
+        given = _given(current)
+        kept = {name: _with_needs_met(candidate, given) for name, candidate in current.items()}
+        kept = {name: candidate for name, candidate in kept.items() if candidate.hosts}
+        if kept == current:
+            return current
+        current = kept
+
+
+def _given(modules: Mapping[str, Candidate]) -> dict[str, set[int]]:
+    """Versions of each variable that some possible mode gives."""
+    given: dict[str, set[int]] = {}
+    for candidate in modules.values():
+        for mode in candidate.modes():
+            for variable, version in mode.gives.items():
+                given.setdefault(variable, set()).add(version)
+    return given
+
+
+def _with_needs_met(candidate: Candidate, given: Mapping[str, set[int]]) -> Candidate:
+    hosts = {
+        mode.name: candidate.hosts[mode.name]
+        for mode in candidate.modes()
+        if mode.needs is None or _attainable(mode.needs, given)
+    }
+    return Candidate(candidate.module, hosts)
+
+
+def _attainable(expression: Expression, given: Mapping[str, set[int]]) -> bool:
+    match expression:
+        case Leaf():
+            return any(expression.accepts(version) for version in given.get(expression.variable, ()))
+        case And(inputs):
+            return all(_attainable(child, given) for child in inputs)
+        case Or(k, inputs):
+            return sum(_attainable(child, given) for child in inputs) >= k
+        case Xor(inputs):
+            return any(_attainable(child, given) for child in inputs)
+        case _:
+            assert_never(expression)
+
+
+def _useful(possible: Mapping[str, Candidate], wanted: frozenset[str]) -> set[str]:
+    """Close the wanted modules under "feeds a possible mode of"."""
+    read: dict[str, list[Leaf]] = {
+        name: [leaf for mode in candidate.modes() for _, leaf in mode.leaves()] for name, candidate in possible.items()
+    }
+    useful = {name for name in possible if name in wanted}
+    frontier = list(useful)
+    while frontier:
+        leaves = read[frontier.pop()]
+        for name, candidate in possible.items():
+            if name not in useful and _feeds(candidate, leaves):
+                useful.add(name)
+                frontier.append(name)
+    return useful
+
+
+def _feeds(candidate: Candidate, leaves: list[Leaf]) -> bool:
+    return any(
+        (version := mode.gives.get(leaf.variable)) is not None and leaf.accepts(version)
+        for mode in candidate.modes()
+        for leaf in leaves
+    )

@@ -1,0 +1,228 @@
+"""The manager's end of the planner's process: start it, ask it, hear from it, start it anew.
+
+At most one request is inside the process; further ones wait here in their order, so that a write never meets a full
+pipe. Nothing here blocks but `wait_until_ready`, `ask` and `close`. An event loop watches `fileno()` for reading, which
+stays the same for the life of the client, and calls `poll()` when there is something to read.
+
+Every request gets exactly one answer: `Planned` or `Failed`. What was asked of a process that ended has failed, and the
+next request starts another one. What was asked before `cancel()` is not answered at all: its asker has gone on.
+"""
+
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from selectors import EVENT_READ, DefaultSelector
+from types import TracebackType
+from typing import Self
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan, PlanError, read_plan
+from heronry_dg.situation import Situation
+from heronry_manager.planner.messages import (
+    MessageError,
+    PlanText,
+    Ready,
+    Refusal,
+    Request,
+    read_answer,
+    request_line,
+)
+
+_CHUNK = 65536
+
+
+class PlannerError(RuntimeError):
+    """The planner's process cannot be used, or could not answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Planned:
+    """The answer to a request: a plan that the judge has accepted."""
+
+    request: int
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """No plan, and why."""
+
+    request: int
+    reason: str
+
+
+class PlannerClient:
+    """One spec's planner, in a process of its own; started at once, so that it is warm when it is needed."""
+
+    def __init__(self, spec: Spec, file: Path) -> None:
+        """Start the process. `file` is what `spec` was loaded from; raises PlannerError where it has changed since."""
+        data = file.read_bytes()
+        if sha256(data).hexdigest() != spec.digest:
+            raise PlannerError(f"{file} has changed since it was loaded: load it again")
+        self.ready = False
+        self._spec = spec
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - every process that is started inherits it
+        self._file.write(data)
+        self._file.flush()
+        self._selector = DefaultSelector()
+        self._waiting: deque[Request] = deque()
+        self._inside: int | None = None  # number of the request in the process
+        self._unread = b""
+        self._process: _Process | None = None
+        self._start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when `poll` has something to do."""
+        return self._selector.fileno()
+
+    def request(self, number: int, now: Situation, running: Placement | None) -> None:
+        """Ask for a plan; the answer comes from `poll` and carries the number."""
+        self._waiting.append(Request(number, now, running))
+        self._send_next()
+
+    def poll(self) -> list[Planned | Failed]:
+        """Take what has been answered, without waiting."""
+        found: list[Planned | Failed] = []
+        while self._process is not None and self._selector.select(timeout=0):
+            chunk = os.read(self._process.answers.fileno(), _CHUNK)
+            if not chunk:
+                found.extend(self._ended("the planner's process ended"))
+                continue
+            *lines, self._unread = (self._unread + chunk).split(b"\n")
+            for line in lines:
+                found.extend(self._read(line))
+        return found
+
+    def cancel(self) -> None:
+        """Forget all requests, and end what is being searched by starting the process anew."""
+        self._waiting.clear()
+        if self._inside is not None:
+            self._stop(kill=True)
+            self._start()
+
+    def wait_until_ready(self) -> None:
+        """Block until the process is warm; raises PlannerError when it ends instead."""
+        while not self.ready:
+            if self._process is None:
+                raise PlannerError("the planner's process ended before it was ready; what it said is on standard error")
+            self._wait()
+            self.poll()
+
+    def ask(self, now: Situation, running: Placement | None = None) -> Plan:
+        """Plan and block until the plan is there, with nothing else asked meanwhile; raises PlannerError."""
+        if self._inside is not None or self._waiting:
+            raise PlannerError("a request is under way: take its answer from poll, or cancel it")
+        self.request(0, now, running)
+        while True:
+            self._wait()
+            for answer in self.poll():
+                if isinstance(answer, Failed):
+                    raise PlannerError(answer.reason)
+                return answer.plan
+
+    def close(self) -> None:
+        """End the process."""
+        self._stop(kill=False)
+        self._selector.close()
+        self._file.close()
+
+    def _wait(self) -> None:
+        select.select([self.fileno()], [], [])
+
+    def _start(self) -> None:
+        self._process = _Process(self._file.fileno())
+        self._selector.register(self._process.answers, EVENT_READ)
+
+    def _stop(self, *, kill: bool) -> int | None:
+        """End the process and return its exit code."""
+        process, self._process = self._process, None
+        self.ready, self._inside, self._unread = False, None, b""
+        if process is None:
+            return None
+        self._selector.unregister(process.answers)
+        return process.end(kill=kill)
+
+    def _send_next(self) -> None:
+        if self._inside is not None or not self._waiting:
+            return
+        if self._process is None:
+            self._start()
+        assert self._process is not None
+        request = self._waiting.popleft()
+        self._inside = request.number
+        self._process.send(request_line(request))
+
+    def _ended(self, reason: str) -> list[Planned | Failed]:
+        """Do without the process; the next request starts another one."""
+        number = self._inside
+        code = self._stop(kill=True)
+        self._send_next()
+        return [] if number is None else [Failed(number, f"{reason} (exit code {code})")]
+
+    def _read(self, line: bytes) -> list[Planned | Failed]:
+        try:
+            answer = read_answer(line)
+        except MessageError as error:
+            return self._ended(f"the planner's process said something else than an answer: {error}")
+        if isinstance(answer, Ready):
+            self.ready = True
+            return []
+        number, self._inside = self._inside, None
+        self._send_next()
+        return [] if number is None else [self._outcome(number, answer)]
+
+    def _outcome(self, number: int, answer: PlanText | Refusal) -> Planned | Failed:
+        if isinstance(answer, Refusal):
+            return Failed(number, answer.reason)
+        try:
+            return Planned(number, read_plan(answer.text, self._spec))
+        except PlanError as error:
+            return Failed(number, f"the planner's answer cannot be read: {error}")
+
+
+class _Process:
+    """One run of the service, with its two pipes."""
+
+    def __init__(self, spec_fd: int) -> None:
+        os.lseek(spec_fd, 0, os.SEEK_SET)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=(spec_fd,),
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._requests = self._process.stdin
+        self.answers = self._process.stdout
+
+    def send(self, line: bytes) -> None:
+        """Write a request. A process that has ended is found out by whoever reads its answers."""
+        with suppress(BrokenPipeError):
+            self._requests.write(line)
+            self._requests.flush()
+
+    def end(self, *, kill: bool) -> int:
+        """End the process, which it does by itself when its standard input closes, and return its exit code."""
+        if kill:
+            self._process.kill()
+        with suppress(BrokenPipeError):
+            self._requests.close()
+        self.answers.close()
+        return self._process.wait()

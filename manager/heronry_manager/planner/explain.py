@@ -1,0 +1,42 @@
+"""Why a function is not served although it could run: because it never fits, or because others came first.
+
+`heronry_dg.why_not` finds causes that follow from faults alone. Where there is none, a smaller question is asked: with
+this function as the only one that is wanted, can it be served? Deadlines are judged with the identifiers of the whole
+spec, since those are what is on the bus.
+"""
+
+from dataclasses import replace
+
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.situation import Situation
+from heronry_dg.why_not import feasible, why_not
+from heronry_manager.planner.candidates import candidates
+from heronry_manager.planner.exact import Search
+
+_EFFORT = 5.0  # deterministic seconds for each function
+
+
+def explained(spec: Spec, plan: Plan) -> Plan:
+    """Return the plan with better reasons why functions are not served; takes a search for each that could run."""
+    found = feasible(spec, plan.now)
+    reports = dict(plan.functions)
+    for name, report in plan.functions.items():
+        function = spec.functions[name]
+        outputs = [spec.modules[output] for output in function.outputs]
+        if not report.served and function.priority_in(plan.now.phase) and any(map(found.can_run, outputs)):
+            alone = _servable_alone(spec, plan.now, function)
+            reports[name] = replace(report, why_not=why_not(found, function, alone=alone))
+    return replace(plan, functions=reports)
+
+
+def _servable_alone(spec: Spec, now: Situation, function: Function) -> bool | None:
+    """Tell whether a function could be served if nothing else were wanted; None: not found out."""
+    wanted = replace(function, criticality={None: "A"}, priority={None: 1})
+    possible = candidates(replace(spec, functions={function.name: wanted}), now)
+    search = Search(possible, None, ResponseTimes(spec), _EFFORT)
+    search.run(groups=1)
+    if search.best.modules:
+        return True
+    return False if search.proven else None

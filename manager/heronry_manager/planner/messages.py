@@ -1,0 +1,145 @@
+"""What the planner's process and its client say to each other: one JSON object a line, in both directions.
+
+    request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
+               "running": {"autopilot": ["full", "nav"]}}            running: null where nothing is known to run
+    answers   {"ready": DIGEST}               once, at the start: the spec has been read
+              {"request": 7, "plan": TEXT}    the JSON text of a plan, as `heronry_dg.plan` writes it
+              {"request": 7, "error": TEXT}   no plan, and why; request is null where it could not be read
+
+The spec itself is a file that the process inherits, open. A line that cannot be read is a `MessageError`: between a
+client and its own process that is a defect, not an event.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation, UnknownElementError, checked_element
+
+
+class MessageError(ValueError):
+    """A line that is not what this protocol says."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Plan this."""
+
+    number: int
+    now: Situation
+    running: Placement | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The process has read the spec and waits for requests."""
+
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlanText:
+    """A plan, as JSON text."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """No plan, and why."""
+
+    number: int | None
+    reason: str
+
+
+Answer = Ready | PlanText | Refusal
+
+
+def request_line(request: Request) -> bytes:
+    """Write a request."""
+    return _line(
+        {
+            "request": request.number,
+            "down": sorted(request.now.down),
+            "limits": {element: str(share) for element, share in request.now.limits.items()},
+            "phase": request.now.phase,
+            "running": None if request.running is None else {m: list(at) for m, at in request.running.items()},
+        }
+    )
+
+
+def answer_line(answer: Answer) -> bytes:
+    """Write an answer."""
+    match answer:
+        case Ready(digest):
+            return _line({"ready": digest})
+        case PlanText(number, text):
+            return _line({"request": number, "plan": text})
+        case Refusal(refused, reason):
+            return _line({"request": refused, "error": reason})
+
+
+def read_request(line: bytes, spec: Spec) -> Request:
+    """Read a request about a spec; raises MessageError."""
+    match _fields(line):
+        case {
+            "request": int(number),
+            "down": list(down),
+            "limits": dict(limits),
+            "phase": str() | None as phase,
+            "running": dict() | None as running,
+        }:
+            return Request(number, _situation(spec, down, limits, phase), _placement(running))
+        case other:
+            raise MessageError(f"not a request: {other}")
+
+
+def _situation(spec: Spec, down: list[str], limits: dict[str, str], phase: str | None) -> Situation:
+    if phase is not None and phase not in spec.phases:
+        raise MessageError(f"not a request: no phase is named '{phase}'")
+    try:
+        return Situation(
+            down=frozenset(checked_element(spec, element) for element in down),
+            limits={checked_element(spec, element): Fraction(share) for element, share in limits.items()},
+            phase=phase,
+        )
+    except (UnknownElementError, ValueError) as error:
+        raise MessageError(f"not a request: {error}") from error
+
+
+def _placement(running: dict[str, list[str]] | None) -> Placement | None:
+    try:
+        return None if running is None else {module: (mode, pe) for module, (mode, pe) in running.items()}
+    except ValueError as error:
+        raise MessageError(f"not a request: running: {error}") from error
+
+
+def read_answer(line: bytes) -> Answer:
+    """Read an answer; raises MessageError."""
+    match _fields(line):
+        case {"ready": str(digest)}:
+            return Ready(digest)
+        case {"request": int(number), "plan": str(text)}:
+            return PlanText(number, text)
+        case {"request": int() | None as refused, "error": str(reason)}:
+            return Refusal(refused, reason)
+        case other:
+            raise MessageError(f"not an answer: {other}")
+
+
+def _line(fields: Mapping[str, object]) -> bytes:
+    return json.dumps(fields, ensure_ascii=True).encode() + b"\n"
+
+
+def _fields(line: bytes) -> dict[str, object]:
+    try:
+        fields = json.loads(line)
+    except ValueError as error:
+        raise MessageError(f"not a JSON object: {error}") from error
+    if not isinstance(fields, dict):
+        raise MessageError("not a JSON object")
+    return fields

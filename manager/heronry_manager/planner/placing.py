@@ -1,0 +1,116 @@
+"""Who runs, in which mode, where: the first variables of the model and the rules over them alone.
+
+One boolean per possible (module, mode, PE); `on` (per mode), `at` (per PE) and `runs` (per module) are sums of these,
+and where such a sum has one term it *is* that term: no variable is made twice.
+
+Rules of semantics.md section 3 that are settled here: 1 (place: an impossible host has no variable), 4 (at most one
+branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
+"""
+
+from collections.abc import Collection, Iterable
+
+from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
+
+from heronry_manager.planner.candidates import Candidate, Candidates
+
+Terms = list[tuple[IntVar, int]]
+
+
+def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
+    """Weighted sum of literals."""
+    literals, weights = [], []
+    for literal, weight in terms:
+        literals.append(literal)
+        weights.append(weight)
+    return LinearExpr.weighted_sum(literals, weights)
+
+
+class Placing:
+    """The variables of who runs where, in a model that it was given."""
+
+    def __init__(self, model: CpModel, possible: Candidates) -> None:
+        """Make the variables and state their rules."""
+        self.possible = possible
+        self.x: dict[tuple[str, str, str], IntVar] = {}
+        self.on: dict[tuple[str, str], IntVar] = {}
+        self.at: dict[tuple[str, str], IntVar] = {}
+        self.runs: dict[str, IntVar] = {}
+        self._model = model
+        for name, candidate in possible.modules.items():
+            self._add_module(name, candidate)
+        self._one_branch()
+        self._capacities()
+        self._separate()
+        self._together()
+
+    def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
+        """Literals of which exactly one is true iff a *running* module is on one of `pes`; None: it always is."""
+        hosts = self.possible.modules[module].pes()
+        if all(pe in pes for pe in hosts):
+            return None
+        return [self.at[module, pe] for pe in hosts if pe in pes]
+
+    def in_modes(self, module: str, modes: Collection[str]) -> list[IntVar]:
+        """Literals of which exactly one is true iff a module runs in one of `modes`, else none."""
+        if len(modes) == len(self.possible.modules[module].hosts):
+            return [self.runs[module]]
+        return [self.on[module, mode] for mode in modes]
+
+    def _add_module(self, name: str, candidate: Candidate) -> None:
+        for mode, hosts in candidate.hosts.items():
+            for pe in hosts:
+                self.x[name, mode, pe] = self._model.new_bool_var(f"{name}.{mode}@{pe}")
+            self.on[name, mode] = self._sum([self.x[name, mode, pe] for pe in hosts], f"{name}.{mode}")
+        pes = candidate.pes()
+        for pe in pes:
+            modes = [self.x[name, mode, pe] for mode, hosts in candidate.hosts.items() if pe in hosts]
+            self.at[name, pe] = self._sum(modes, f"{name}@{pe}")
+        if len(pes) == 1:
+            self.runs[name] = self.at[name, pes[0]]
+        else:
+            self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
+
+    def _sum(self, literals: list[IntVar], name: str) -> IntVar:
+        if len(literals) == 1:
+            return literals[0]
+        result = self._model.new_bool_var(name)
+        self._model.add(LinearExpr.sum(literals) == result)
+        return result
+
+    def _one_branch(self) -> None:
+        for demux in self.possible.spec.demuxes.values():
+            self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
+
+    def _capacities(self) -> None:
+        spec, left = self.possible.spec, self.possible.left
+        for name, pe in spec.pes.items():
+            if name not in left.pe_cpu_millis:
+                continue
+            here = [(key, literal) for key, literal in self.x.items() if key[2] == name]
+            modes = [(spec.modules[module].modes[mode], literal) for (module, mode, _), literal in here]
+            self._at_most([(literal, mode.cpu_millis) for mode, literal in modes], left.pe_cpu_millis[name])
+            self._at_most([(literal, mode.ram) for mode, literal in modes], pe.ram)
+            stored = [(literal, spec.modules[m].flash) for (m, host), literal in self.at.items() if host == name]
+            self._at_most(stored, pe.flash)
+
+    def _at_most(self, terms: Terms, capacity: int) -> None:
+        if sum(weight for _, weight in terms) > capacity:
+            self._model.add(weighted(terms) <= capacity)
+
+    def _separate(self) -> None:
+        for group in self.possible.spec.separate:
+            for pe in self.possible.spec.pes:
+                self._model.add_at_most_one(self._here(group, pe))
+
+    def _together(self) -> None:
+        """Give each group one PE, and let its modules run there alone."""
+        for number, group in enumerate(self.possible.spec.together):
+            homes = {pe: self._here(group, pe) for pe in self.possible.spec.pes}
+            chosen = {pe: self._model.new_bool_var(f"together.{number}@{pe}") for pe, here in homes.items() if here}
+            self._model.add_at_most_one(chosen.values())
+            for pe, home in chosen.items():
+                for literal in homes[pe]:
+                    self._model.add_implication(literal, home)
+
+    def _here(self, group: Collection[str], pe: str) -> list[IntVar]:
+        return [self.at[module, pe] for module in group if (module, pe) in self.at]

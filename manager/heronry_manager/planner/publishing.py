@@ -1,0 +1,130 @@
+"""What goes over which bus: publication, bandwidth, and deadlines.
+
+The buses form a forest over the PEs, so taking one bus away splits them into *sides*, and a source is published on that
+bus iff some consumer wired to it is on another side than its producer (semantics.md rule 7: on every bus of the route,
+once however many consume it). The variables say "at least": a source may be counted as published that is not, never the
+other way round. Nothing in a plan gets better by publishing more, so the optimum is exact.
+
+Bandwidth depends on the rate of the producer's mode. Where its modes differ in rate, there is a literal per rate.
+
+Deadlines (rule 9) are not part of the model: a plan that breaks them is met with a *cut*, "these messages not all
+together". More messages never make another one earlier, so a cut takes away no legal plan.
+"""
+
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+
+from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
+
+from heronry_dg.situation import Survivors
+from heronry_dg.traffic import Hop, source_mbit_per_s
+from heronry_manager.planner.candidates import Candidates
+from heronry_manager.planner.placing import Placing, Terms, weighted
+from heronry_manager.planner.wiring import Link, Wiring
+
+Side = frozenset[str]  # PEs that stay connected when a bus is taken away
+
+
+class Publishing:
+    """The variables of what goes over which bus, in a model that it was given."""
+
+    def __init__(self, model: CpModel, possible: Candidates, placing: Placing, wiring: Wiring) -> None:
+        """Make the variables and state the bandwidth of each bus (rule 7)."""
+        self.bandwidth: dict[str, Terms] = {bus: [] for bus in possible.left.bus_mbit_per_s}  # mbit/s
+        self._model = model
+        self._possible = possible
+        self._placing = placing
+        self._published: dict[tuple[str, str, str], IntVar] = {}  # producer, variable, bus
+        self._messages: dict[tuple[str, str, int, str], IntVar] = {}  # producer, variable, rate in mHz, bus
+        sides = {bus: _sides(possible.left, bus) for bus in self.bandwidth}
+        for link, literals in wiring.links.items():
+            for bus, parts in sides.items():
+                self._publish(link, literals, bus, parts)
+        self._split_by_rate()
+        for bus, terms in self.bandwidth.items():
+            if sum(weight for _, weight in terms) > possible.left.bus_mbit_per_s[bus]:
+                model.add(weighted(terms) <= possible.left.bus_mbit_per_s[bus])
+
+    def forbid_together(self, hops: Iterable[Hop]) -> None:
+        """Add the cut that not all of these hops are taken.
+
+        A hop that begins at its source may as well come from farther away: that brings jitter and makes nothing
+        earlier. One that comes from another bus counts only where its producer is on that bus's side.
+        """
+        taken: list[IntVar] = []
+        facts = 0
+        for hop in hops:
+            mode = self._possible.spec.modules[hop.producer].modes[hop.mode]
+            taken.append(self._messages[hop.producer, hop.variable, mode.rate_mhz, hop.bus])
+            facts += 1
+            if hop.after is not None:
+                origins = _origins(self._possible.left, hop.after, hop.bus)
+                there = self._placing.somewhere(hop.producer, origins)
+                if there is not None:
+                    taken.extend(there)
+                    facts += 1
+        self._model.add(LinearExpr.sum(taken) <= facts - 1)
+
+    def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
+        """Say that a link between two sides of a bus is published there."""
+        consumer, producer, variable = link
+        if consumer == producer:
+            return
+        linked = LinearExpr.sum(literals)
+        for bound, free in ((consumer, producer), (producer, consumer)):
+            home = self._only_side(bound, sides)
+            if home is not None:
+                with_it = self._placing.somewhere(free, home)
+                if with_it is not None:
+                    published = self._publication(producer, variable, bus)
+                    self._model.add(published >= linked - LinearExpr.sum(with_it))
+                return
+        published = self._publication(producer, variable, bus)
+        for side in sides:
+            at_producer = LinearExpr.sum(self._placing.somewhere(producer, side) or [])
+            at_consumer = LinearExpr.sum(self._placing.somewhere(consumer, side) or [])
+            self._model.add(published >= linked + at_producer - at_consumer - 1)
+
+    def _only_side(self, module: str, sides: list[Side]) -> Side | None:
+        """Return the side that a module cannot leave, if there is one."""
+        return next((side for side in sides if side.issuperset(self._possible.modules[module].pes())), None)
+
+    def _publication(self, producer: str, variable: str, bus: str) -> IntVar:
+        key = (producer, variable, bus)
+        if key not in self._published:
+            self._published[key] = self._model.new_bool_var(f"{producer}:{variable} on {bus}")
+        return self._published[key]
+
+    def _split_by_rate(self) -> None:
+        for (producer, variable, bus), published in self._published.items():
+            rates = self._rates(producer, variable)
+            for rate_mhz, modes in rates.items():
+                message = published
+                if len(rates) > 1:
+                    message = self._model.new_bool_var(f"{producer}:{variable} on {bus} at {rate_mhz} mHz")
+                    running = LinearExpr.sum(self._placing.in_modes(producer, modes))
+                    self._model.add(message >= published + running - 1)
+                self._messages[producer, variable, rate_mhz, bus] = message
+                mode = self._possible.spec.modules[producer].modes[modes[0]]
+                weight = source_mbit_per_s(self._possible.spec, variable, mode)
+                self.bandwidth[bus].append((message, weight))
+
+    def _rates(self, producer: str, variable: str) -> Mapping[int, list[str]]:
+        rates: dict[int, list[str]] = {}
+        for mode in self._possible.modules[producer].modes():
+            if variable in mode.gives:
+                rates.setdefault(mode.rate_mhz, []).append(mode.name)
+        return rates
+
+
+def _sides(left: Survivors, bus: str) -> list[Side]:
+    """Split the PEs that are up by what stays connected without `bus`."""
+    sides: dict[Side, None] = {}
+    for pe in left.pe_cpu_millis:
+        sides[frozenset(other for other in left.pe_cpu_millis if bus not in (left.route(pe, other) or ()))] = None
+    return list(sides)
+
+
+def _origins(left: Survivors, first: str, then: str) -> set[str]:
+    """PEs from which data reach the bus `then` by the bus `first`."""
+    return {origin for (origin, _), route in left.routes.items() if (first, then) in pairwise(route)}

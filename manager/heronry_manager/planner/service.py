@@ -1,0 +1,85 @@
+"""The planner in a process of its own, warm: the solver is loaded and the spec is read before the first request.
+
+    python -m heronry_manager.planner.service FD
+
+FD is an open file that holds the spec. Requests come on standard input and are answered in their order on what was
+standard output; whatever else prints there goes to standard error. Every plan passes the judge before it is sent.
+Whatever goes wrong with a request is its answer; the process goes on.
+
+Ends: when standard input closes, which it does when the client is gone, however it went. A thread waits for that, so
+that a search in progress does not outlive its client. A request is cancelled by ending the process.
+"""
+
+import os
+import sys
+from queue import SimpleQueue
+from threading import Thread
+from typing import BinaryIO
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.verify import verify
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.messages import (
+    Answer,
+    MessageError,
+    PlanText,
+    Ready,
+    Refusal,
+    Request,
+    answer_line,
+    read_request,
+)
+
+
+def main() -> None:
+    """Serve until standard input closes."""
+    answers = _own_standard_output()
+    spec = load(f"/dev/fd/{int(sys.argv[1])}")
+    lines: SimpleQueue[bytes] = SimpleQueue()
+    Thread(target=_read_lines, args=(sys.stdin.buffer, lines), daemon=True).start()
+    _send(answers, Ready(spec.digest))
+    while True:
+        _send(answers, answer(spec, lines.get()))
+
+
+def answer(spec: Spec, line: bytes) -> Answer:
+    """Answer one line of a client."""
+    try:
+        request = read_request(line, spec)
+    except MessageError as error:
+        return Refusal(None, str(error))
+    try:
+        return _planned(spec, request)
+    except Exception as error:  # noqa: BLE001 - a client waits: whatever went wrong is its answer
+        return Refusal(request.number, f"the planner failed ({type(error).__name__}: {error})")
+
+
+def _planned(spec: Spec, request: Request) -> Answer:
+    found = plan(spec, request.now, request.running)
+    violations = verify(spec, request.now, found.configuration)
+    if violations:
+        return Refusal(request.number, f"the planner's own plan is not legal: {violations[0]}")
+    return PlanText(request.number, found.to_json())
+
+
+def _own_standard_output() -> BinaryIO:
+    """Keep standard output for answers alone."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return answers
+
+
+def _read_lines(source: BinaryIO, lines: "SimpleQueue[bytes]") -> None:
+    for line in source:
+        lines.put(line)
+    os._exit(0)  # the client is gone: nobody wants what is still being searched
+
+
+def _send(answers: BinaryIO, message: Answer) -> None:
+    answers.write(answer_line(message))
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main()

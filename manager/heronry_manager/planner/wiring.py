@@ -1,0 +1,178 @@
+"""What each input is wired to: gates, the producers behind them, and why a module runs at all.
+
+A wire is a literal per (consumer, mode, leaf, source). Gates need no variable of their own beyond one per input that
+may or may not hold: an input of an OR or a XOR. `_require` builds a gate that must hold whenever the literal `above`
+is true and below which nothing is wired when it is false; `_offer` builds an input that may hold while `above` is true
+and returns the literals of which exactly one is then true. A leaf with one possible source needs no variable at all:
+its wire is the literal that demands it.
+
+A gate that holds with nothing wired below it (0-of-n) always holds, so it counts as held wherever it stands; the
+loader keeps such gates out of a XOR.
+
+*Purpose* (semantics.md rule 5): a module that serves no function by itself must be wired to by a module that serves.
+Where modules could support each other in a circle, ranks make the support well-founded: each module is ranked above
+some module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import assert_never
+
+from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_manager.planner.candidates import Candidates, Source, holds_unwired
+from heronry_manager.planner.placing import Placing
+
+Link = tuple[str, str, str]  # consumer, producer, variable
+
+
+class Wiring:
+    """The variables of who reads from whom, in a model that it was given."""
+
+    def __init__(self, model: CpModel, possible: Candidates, placing: Placing) -> None:
+        """Make the variables and state rules 2, 3 and 5."""
+        self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
+        self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
+        self._model = model
+        self._possible = possible
+        self._placing = placing
+        for name, candidate in possible.modules.items():
+            for mode in candidate.modes():
+                if mode.needs is not None:
+                    self._require(mode.needs, (name, mode.name, ""), placing.on[name, mode.name])
+        self._producers_run()
+        self._purpose()
+
+    def _require(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> None:
+        match gate:
+            case Leaf():
+                self._wire(gate, where, above)
+            case And(inputs):
+                self._require_all(inputs, where, above)
+            case Or(k, inputs):
+                self._require_some(k, inputs, where, above)
+            case Xor(inputs):
+                offers = [self._offer(child, _below(where, i), above) for i, child in enumerate(inputs)]
+                self._model.add(LinearExpr.sum([held for offer in offers for held in offer]) == above)
+            case _:
+                assert_never(gate)
+
+    def _require_all(self, inputs: Sequence[Expression], where: tuple[str, str, str], above: IntVar) -> None:
+        for index, child in enumerate(inputs):
+            self._require(child, _below(where, index), above)
+
+    def _require_some(self, k: int, inputs: Sequence[Expression], where: tuple[str, str, str], above: IntVar) -> None:
+        if k == len(inputs):
+            self._require_all(inputs, where, above)
+            return
+        held: list[IntVar] = []
+        for index, child in enumerate(inputs):
+            if holds_unwired(child):
+                self._require(child, _below(where, index), above)
+                k -= 1
+            else:
+                held.extend(self._offer(child, _below(where, index), above))
+        if k > 0:
+            self._model.add(LinearExpr.sum(held) >= k * above)
+
+    def _offer(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
+        if isinstance(gate, Leaf):
+            return self._offer_leaf(gate, where, above)
+        held = self._model.new_bool_var(f"{where[0]}.{where[1]}[{where[2]}]")
+        self._model.add_implication(held, above)
+        self._require(gate, where, held)
+        return [held]
+
+    def _wire(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> None:
+        """Wire a leaf to exactly one source while `above` is true."""
+        sources = self._possible.sources(where[0], where[1], leaf)
+        if len(sources) == 1:
+            self._register(leaf, where, [(sources[0], above)])
+            return
+        self._model.add(LinearExpr.sum(self._new_wires(leaf, where, sources)) == above)
+
+    def _offer_leaf(self, leaf: Leaf, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
+        """Let a leaf be wired to at most one source while `above` is true."""
+        made = self._new_wires(leaf, where, self._possible.sources(where[0], where[1], leaf))
+        if made:
+            self._model.add(LinearExpr.sum(made) <= above)
+        return made
+
+    def _new_wires(self, leaf: Leaf, where: tuple[str, str, str], sources: Iterable[Source]) -> list[IntVar]:
+        wires = [(s, self._model.new_bool_var(f"{where[0]}.{where[1]}[{where[2]}]<-{s.module}")) for s in sources]
+        self._register(leaf, where, wires)
+        return [literal for _, literal in wires]
+
+    def _register(self, leaf: Leaf, where: tuple[str, str, str], wires: list[tuple[Source, IntVar]]) -> None:
+        self.wires[where] = [(source, leaf, literal) for source, literal in wires]
+        for source, literal in wires:
+            self.links.setdefault((where[0], source.module, leaf.variable), []).append(literal)
+
+    def _producers_run(self) -> None:
+        """Let every wire start at a module that runs in a mode that gives the version (rule 2).
+
+        A consumer reads one version of a variable from one producer, so the wires that ask the same of a producer add
+        up to at most one.
+        """
+        asked: dict[tuple[str, Source, str], list[IntVar]] = {}
+        for (consumer, _, _), wires in self.wires.items():
+            for source, leaf, literal in wires:
+                asked.setdefault((consumer, source, leaf.variable), []).append(literal)
+        for (consumer, source, _), literals in asked.items():
+            if consumer != source.module:
+                giving = self._placing.in_modes(source.module, source.modes)
+                self._model.add(LinearExpr.sum(literals) <= LinearExpr.sum(giving))
+
+    def _purpose(self) -> None:
+        idle = [name for name in self._possible.modules if name not in self._possible.wanted]
+        feeds: dict[str, dict[str, list[IntVar]]] = {name: {} for name in self._possible.modules}
+        for (consumer, producer, _), literals in self.links.items():
+            if consumer != producer:
+                feeds[producer].setdefault(consumer, []).extend(literals)
+        circles = _circles({name: [c for c in feeds[name] if c in idle] for name in idle})
+        ranks = {
+            name: self._model.new_int_var(0, len(circle) - 1, f"rank of {name}")
+            for circle in circles
+            if len(circle) > 1
+            for name in circle
+        }
+        circle_of = {name: number for number, circle in enumerate(circles) for name in circle}
+        for name in idle:
+            support: list[IntVar] = []
+            for consumer, literals in feeds[name].items():
+                if circle_of.get(consumer) == circle_of[name]:
+                    support.append(self._ranked(name, consumer, literals, ranks))
+                else:
+                    support.extend(literals)
+            self._model.add(LinearExpr.sum(support) >= self._placing.runs[name])
+
+    def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
+        """Return a literal that is true only if `consumer` reads from `name` and is ranked below it."""
+        supports = self._model.new_bool_var(f"{name} serves through {consumer}")
+        self._model.add(LinearExpr.sum(literals) >= supports)
+        self._model.add(ranks[name] >= ranks[consumer] + 1).only_enforce_if(supports)
+        return supports
+
+
+def _below(where: tuple[str, str, str], index: int) -> tuple[str, str, str]:
+    return where[0], where[1], child_path(where[2], index)
+
+
+def _circles(successors: dict[str, list[str]]) -> list[tuple[str, ...]]:
+    """Return the strongly connected parts of a graph, each in the order of its nodes."""
+    reached = {node: _reached(successors, node) for node in successors}
+    parts: dict[tuple[str, ...], None] = {}
+    for node in successors:
+        parts[tuple(n for n in successors if n == node or (n in reached[node] and node in reached[n]))] = None
+    return list(parts)
+
+
+def _reached(successors: dict[str, list[str]], start: str) -> set[str]:
+    found: set[str] = set()
+    frontier = [start]
+    while frontier:
+        for node in successors[frontier.pop()]:
+            if node not in found:
+                found.add(node)
+                frontier.append(node)
+    return found
