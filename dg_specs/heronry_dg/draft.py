@@ -1,0 +1,272 @@
+"""A spec half read: every element with its place, and its fields where they made sense.
+
+Elements are judged one by one, so that a mistake in one leaves the others readable. One with a mistake stays in the
+draft by name, with `form` None ("broken"): a reference to it is not an unknown name, and whoever needs its fields
+passes over it in silence.
+
+Here pydantic's errors become findings: each is translated into a sentence about the field, at the place of its value.
+"""
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Generic, TypeVar
+
+from pydantic import ValidationError
+
+from heronry_dg import schema, yaml_source
+from heronry_dg.findings import Findings, Place, listed, shown
+from heronry_dg.quantities import UnfitError
+from heronry_dg.schema import Form, field_names
+from heronry_dg.yaml_source import Node
+
+F_co = TypeVar("F_co", bound=Form, covariant=True)
+
+_NAME: Final = re.compile(schema.NAME_PATTERN)
+_SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name not in field_names(schema.HeaderForm))
+_MODE_FIELDS: Final = field_names(schema.ModeForm)
+
+_NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in all"
+_PRINTABLE: Final = ("1 to 64 printable characters without quotes and backslashes", "")
+_WANTED: Final = {  # per type of pydantic error: what was wanted, and a hint
+    "bool_type": ("true or false", ""),
+    "dict_type": ("a map", "write {key: value}"),
+    "greater_than": ("more than {gt}", ""),
+    "greater_than_equal": ("at least {ge}", ""),
+    "int_type": ("a whole number", ""),
+    "less_than_equal": ("at most {le}", ""),
+    "list_type": ("a list", "write [a, b]"),
+    "literal_error": ("{expected}", ""),
+    "model_type": ("a map", "write {key: value}"),
+    "string_pattern_mismatch": _PRINTABLE,
+    "string_too_long": _PRINTABLE,
+    "string_too_short": _PRINTABLE,
+    "string_type": ("text", "put it in quotes if it is meant as text"),
+    "too_short": ("a list of {min_length} or more", ""),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Element(Generic[F_co]):
+    """One named part of the file; `form` is None where its fields make no sense."""
+
+    name: str
+    place: Place  # of its name
+    node: Node
+    form: F_co | None
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleElement(Element[schema.ModuleForm]):
+    """A module with its modes, best first; a broken mode stays listed."""
+
+    modes: Mapping[str, Element[schema.ModeForm]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """All that could be read of a file."""
+
+    root: Node
+    header: schema.HeaderForm | None
+    manager: Element[schema.ManagerForm]
+    contingency: Element[schema.ContingencyForm]
+    buses: Mapping[str, Element[schema.BusForm]]
+    pes: Mapping[str, Element[schema.PeForm]]
+    devices: Mapping[str, Element[schema.DeviceForm]]
+    variables: Mapping[str, Element[schema.VariableForm]]
+    demuxes: Mapping[str, Element[schema.DemuxForm]]
+    shorthands: Mapping[str, yaml_source.Entry]
+    modules: Mapping[str, ModuleElement]
+    functions: Mapping[str, Element[schema.FunctionForm]]
+    phases: Mapping[str, Element[schema.PhaseForm]]
+
+
+def read_draft(root: Node, findings: Findings) -> Draft | None:
+    """Read all elements of a file; None where it is no map at all."""
+    if not isinstance(root, yaml_source.Mapping):
+        findings.add(root.place, "a spec is a map of sections", "begin with dg: 1, then buses:, pes:, modules: ...")
+        return None
+    return _DraftReader(root, findings).read()
+
+
+class _DraftReader:
+    def __init__(self, root: yaml_source.Mapping, findings: Findings) -> None:
+        self._root = root
+        self._findings = findings
+
+    def read(self) -> Draft:
+        gates = dict(self._entries("gates"))
+        demuxes = {name: entry for name, entry in gates.items() if _is_demux(entry.node)}
+        return Draft(
+            root=self._root,
+            header=self._header(),
+            manager=self._single("manager", schema.ManagerForm),
+            contingency=self._single("contingency", schema.ContingencyForm),
+            buses=self._section("buses", "bus", schema.BusForm),
+            pes=self._section("pes", "pe", schema.PeForm),
+            devices=self._section("devices", "device", schema.DeviceForm),
+            variables=self._section("variables", "variable", schema.VariableForm),
+            demuxes={name: self._element("gate", name, entry, schema.DemuxForm) for name, entry in demuxes.items()},
+            shorthands={name: entry for name, entry in gates.items() if name not in demuxes},
+            modules={name: self._module(name, entry) for name, entry in self._entries("modules")},
+            functions=self._section("functions", "function", schema.FunctionForm),
+            phases=self._section("phases", "phase", schema.PhaseForm),
+        )
+
+    def _header(self) -> schema.HeaderForm | None:
+        header = {key: entry for key, entry in self._root.entries.items() if key not in _SECTIONS}
+        node = yaml_source.Mapping(self._root.place, header)
+        return self._form("the spec", self._root.place, node, schema.HeaderForm, field_names(schema.SpecForm))
+
+    def _single(self, key: str, form: type[F_co]) -> Element[F_co]:
+        """An element of which there is one, and which may be left out."""
+        entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
+        return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
+
+    def _section(self, section: str, kind: str, form: type[F_co]) -> dict[str, Element[F_co]]:
+        return {name: self._element(kind, name, entry, form) for name, entry in self._entries(section)}
+
+    def _element(self, kind: str, name: str, entry: yaml_source.Entry, form: type[F_co]) -> Element[F_co]:
+        subject = f"{kind} {shown(name)}"
+        return Element(name, entry.place, entry.node, self._form(subject, entry.place, entry.node, form))
+
+    def _entries(self, section: str) -> Iterator[tuple[str, yaml_source.Entry]]:
+        entry = self._root.entries.get(section)
+        if entry is not None:
+            yield from self._named(entry.node, f"'{section}'")
+
+    def _named(self, node: Node, subject: str) -> Iterator[tuple[str, yaml_source.Entry]]:
+        """The entries of a map of names; each name is checked."""
+        if yaml_source.is_nothing(node):
+            return
+        if not isinstance(node, yaml_source.Mapping):
+            self._findings.add(node.place, f"{subject} must be a map, not {_kind_of(node)}", "write NAME: {...}")
+            return
+        for name, entry in node.entries.items():
+            if _NAME.fullmatch(name) is None:
+                self._findings.add(entry.place, f"{shown(name)} cannot be a name", _NAME_HINT)
+            yield name, entry
+
+    def _module(self, name: str, entry: yaml_source.Entry) -> ModuleElement:
+        subject = f"module {shown(name)}"
+        body = entry.node
+        if not isinstance(body, yaml_source.Mapping) and not yaml_source.is_nothing(body):
+            self._findings.add(body.place, f"{subject} must be a map, not {_kind_of(body)}")
+            return ModuleElement(name, entry.place, body, None)
+        fields = body.entries if isinstance(body, yaml_source.Mapping) else {}
+        modes = fields.get("modes")
+        own = {key: value for key, value in fields.items() if key != "modes" and key not in _MODE_FIELDS}
+        mode_fields = {key: value for key, value in fields.items() if key in _MODE_FIELDS}
+        known = (*field_names(schema.ModuleForm), *_MODE_FIELDS, "modes")
+        form = self._form(subject, entry.place, yaml_source.Mapping(body.place, own), schema.ModuleForm, known)
+        if modes is None:
+            only = yaml_source.Entry(entry.place, yaml_source.Mapping(body.place, mode_fields))
+            mode = self._mode(subject, schema.ONLY_MODE, only)
+            return ModuleElement(name, entry.place, body, form, {mode.name: mode})
+        self._refuse_both_ways(subject, mode_fields)
+        return ModuleElement(name, entry.place, body, form, self._modes(subject, modes))
+
+    def _refuse_both_ways(self, subject: str, mode_fields: Mapping[str, yaml_source.Entry]) -> None:
+        for key, entry in mode_fields.items():
+            sentence = f"{subject} has both 'modes' and a '{key}' of its own"
+            self._findings.add(entry.place, sentence, f"move '{key}' into the modes")
+
+    def _modes(self, subject: str, modes: yaml_source.Entry) -> dict[str, Element[schema.ModeForm]]:
+        found = {
+            name: self._mode(f"mode {shown(name)} of {subject}", name, entry)
+            for name, entry in self._named(modes.node, f"'modes' of {subject}")
+        }
+        if not found:
+            self._findings.add(modes.node.place, f"{subject} lists no mode", "write modes: {NAME: {cpu: ..., ...}}")
+        return found
+
+    def _mode(self, subject: str, name: str, entry: yaml_source.Entry) -> Element[schema.ModeForm]:
+        return Element(name, entry.place, entry.node, self._form(subject, entry.place, entry.node, schema.ModeForm))
+
+    def _form(
+        self, subject: str, place: Place, node: Node, form: type[F_co], known: Collection[str] = ()
+    ) -> F_co | None:
+        """Fields of an element, or None and findings. `known`: fields to suggest, where not those of `form` alone."""
+        fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
+        try:
+            return form.model_validate(fields)
+        except ValidationError as failure:
+            _FormFindings(self._findings, subject, place, node, known or field_names(form)).add(failure)
+            return None
+
+
+class _FormFindings:
+    """Turns what pydantic says about one element into findings."""
+
+    def __init__(self, findings: Findings, subject: str, place: Place, node: Node, known: Collection[str]) -> None:
+        self._findings = findings
+        self._subject = subject
+        self._place = place
+        self._node = node
+        self._known = known
+
+    def add(self, failure: ValidationError) -> None:
+        errors: list[Any] = failure.errors(include_url=False)
+        missing = [error["loc"] for error in errors if error["type"] == "missing"]
+        for parent in dict.fromkeys(loc[:-1] for loc in missing):
+            lacking = [f"'{loc[-1]}'" for loc in missing if loc[:-1] == parent]
+            inside = f"{self._subject} ({parent[0]})" if parent else self._subject
+            place = yaml_source.place_at(self._node, parent) if parent else self._place
+            self._findings.add(place, f"{inside} lacks {listed(lacking)}")
+        for error in errors:
+            if error["type"] != "missing":
+                self._one(error)
+
+    def _one(self, error: Any) -> None:
+        loc: tuple[int | str, ...] = error["loc"]
+        if error["type"] == "extra_forbidden":
+            self._unknown_field(loc)
+            return
+        reason = error.get("ctx", {}).get("error")
+        sentence, hint = (str(reason), reason.hint) if isinstance(reason, UnfitError) else _translated(error)
+        subject = f"'{_field(loc)}' of {self._subject}" if loc else self._subject
+        self._findings.add(yaml_source.place_at(self._node, loc), f"{subject} {sentence}", hint)
+
+    def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
+        name = str(loc[-1])
+        parent = self._node
+        known = self._known
+        for step in loc[:-1]:
+            if isinstance(parent, yaml_source.Mapping) and step in parent.entries:
+                parent = parent.entries[str(step)].node
+            known = field_names(schema.WhenForm)
+        hint = self._findings.suggestion(name, known) or f"it may have {listed(sorted(known))}"
+        place = yaml_source.key_place(parent, name)
+        self._findings.add(place, f"{self._subject} has no field {shown(name)}", hint)
+
+
+def _translated(error: Any) -> tuple[str, str]:
+    """Sentence and hint for an error of pydantic's own types."""
+    wanted, hint = _WANTED.get(error["type"], ("something else", ""))
+    wanted = wanted.format_map(error.get("ctx", {}))
+    if error["type"] == "string_pattern_mismatch":
+        hint = _NAME_HINT if error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$" else hint
+    return f"must be {wanted}, not {shown(error['input'])}", hint
+
+
+def _field(loc: tuple[int | str, ...]) -> str:
+    return ".".join(str(step) for step in loc if isinstance(step, str) and step != "[key]")
+
+
+def _is_demux(node: Node) -> bool:
+    return isinstance(node, yaml_source.Mapping) and "demux" in node.entries
+
+
+def _kind_of(node: Node) -> str:
+    match node:
+        case yaml_source.Scalar():
+            return shown(node.value)
+        case yaml_source.Sequence():
+            return "a list"
+        case yaml_source.Mapping():
+            return "a map"
+
+
+def _nothing_at(place: Place) -> Node:
+    return yaml_source.Scalar(place, None)

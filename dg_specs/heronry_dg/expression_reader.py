@@ -1,0 +1,318 @@
+"""Gate expressions, from the tree of the file to `gates.Expression` with all named gates written out.
+
+A `Reading` is an expression together with what its surroundings must know of it: where each leaf was written (for a
+leaf out of a named gate: where that gate was named), whether it holds with nothing wired, which DEMUXes it names, how
+deep it is. Named gates are read before those that name them, in an order that also shows the cycles among them, so
+reading never follows a name into the unknown. Each is read once per default worth (leaves below an OR or a XOR have
+another), and the result is shared by all who name it; gates that would unfold into too much are refused by counting.
+
+Where a part makes no sense its reading is None; the parts around it go on being read, for their own mistakes.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, TypeGuard
+
+from heronry_dg import cycles, schema, yaml_source
+from heronry_dg.draft import Draft
+from heronry_dg.findings import Findings, Place, listed, shown
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.yaml_source import Node
+
+MOST_LEAVES: Final = 1_000  # of one mode, named gates written out
+MOST_LEAVES_OF_ALL: Final = 100_000
+DEEPEST: Final = 64
+
+_REFERENCE: Final = re.compile(r"(?P<name>[^@\s]+)(?:@(?P<sign><=)?(?P<version>[0-9]{1,3}))?")
+_OPERATORS: Final = ("and", "or", "xor")
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """An expression that made sense, and what those who contain it ask about it."""
+
+    expression: Expression
+    places: tuple[Place, ...]  # of its leaves, in the order of `gates.leaves`
+    demuxes: tuple[str, ...]  # names of the DEMUXes among its leaves, in the same order
+    holds_unwired: bool  # it holds with nothing wired below it
+    depth: int
+
+
+class ExpressionReader:
+    """Reads every expression of one draft."""
+
+    def __init__(self, draft: Draft, findings: Findings) -> None:
+        self._draft = draft
+        self._findings = findings
+        self._gates: dict[tuple[str, bool], Reading | None] = {}  # by name, and whether below an OR or a XOR
+        self._leaves_left = MOST_LEAVES_OF_ALL
+        self._read_named_gates()
+
+    def shorthands(self) -> dict[str, Expression]:
+        """Every named gate that is no DEMUX and made sense, written out, in the order of the file."""
+        readings = ((name, self._gates[name, False]) for name in self._draft.shorthands)
+        return {name: reading.expression for name, reading in readings if reading is not None}
+
+    def read(self, node: Node) -> Reading | None:
+        """Reading of a mode's `needs`; None, and findings, where it makes no sense."""
+        reading = self._expression(node, below_choice=False)
+        if reading is None:
+            return None
+        self._leaves_left -= len(reading.places)
+        if self._leaves_left < 0:
+            sentence = f"all modes together have more than {MOST_LEAVES_OF_ALL} inputs"
+            self._findings.add(node.place, sentence, "named gates are written out anew by each module that names them")
+            return None
+        return reading
+
+    def _read_named_gates(self) -> None:
+        names = self._draft.shorthands
+        graph = {name: [n for n in _names_in(entry.node) if n in names] for name, entry in names.items()}
+        for component in cycles.components(graph):
+            cycle = cycles.shortest_cycle(graph, component)
+            if cycle:
+                self._refuse_cycle(cycle)
+            for name in component:
+                for below_choice in (False, True):
+                    reading = None if cycle else self._expression(names[name].node, below_choice)
+                    self._gates[name, below_choice] = reading
+
+    def _refuse_cycle(self, cycle: list[str]) -> None:
+        place = self._draft.shorthands[cycle[0]].place
+        route = " -> ".join([*cycle, cycle[0]])
+        self._findings.add(place, f"gate '{cycle[0]}' contains itself: {route}", "let one of them name variables alone")
+
+    def _expression(self, node: Node, below_choice: bool) -> Reading | None:
+        match node:
+            case yaml_source.Scalar(value=str() as text):
+                return self._reference(node.place, text, below_choice)
+            case yaml_source.Mapping(entries=entries) if "var" in entries:
+                return self._input(entries, below_choice)
+            case yaml_source.Mapping(entries=entries) if len(entries) == 1:
+                operator, entry = next(iter(entries.items()))
+                return self._gate(operator, entry, below_choice)
+        hint = "write a variable, a named gate, {and: [...]}, {or: {k: 1, of: [...]}} or {xor: [...]}"
+        self._findings.add(node.place, "a gate expression is expected here", hint)
+        return None
+
+    # Leaves and named gates
+
+    def _reference(self, place: Place, text: str, below_choice: bool) -> Reading | None:
+        """Read a name: a variable with or without versions, or a gate."""
+        match = self._matched(place, text)
+        if match is None or match["name"] in self._draft.variables:
+            return self._leaf(place, match, None, below_choice) if match else None
+        name = match["name"]
+        if name not in self._draft.demuxes and name not in self._draft.shorthands:
+            known = [*self._draft.variables, *self._draft.demuxes, *self._draft.shorthands]
+            self._findings.unknown(place, "variable or gate", name, known)
+            return None
+        if match["version"]:
+            self._findings.add(place, f"'{name}' is a gate and has no versions", f"write {name} alone")
+            return None
+        return (
+            self._demux_leaf(place, name)
+            if name in self._draft.demuxes
+            else self._named_gate(place, name, below_choice)
+        )
+
+    def _matched(self, place: Place, text: str) -> re.Match[str] | None:
+        match = _REFERENCE.fullmatch(text)
+        if match is None:
+            hint = "write NAME, NAME@2 or NAME@<=2, without spaces"
+            self._findings.add(place, f"{shown(text)} is neither a variable nor a gate", hint)
+        return match
+
+    def _input(self, fields: Mapping[str, yaml_source.Entry], below_choice: bool) -> Reading | None:
+        """Read `{var: NAME, worth: [...]}`."""
+        for key in fields.keys() - {"var", "worth"}:
+            hint = self._findings.suggestion(key, ("var", "worth")) or "write {var: NAME, worth: [...]}"
+            self._findings.add(fields[key].place, f"an input has no field {shown(key)}", hint)
+        var, worth = fields["var"].node, fields["worth"].node if "worth" in fields else None
+        if not (isinstance(var, yaml_source.Scalar) and isinstance(var.value, str)):
+            self._findings.add(var.place, "'var' must be the name of a variable", "write {var: NAME, worth: [...]}")
+            return None
+        match = self._matched(var.place, var.value)
+        if match is not None and match["name"] not in self._draft.variables:
+            self._findings.unknown(var.place, "variable", match["name"], self._draft.variables.keys())
+            return None
+        return self._leaf(var.place, match, worth, below_choice) if match else None
+
+    def _leaf(self, place: Place, match: re.Match[str], worth: Node | None, below_choice: bool) -> Reading | None:
+        variable = self._draft.variables[match["name"]].form
+        if variable is None:
+            return None
+        best, worst = _accepted(match, variable.versions)
+        if not 1 <= best <= worst <= variable.versions:
+            there = "version 1 alone" if variable.versions == 1 else f"versions 1 to {variable.versions}"
+            self._findings.add(place, f"{shown(match[0])} is out of range", f"'{match['name']}' has {there}")
+            return None
+        if worth is None or yaml_source.is_nothing(worth):
+            points = _default_worth(best, worst, variable.versions, below_choice)
+            return _reading_of(Leaf(match["name"], best, worst, points), place)
+        given = self._worth(worth, best, worst, variable.versions)
+        return _reading_of(Leaf(match["name"], best, worst, given), place) if given is not None else None
+
+    def _worth(self, node: Node, best: int, worst: int, versions: int) -> tuple[int, ...] | None:
+        """Points per accepted version, from a list of as many, or of one per version that there is."""
+        items = node.items if isinstance(node, yaml_source.Sequence) else []
+        points = tuple(item.value for item in items if isinstance(item, yaml_source.Scalar) and _is_points(item.value))
+        accepted = worst - best + 1
+        if len(points) != len(items) or len(points) not in {accepted, versions}:
+            lengths = listed(dict.fromkeys((str(accepted), str(versions))), last="or")
+            sentence = f"'worth' must be a list of {lengths} whole numbers from 0 to {schema.MOST_POINTS}"
+            self._findings.add(node.place, sentence, "points for each version that is accepted, best first")
+            return None
+        return points if len(points) == accepted else points[best - 1 : worst]
+
+    def _demux_leaf(self, place: Place, name: str) -> Reading | None:
+        """Read the name of a DEMUX: a leaf for its variable, in any version."""
+        form = self._draft.demuxes[name].form
+        variable = self._draft.variables.get(form.demux) if form is not None else None
+        if form is None or variable is None or variable.form is None:
+            return None
+        versions = variable.form.versions
+        points = _default_worth(1, versions, versions, below_choice=False)
+        return _reading_of(Leaf(form.demux, 1, versions, points, demux=name), place)
+
+    def _named_gate(self, place: Place, name: str, below_choice: bool) -> Reading | None:
+        reading = self._gates[name, below_choice]
+        return replace(reading, places=(place,) * len(reading.places)) if reading is not None else None
+
+    # Gates
+
+    def _gate(self, operator: str, entry: yaml_source.Entry, below_choice: bool) -> Reading | None:
+        match operator:
+            case "and":
+                return self._and(entry, below_choice)
+            case "or":
+                return self._or(entry)
+            case "xor":
+                return self._xor(entry)
+            case "demux":
+                self._findings.add(entry.place, "a DEMUX must have a name", "write it under gates:, and name it here")
+            case _:
+                hint = self._findings.suggestion(operator, _OPERATORS) or f"there is {listed(_OPERATORS)}"
+                self._findings.add(entry.place, f"there is no gate {shown(operator)}", hint)
+        return None
+
+    def _and(self, entry: yaml_source.Entry, below_choice: bool) -> Reading | None:
+        inputs = self._inputs(entry.place, "an AND", entry.node, 1, below_choice)
+        if inputs is None:
+            return None
+        return _joined(And(_expressions(inputs)), inputs, all(i.holds_unwired for i in inputs))
+
+    def _or(self, entry: yaml_source.Entry) -> Reading | None:
+        fields = entry.node.entries if isinstance(entry.node, yaml_source.Mapping) else {}
+        if not {"k", "of"} <= fields.keys():
+            self._findings.add(entry.node.place, "an OR needs 'k' and 'of'", "write {or: {k: 1, of: [a, b]}}")
+        for key in fields.keys() - {"k", "of"}:
+            hint = "write {or: {k: 1, of: [a, b]}}"
+            self._findings.add(fields[key].place, f"an OR has no field {shown(key)}", hint)
+        if "of" not in fields:
+            return None
+        inputs = self._inputs(entry.place, "an OR", fields["of"].node, 1, below_choice=True)
+        k = self._k(fields["k"].node, inputs) if "k" in fields else None
+        if inputs is None or k is None:
+            return None
+        return _joined(Or(k, _expressions(inputs)), inputs, sum(i.holds_unwired for i in inputs) >= k)
+
+    def _k(self, node: Node, inputs: list[Reading] | None) -> int | None:
+        k = node.value if isinstance(node, yaml_source.Scalar) else None
+        fits = isinstance(k, int) and not isinstance(k, bool) and k >= 0 and (inputs is None or k <= len(inputs))
+        if not fits:
+            most = f" to {len(inputs)}" if inputs is not None else ""
+            hint = "at least k of the inputs hold; with 0 all are optional"
+            self._findings.add(node.place, f"'k' must be a whole number from 0{most}", hint)
+        return k if fits and isinstance(k, int) else None
+
+    def _xor(self, entry: yaml_source.Entry) -> Reading | None:
+        inputs = self._inputs(entry.place, "a XOR", entry.node, 2, below_choice=True)
+        if inputs is None or not isinstance(entry.node, yaml_source.Sequence):
+            return None
+        idle = [item for reading, item in zip(inputs, entry.node.items, strict=True) if reading.holds_unwired]
+        for item in idle:
+            sentence = "this input of a XOR holds with nothing wired below it"
+            self._findings.add(item.place, sentence, "give its OR a 'k' of 1 or more")
+        return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
+
+    def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
+        """Readings of all inputs of a gate; None where one of them, or all together, make no sense."""
+        items = node.items if isinstance(node, yaml_source.Sequence) else []
+        if len(items) < least:
+            self._findings.add(node.place, f"{gate} takes a list of {least} or more inputs", "write [a, b]")
+            return None
+        readings = [self._expression(item, below_choice) for item in items]
+        whole = [reading for reading in readings if reading is not None]
+        if len(whole) < len(readings) or (gate != "an AND" and self._has_demux(whole, items)):
+            return None
+        return whole if self._is_small(place, whole) else None
+
+    def _has_demux(self, readings: list[Reading], items: list[Node]) -> bool:
+        for reading, item in zip(readings, items, strict=True):
+            if reading.demuxes:
+                sentence = f"DEMUX '{reading.demuxes[0]}' is named below an OR or a XOR"
+                self._findings.add(item.place, sentence, "name it at the root of `needs`, or below ANDs alone")
+        return any(reading.demuxes for reading in readings)
+
+    def _is_small(self, place: Place, inputs: list[Reading]) -> bool:
+        if sum(len(reading.places) for reading in inputs) > MOST_LEAVES:
+            sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are written out"
+            self._findings.add(place, sentence, "let a module in between give what they are needed for")
+            return False
+        if max(reading.depth for reading in inputs) >= DEEPEST:
+            sentence = f"this gate is deeper than {DEEPEST} levels when named gates are written out"
+            self._findings.add(place, sentence, "leave out gates that have a single input")
+            return False
+        return True
+
+
+def _reading_of(leaf: Leaf, place: Place) -> Reading:
+    return Reading(leaf, (place,), (leaf.demux,) if leaf.demux is not None else (), holds_unwired=False, depth=1)
+
+
+def _joined(gate: Expression, inputs: list[Reading], holds_unwired: bool) -> Reading:
+    return Reading(
+        gate,
+        tuple(place for reading in inputs for place in reading.places),
+        tuple(demux for reading in inputs for demux in reading.demuxes),
+        holds_unwired,
+        1 + max(reading.depth for reading in inputs),
+    )
+
+
+def _expressions(inputs: list[Reading]) -> tuple[Expression, ...]:
+    return tuple(reading.expression for reading in inputs)
+
+
+def _accepted(match: re.Match[str], versions: int) -> tuple[int, int]:
+    """Best and worst version that a reference accepts."""
+    if match["version"] is None:
+        return 1, versions
+    version = int(match["version"])
+    return (1 if match["sign"] else version), version
+
+
+def _default_worth(best: int, worst: int, versions: int, below_choice: bool) -> tuple[int, ...]:
+    """Points where the file gives none: the better version is worth more, where there is something to choose."""
+    if not below_choice and best == worst:
+        return (0,)
+    return tuple(versions - version + 1 for version in range(best, worst + 1))
+
+
+def _is_points(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= schema.MOST_POINTS
+
+
+def _names_in(node: Node) -> Iterator[str]:
+    """Every name in an expression, without its version."""
+    match node:
+        case yaml_source.Scalar(value=str() as text):
+            yield text.partition("@")[0]
+        case yaml_source.Sequence(items=items):
+            for item in items:
+                yield from _names_in(item)
+        case yaml_source.Mapping(entries=entries):
+            for entry in entries.values():
+                yield from _names_in(entry.node)

@@ -1,0 +1,107 @@
+"""What is wrong with a spec: findings, each with its place, and the error that carries them all.
+
+A reader of a spec does not stop at the first mistake. It adds a finding and goes on with what it still understands, so
+that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: at one place only
+the first finding counts, and whoever meets something that is already known to be broken says nothing.
+"""
+
+import difflib
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+_LONGEST_SHOWN = 60
+_MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not buy minutes
+
+
+class Place(NamedTuple):
+    """A position in a file; both numbers start at 1."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """One mistake: where, what, and (where it helps) what to write instead."""
+
+    file: str
+    place: Place
+    sentence: str
+    hint: str = ""
+
+    def __str__(self) -> str:
+        hint = f" ({self.hint})" if self.hint else ""
+        return f"{self.file}:{self.place.line}:{self.place.column}: {self.sentence}{hint}"
+
+
+class SpecError(ValueError):
+    """A spec that means nothing; `findings` says why, in the order of the file. Its text is one line per finding."""
+
+    def __init__(self, findings: Iterable[Finding]) -> None:
+        self.findings = tuple(sorted(findings))
+        super().__init__("\n".join(str(finding) for finding in self.findings))
+
+
+class Findings:
+    """The findings of one file while it is being read."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._by_place: dict[Place, Finding] = {}
+        self._comparisons_left = _MOST_COMPARISONS
+
+    def __len__(self) -> int:
+        return len(self._by_place)
+
+    def add(self, place: Place, sentence: str, hint: str = "") -> None:
+        """Note a mistake; a second one at the same place is an echo of the first and is dropped."""
+        self._by_place.setdefault(place, Finding(self._file, place, sentence, hint))
+
+    def unknown(self, place: Place, kind: str, name: str, known: Collection[str]) -> None:
+        """Note a name that refers to nothing."""
+        self.add(place, f"no {kind} is named {shown(name)}", self.suggestion(name, known) or _there_is(known))
+
+    def suggestion(self, name: str, known: Collection[str]) -> str:
+        """Say `did you mean ...?` where a known name is close, nothing otherwise."""
+        if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
+            return ""
+        self._comparisons_left -= len(known)
+        close = difflib.get_close_matches(name, known, n=1)
+        return f"did you mean '{close[0]}'?" if close else ""
+
+    def error(self) -> SpecError:
+        """All findings as one error."""
+        return SpecError(self._by_place.values())
+
+
+def shown(value: object) -> str:
+    """A value of the file as a message shows it: quoted, escaped, and short."""
+    match value:
+        case None:
+            return "nothing"
+        case bool():
+            return "true" if value else "false"
+        case dict():
+            return "a map"
+        case list():
+            return "a list"
+        case str():
+            text = value if len(value) <= _LONGEST_SHOWN else value[: _LONGEST_SHOWN - 3] + "..."
+            return "'" + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text) + "'"
+        case _:
+            return str(value)
+
+
+def listed(words: Iterable[str], last: str = "and") -> str:
+    """Write `a`, `a and b`, `a, b and c`."""
+    *most, final = words
+    return f"{', '.join(most)} {last} {final}" if most else final
+
+
+def _there_is(known: Collection[str]) -> str:
+    if not known:
+        return "there is none"
+    if len(known) > 8:
+        return ""
+    return f"there is {listed(known)}"

@@ -1,0 +1,177 @@
+"""What must hold of the gates of a whole spec: DEMUXes have branches, votes count a producer once, cycles can start.
+
+Source: semantics of the format, section 2, and rule 6 of section 3. A wiring cycle is looked for among all modes at
+once: mode A leads to mode B where A gives a variable without `initial` in a version that a leaf of B accepts. That two
+modes of one module never run together is not used: a cycle through both would be refused, though it cannot be wired.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from heronry_dg import cycles, schema, yaml_source
+from heronry_dg.draft import Draft, Element, ModuleElement
+from heronry_dg.expression_reader import ExpressionReader, Reading
+from heronry_dg.findings import Findings, listed
+from heronry_dg.gates import Expression, leaves
+
+ModeName = tuple[str, str]  # module, mode
+_Datum = tuple[str, int]  # variable, version
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Every expression of a spec; whole only where there are no findings."""
+
+    shorthands: Mapping[str, Expression]
+    needs: Mapping[ModeName, Expression | None]
+    branches: Mapping[str, tuple[str, ...]]  # DEMUX -> modules
+
+
+def read_gates(draft: Draft, findings: Findings) -> Gates:
+    """Read every expression and check it; what makes no sense is missing from the result, and there is a finding."""
+    reader = ExpressionReader(draft, findings)
+    rules = _GateRules(draft, findings)
+    for module in draft.modules.values():
+        rules.read_module(module, reader)
+    rules.check_branches()
+    rules.check_values()
+    rules.check_wiring_cycles()
+    needs = {name: reading.expression if reading else None for name, reading in rules.readings.items()}
+    return Gates(reader.shorthands(), needs, {name: tuple(modules) for name, modules in rules.branches.items()})
+
+
+class _GateRules:
+    def __init__(self, draft: Draft, findings: Findings) -> None:
+        self._draft = draft
+        self._findings = findings
+        self.readings: dict[
+            ModeName, Reading | None
+        ] = {}  # None: a mode without `needs`; one not understood is missing
+        self.branches: dict[str, list[str]] = {name: [] for name in draft.demuxes}
+
+    def read_module(self, module: ModuleElement, reader: ExpressionReader) -> None:
+        """Read the `needs` of all modes, and note of which DEMUXes the module is a branch."""
+        for mode in module.modes.values():
+            needs = _needs(mode)
+            if needs is None:
+                self.readings[module.name, mode.name] = None
+                continue
+            reading = reader.read(needs)
+            if reading is not None:
+                self.readings[module.name, mode.name] = reading
+                self._check_votes(reading)
+        named = (demux for mode in module.modes for demux in self._demuxes(module.name, mode))
+        for demux in dict.fromkeys(named):
+            self.branches[demux].append(module.name)
+
+    def check_branches(self) -> None:
+        """Every mode of a branch names the DEMUX, and every DEMUX has two branches or more."""
+        for demux, modules in self.branches.items():
+            for module in modules:
+                self._check_modes_of_branch(self._draft.modules[module], demux)
+        if not self._all_is_read():
+            return  # a module that was not understood may be the branch that is missing
+        for demux, modules in self.branches.items():
+            if len(modules) < 2 and self._draft.demuxes[demux].form is not None:
+                found = f"only '{modules[0]}'" if modules else "no module"
+                sentence = f"DEMUX '{demux}' needs two branches or more, and {found} names it"
+                self._findings.add(self._draft.demuxes[demux].place, sentence, "its branches name it in their `needs`")
+
+    def check_values(self) -> None:
+        """A function has a value for each mode it may run in, or none at all."""
+        for function in self._draft.functions.values():
+            if function.form is None or function.form.value is None:
+                continue
+            outputs = self.branches.get(function.form.output, [function.form.output])
+            modes = [len(self._draft.modules[name].modes) for name in outputs if name in self._draft.modules]
+            if modes and self._all_is_read() and len(function.form.value) != max(modes):
+                sentence = (
+                    f"'value' of function '{function.name}' must have a number per mode of its output: {max(modes)}"
+                )
+                place = yaml_source.place_at(function.node, ("value",))
+                self._findings.add(place, f"{sentence}, not {len(function.form.value)}", "best mode first")
+
+    def check_wiring_cycles(self) -> None:
+        """On every possible cycle of wires there is a variable with an `initial` value."""
+        graph = self._wiring()
+        for component in cycles.components(graph):
+            cycle = cycles.shortest_cycle(graph, component)
+            if cycle:
+                self._refuse_cycle(cycle)
+
+    def _check_votes(self, reading: Reading) -> None:
+        """Of one mode: no DEMUX is named twice, and no version of a variable is accepted by two leaves."""
+        demuxes: set[str] = set()
+        accepted: set[_Datum] = set()
+        for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
+            data = {(leaf.variable, version) for version in range(leaf.best, leaf.worst + 1)}
+            if leaf.demux in demuxes:
+                self._findings.add(place, f"DEMUX '{leaf.demux}' is named twice in one mode", "name it once")
+            elif data & accepted:
+                variable, version = min(data & accepted)
+                sentence = f"version {version} of '{variable}' is accepted by another input of this mode as well"
+                hint = "inputs of one mode accept different versions, so that no producer counts twice"
+                self._findings.add(place, sentence, hint)
+            accepted |= data
+            if leaf.demux is not None:
+                demuxes.add(leaf.demux)
+
+    def _demuxes(self, module: str, mode: str) -> tuple[str, ...]:
+        reading = self.readings.get((module, mode))
+        return reading.demuxes if reading is not None else ()
+
+    def _check_modes_of_branch(self, module: ModuleElement, demux: str) -> None:
+        for mode in module.modes.values():
+            understood = (module.name, mode.name) in self.readings
+            if understood and demux not in self._demuxes(module.name, mode.name):
+                sentence = f"mode '{mode.name}' of module '{module.name}' does not name DEMUX '{demux}'"
+                self._findings.add(mode.place, sentence, "other modes of the module do: every mode of a branch must")
+
+    def _all_is_read(self) -> bool:
+        modules = self._draft.modules.values()
+        return all(m.modes and all((m.name, mode) in self.readings for mode in m.modes) for m in modules)
+
+    def _wiring(self) -> dict[ModeName | _Datum, list[ModeName | _Datum]]:
+        """Graph of modes and the data that they give; data with an initial value are left out."""
+        graph: dict[ModeName | _Datum, list[ModeName | _Datum]] = {}
+        for module in self._draft.modules.values():
+            for mode in module.modes.values():
+                gives = mode.form.gives if mode.form is not None else {}
+                graph[module.name, mode.name] = [datum for datum in gives.items() if self._may_be_waited_for(datum[0])]
+        for datum in [datum for given in graph.values() for datum in given]:
+            graph.setdefault(datum, [])
+        for name, reading in self.readings.items():
+            for _, leaf in leaves(reading.expression if reading is not None else None):
+                for version in range(leaf.best, leaf.worst + 1):
+                    if (leaf.variable, version) in graph:
+                        graph[leaf.variable, version].append(name)
+        return graph
+
+    def _may_be_waited_for(self, variable: str) -> bool:
+        element = self._draft.variables.get(variable)
+        return element is not None and element.form is not None and element.form.initial is None
+
+    def _refuse_cycle(self, cycle: list[ModeName | _Datum]) -> None:
+        first = self._draft.modules[cycle[0][0]]
+        route = " -> ".join(_shown(self._draft, node) for node in [*cycle, cycle[0]])
+        variables = dict.fromkeys(f"'{name}'" for name, step in cycle if isinstance(step, int))
+        sentence = f"a cycle that nothing can start: {route}"
+        self._findings.add(first.place, sentence, f"give an 'initial' value to {listed(variables, last='or')}")
+
+
+def _needs(mode: Element[schema.ModeForm]) -> yaml_source.Node | None:
+    fields = mode.node.entries if isinstance(mode.node, yaml_source.Mapping) else {}
+    needs = fields["needs"].node if "needs" in fields else None
+    return None if needs is None or yaml_source.is_nothing(needs) else needs
+
+
+def _shown(draft: Draft, node: ModeName | _Datum) -> str:
+    name, step = node
+    if isinstance(step, int):
+        return f"{name}@{step}" if _versions(draft, name) > 1 else name
+    return name if step == schema.ONLY_MODE else f"{name} ({step})"
+
+
+def _versions(draft: Draft, variable: str) -> int:
+    form = draft.variables[variable].form
+    return form.versions if form is not None else 1

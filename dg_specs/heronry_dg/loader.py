@@ -1,0 +1,205 @@
+"""Load a spec: bytes in, a checked `model.Spec` out, or a `SpecError` with everything that is wrong.
+
+The way of a file: bytes -> tree with places (yaml_source) -> elements with exact fields (draft, schema, quantities) ->
+gates written out (expression_reader, gate_rules), names and numbers checked against one another (reference_rules) ->
+the model, which is built here and only when nothing is wrong.
+"""
+
+import hashlib
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from heronry_dg import schema, yaml_source
+from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
+from heronry_dg.findings import Finding, Findings, Place, SpecError
+from heronry_dg.gate_rules import Gates, read_gates
+from heronry_dg.model import (
+    Bus,
+    Contingency,
+    Demux,
+    Device,
+    Function,
+    Manager,
+    Mode,
+    Module,
+    Pe,
+    Phase,
+    Spec,
+    Variable,
+    When,
+)
+from heronry_dg.reference_rules import check_references, initial_value
+from heronry_dg.schema import Form
+
+SUFFIX = ".dg.yaml"
+
+F = TypeVar("F", bound=Form)
+V = TypeVar("V")
+
+
+def load(path: str | Path) -> Spec:
+    """Load the spec in a file; raises SpecError, also for a file that cannot be read."""
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(yaml_source.MOST_BYTES + 1)
+    except OSError as failure:
+        sentence = f"the file cannot be read: {failure.strerror or failure}"
+        raise SpecError([Finding(str(path), Place(1, 1), sentence)]) from failure
+    return _load_bytes(data, str(path))
+
+
+def loads(text: str, name: str) -> Spec:
+    """Load a spec from text; `name` stands for the file in messages. Raises SpecError."""
+    return _load_bytes(text.encode("utf-8", "surrogatepass"), name)
+
+
+def _load_bytes(data: bytes, file: str) -> Spec:
+    findings = Findings(file)
+    root = yaml_source.read_tree(data, findings)
+    draft = read_draft(root, findings) if root is not None else None
+    if draft is None:
+        raise findings.error()
+    check_references(draft, findings)
+    gates = read_gates(draft, findings)
+    if findings:
+        raise findings.error()
+    return _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest())
+
+
+def _name_of(file: str) -> str:
+    name = re.sub(r"\W", "_", Path(file).name.removesuffix(SUFFIX), flags=re.ASCII)
+    return name if re.fullmatch(schema.NAME_PATTERN, name) else "spec"
+
+
+def _built(draft: Draft, gates: Gates, file_name: str, digest: str) -> Spec:
+    """The model of a draft about which there is no finding."""
+    header = _of(draft.header)
+    contingency = _of(draft.contingency.form)
+    buses = {name: _bus(name, form) for name, form in _forms(draft.buses)}
+    return Spec(
+        name=header.name or file_name,
+        digest=digest,
+        buses=buses,
+        manager=_manager(_of(draft.manager.form), buses),
+        pes={name: _pe(name, form) for name, form in _forms(draft.pes)},
+        devices={name: Device(name, form.kind, form.pe, form.rate_per_h) for name, form in _forms(draft.devices)},
+        variables={name: _variable(name, form) for name, form in _forms(draft.variables)},
+        demuxes={name: Demux(name, form.demux, gates.branches[name]) for name, form in _forms(draft.demuxes)},
+        shorthands=gates.shorthands,
+        modules={name: _module(module, gates) for name, module in draft.modules.items()},
+        functions={name: _function(name, form, gates) for name, form in _forms(draft.functions)},
+        phases={name: Phase(name, _when(form.when)) for name, form in _forms(draft.phases)},
+        separate=tuple(tuple(group) for group in header.separate),
+        together=tuple(tuple(group) for group in header.together),
+        contingency=Contingency(contingency.faults, _optional_tuple(contingency.phases)),
+    )
+
+
+def _bus(name: str, form: schema.BusForm) -> Bus:
+    return Bus(
+        name=name,
+        bitrate=form.bitrate,
+        max_load=form.max_load,
+        reserve=form.reserve,
+        kind=form.kind,
+        channels=form.channels,
+        heartbeat_ns=form.heartbeat_ns,
+        misses=form.misses,
+        rate_per_h=form.rate_per_h,
+    )
+
+
+def _manager(form: schema.ManagerForm, buses: Mapping[str, Bus]) -> Manager:
+    first_wired = next((bus.name for bus in buses.values() if bus.kind == "wired"), None)
+    return Manager(_of(form.bus or first_wired), form.without_manager)
+
+
+def _pe(name: str, form: schema.PeForm) -> Pe:
+    return Pe(
+        name=name,
+        node_id=form.node_id,
+        buses=tuple(form.buses),
+        cpu_millis=form.cpu_millis,
+        ram=form.ram,
+        flash=form.flash,
+        features=frozenset(form.features),
+        table_bytes=form.table_bytes,
+        rate_per_h=form.rate_per_h,
+    )
+
+
+def _variable(name: str, form: schema.VariableForm) -> Variable:
+    return Variable(
+        name=name,
+        type=form.type,
+        unit=form.unit,
+        versions=form.versions,
+        identifier=form.identifier,
+        initial=initial_value(form.initial),
+        deadline_ns=form.deadline_ns,
+    )
+
+
+def _module(module: ModuleElement, gates: Gates) -> Module:
+    form = _of(module.form)
+    return Module(
+        name=module.name,
+        image=form.image or module.name,
+        modes={name: _mode(module.name, name, mode, gates) for name, mode in _forms(module.modes)},
+        device=form.device,
+        runs_on=_optional_tuple(form.runs_on),
+        requires=frozenset(form.requires),
+        flash=form.flash,
+        partition=form.partition,
+        checkpoint=form.checkpoint,
+        rate_per_h=form.rate_per_h,
+    )
+
+
+def _mode(module: str, name: str, form: schema.ModeForm, gates: Gates) -> Mode:
+    return Mode(
+        name=name,
+        needs=gates.needs[module, name],
+        gives=form.gives,
+        cpu_millis=form.cpu_millis,
+        ram=form.ram,
+        rate_mhz=form.rate_mhz,
+    )
+
+
+def _function(name: str, form: schema.FunctionForm, gates: Gates) -> Function:
+    return Function(
+        name=name,
+        output=form.output,
+        outputs=gates.branches.get(form.output, (form.output,)),
+        criticality=_by_phase(form.criticality),
+        priority=_by_phase(form.priority),
+        value=_optional_tuple(form.value),
+    )
+
+
+def _when(form: schema.WhenForm | None) -> When | None:
+    return When(form.variable, form.above, form.below, form.hold_ns) if form is not None else None
+
+
+def _by_phase(values: Mapping[str, V]) -> dict[str | None, V]:
+    """By phase, in the order of the file; the model's key for all other phases is None."""
+    return {None if phase == schema.DEFAULT_PHASE else phase: value for phase, value in values.items()}
+
+
+def _optional_tuple(items: list[V] | None) -> tuple[V, ...] | None:
+    return None if items is None else tuple(items)
+
+
+def _forms(elements: Mapping[str, Element[F]]) -> list[tuple[str, F]]:
+    return [(name, _of(element.form)) for name, element in elements.items()]
+
+
+def _of(value: V | None) -> V:
+    """What must be there, since nothing was found wrong."""
+    if value is None:
+        raise AssertionError("a spec without findings is whole")
+    return value

@@ -1,0 +1,109 @@
+"""Quantities, from what a file says to exact integers (or fractions) in the units of the model.
+
+A file says `0.05` cores, `64KiB`, `12.5` Hz or ms; inside, CPU is thousandths of a reference core, memory bytes, a rate
+millihertz, a time nanoseconds. The decimal text is converted exactly: what is finer than the unit inside is an error
+and is never rounded. Bounds keep every sum of quantities far inside 64 bits, which is what the planner's solver counts in.
+"""
+
+import re
+from decimal import Decimal
+from fractions import Fraction
+from typing import Final
+
+from heronry_dg.findings import shown
+
+MOST_CORES: Final = 1_000
+LARGEST_MEMORY: Final = 1 << 40
+MOST_HZ: Final = 1_000_000
+MOST_MS: Final = 3_600_000
+
+_MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
+_UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
+
+
+class UnfitError(ValueError):
+    """A value that does not fit its field; the text is a sentence without a subject ("must be ...")."""
+
+    def __init__(self, sentence: str, hint: str = "") -> None:
+        super().__init__(sentence)
+        self.hint = hint
+
+
+def cpu_millis(value: object) -> int:
+    """Thousandths of a reference core, from cores; raises UnfitError for what is negative, too large or finer."""
+    return _whole(value, 1000, MOST_CORES, "a thousandth of a core")
+
+
+def positive_cpu_millis(value: object) -> int:
+    """As `cpu_millis`, but more than nothing."""
+    return _positive(cpu_millis(value), value)
+
+
+def rate_mhz(value: object) -> int:
+    """Millihertz, from Hz; raises UnfitError for what is not positive, too large or finer."""
+    return _positive(_whole(value, 1000, MOST_HZ, "a millihertz"), value)
+
+
+def span_ns(value: object) -> int:
+    """Nanoseconds, from milliseconds; 0 is allowed. Raises UnfitError for what is negative, too large or finer."""
+    return _whole(value, 1_000_000, MOST_MS, "a nanosecond")
+
+
+def period_ns(value: object) -> int:
+    """As `span_ns`, but more than nothing."""
+    return _positive(span_ns(value), value)
+
+
+def memory_bytes(value: object) -> int:
+    """Bytes, from a plain number of bytes or `64KiB`, `2MiB`, `1GiB`; raises UnfitError for anything else."""
+    if not isinstance(value, str):
+        return _whole(value, 1, LARGEST_MEMORY, "a byte")
+    match = _MEMORY.fullmatch(value)
+    if match is None:
+        raise UnfitError(f"must be a size of memory, not {shown(value)}", "write 64KiB, 2MiB, or a number of bytes")
+    factor = _UNITS[match["unit"]]
+    return _whole(Decimal(match["number"]), factor, LARGEST_MEMORY // factor, f"a byte in {match['unit']}")
+
+
+def positive_memory_bytes(value: object) -> int:
+    """As `memory_bytes`, but more than nothing."""
+    return _positive(memory_bytes(value), value)
+
+
+def share(value: object) -> Fraction:
+    """A share of a whole, 0 to 1; raises UnfitError for anything else."""
+    exact = number(value)
+    if not 0 <= exact <= 1:
+        raise UnfitError(f"must be a share from 0 to 1, not {value}")
+    return exact
+
+
+def failures_per_hour(value: object) -> Fraction:
+    """A failure rate, 0 or more; raises UnfitError for anything else."""
+    exact = number(value)
+    if exact < 0:
+        raise UnfitError(f"must be 0 or more failures per hour, not {value}")
+    return exact
+
+
+def number(value: object) -> Fraction:
+    """The exact number; raises UnfitError for what is none."""
+    if isinstance(value, bool) or not isinstance(value, int | Decimal):
+        quoted = isinstance(value, str) and re.fullmatch(r"-?[0-9.]+", value)
+        raise UnfitError(f"must be a number, not {shown(value)}", "remove the quotes" if quoted else "")
+    return Fraction(value)
+
+
+def _whole(value: object, factor: int, most: int, unit: str) -> int:
+    exact = number(value)
+    if not 0 <= exact <= most:
+        raise UnfitError(f"must be from 0 to {most}, not {value}")
+    if (exact * factor).denominator != 1:
+        raise UnfitError(f"must not be finer than {unit}, as {value} is")
+    return int(exact * factor)
+
+
+def _positive(result: int, value: object) -> int:
+    if result == 0:
+        raise UnfitError(f"must be more than 0, not {value}")
+    return result

@@ -1,0 +1,272 @@
+"""What must hold between the elements of a spec, its gates apart: names refer to something, numbers fit one another.
+
+Each rule looks at the draft and adds findings. A rule passes over broken elements, about which there is a finding
+already, and a reference to one of them is good: the name is there.
+
+Source: semantics of the format, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from decimal import Decimal
+from typing import Final, TypeVar
+
+from heronry_dg import schema, yaml_source
+from heronry_dg.draft import Draft, Element, ModuleElement
+from heronry_dg.findings import Findings, Place, shown
+from heronry_dg.schema import Form
+from heronry_wire.canaerospace import DataType, Datum, encode_data
+from heronry_wire.frame import WireError
+
+FASTEST_WIRE_BITS_PER_S: Final = 1_000_000  # ISO 11898-1, without CAN FD's second rate
+_NUMERIC: Final = ("FLOAT", "LONG", "ULONG", "BLONG", "SHORT", "USHORT", "BSHORT", "CHAR", "UCHAR", "BCHAR")
+_TYPE_NAMES: Final = tuple(DataType.__members__)
+_NOT_NUMERIC: Final = frozenset(_TYPE_NAMES) - frozenset(_NUMERIC)
+
+F = TypeVar("F", bound=Form)
+
+
+def check_references(draft: Draft, findings: Findings) -> None:
+    """Apply every rule of this file."""
+    rules = _ReferenceRules(draft, findings)
+    rules.buses()
+    rules.pes()
+    rules.manager()
+    rules.devices()
+    rules.variables()
+    rules.modules()
+    rules.functions()
+    rules.phases()
+    rules.placement()
+
+
+class _ReferenceRules:
+    def __init__(self, draft: Draft, findings: Findings) -> None:
+        self._draft = draft
+        self._findings = findings
+
+    def buses(self) -> None:
+        """Data has some bandwidth, and a wire is no faster than CAN."""
+        for bus, form in _whole(self._draft.buses):
+            if form.max_load <= form.reserve:
+                sentence = f"'reserve' of bus '{bus.name}' leaves nothing of its 'max_load' to data"
+                self._findings.add(_value_place(bus, "reserve"), sentence, "make max_load the larger one")
+            if form.kind == "wired" and form.bitrate > FASTEST_WIRE_BITS_PER_S:
+                sentence = f"bus '{bus.name}' is wired and faster than CAN: {form.bitrate} bit/s"
+                self._findings.add(_value_place(bus, "bitrate"), sentence, f"at most {FASTEST_WIRE_BITS_PER_S}")
+
+    def pes(self) -> None:
+        """Buses exist and form a forest, node-IDs differ."""
+        nodes: dict[int, str] = {}
+        network = _Forest()
+        for pe, form in _whole(self._draft.pes):
+            other = nodes.setdefault(form.node_id, pe.name)
+            if other != pe.name:
+                sentence = f"pe '{pe.name}' has the node_id of pe '{other}', {form.node_id}"
+                self._findings.add(_value_place(pe, "node_id"), sentence, "give every PE its own")
+            self._names(pe, "buses", form.buses, "bus", self._draft.buses)
+            for index, bus in enumerate(form.buses):
+                if not network.join(f"pe:{pe.name}", f"bus:{bus}"):
+                    sentence = f"bus '{bus}' gives pe '{pe.name}' a second route to where its other buses lead"
+                    hint = "buses form a forest: between two PEs there is at most one route"
+                    self._findings.add(_value_place(pe, "buses", index), sentence, hint)
+
+    def manager(self) -> None:
+        """The manager's bus exists, and is a wired one where there is one."""
+        manager, form = self._draft.manager, self._draft.manager.form
+        if form is None or any(bus.form is None for bus in self._draft.buses.values()):
+            return
+        wired = [bus.name for bus, form in _whole(self._draft.buses) if form.kind == "wired"]
+        place = _value_place(manager, "bus")
+        if not self._draft.buses:
+            place = yaml_source.key_place(self._draft.root, "buses")
+            self._findings.add(place, "there is no bus", "write buses: {can0: {bitrate: 1000000}}")
+        elif form.bus is None and not wired:
+            place = yaml_source.key_place(self._draft.root, "buses")
+            self._findings.add(place, "no bus is wired, and the manager's is not given", "write manager: {bus: NAME}")
+        elif form.bus is not None and form.bus not in self._draft.buses:
+            self._findings.unknown(place, "bus", form.bus, self._draft.buses.keys())
+        elif form.bus is not None and wired and form.bus not in wired:
+            sentence = f"the manager sits on bus '{form.bus}', which is wireless"
+            self._findings.add(place, sentence, f"put it on a wired one, such as {wired[0]}")
+
+    def devices(self) -> None:
+        """PEs of devices exist."""
+        for device, form in _whole(self._draft.devices):
+            self._name(_value_place(device, "pe"), "pe", form.pe, self._draft.pes)
+
+    def variables(self) -> None:
+        """Types exist, identifiers differ, initial values fit, no gate has the name."""
+        holders: dict[int, str] = {}
+        for variable, form in _whole(self._draft.variables):
+            if form.type not in DataType.__members__:
+                self._findings.unknown(_value_place(variable, "type"), "data type", form.type, _TYPE_NAMES)
+            elif form.initial is not None:
+                self._initial(variable, form)
+            other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
+            if other != variable.name:
+                sentence = f"variable '{variable.name}' has the identifier of '{other}', {form.identifier}"
+                hint = "leave it out, and one is allocated"
+                self._findings.add(_value_place(variable, "identifier"), sentence, hint)
+        for name, place in self._gate_names():
+            if name in self._draft.variables:
+                sentence = f"{shown(name)} is the name of a gate and of a variable"
+                self._findings.add(place, sentence, "rename the gate: an expression could mean either")
+
+    def modules(self) -> None:
+        """Devices, PEs and given variables exist; a device's PE is allowed; versions are in range."""
+        for module in self._draft.modules.values():
+            if module.form is not None:
+                self._module_place(module, module.form)
+            for mode, form in _whole(module.modes):
+                for variable, version in form.gives.items():
+                    self._gives(mode, variable, version)
+        for demux, demux_form in _whole(self._draft.demuxes):
+            self._name(_value_place(demux, "demux"), "variable", demux_form.demux, self._draft.variables)
+
+    def functions(self) -> None:
+        """Outputs and phases exist, and there is a value for every mode."""
+        outputs = {**self._draft.modules, **self._draft.demuxes}
+        for function, form in _whole(self._draft.functions):
+            place = _value_place(function, "output")
+            if form.output in self._draft.shorthands:
+                sentence = f"gate '{form.output}' is no DEMUX, so it cannot be the output of a function"
+                self._findings.add(place, sentence, "name a module, or a DEMUX")
+            elif form.output in self._draft.modules and form.output in self._draft.demuxes:
+                sentence = f"'{form.output}' is the name of a module and of a DEMUX"
+                self._findings.add(place, sentence, "rename one of them")
+            elif form.output not in outputs:
+                self._findings.unknown(place, "module or DEMUX", form.output, outputs.keys())
+            for field, by_phase in (("criticality", form.criticality), ("priority", form.priority)):
+                self._phase_keys(function, field, by_phase)
+
+    def phases(self) -> None:
+        """Rules watch a variable that exists and is a number, in one direction; phases to plan for exist."""
+        for phase, form in _whole(self._draft.phases):
+            if phase.name == schema.DEFAULT_PHASE:
+                sentence = f"a phase cannot be named '{phase.name}'"
+                self._findings.add(phase.place, sentence, "in the maps by phase this name means all other phases")
+            if form.when is not None:
+                self._when(phase, form.when)
+        contingency = self._draft.contingency
+        if contingency.form is not None and contingency.form.phases is not None:
+            self._names(contingency, "phases", contingency.form.phases, "phase", self._draft.phases)
+
+    def placement(self) -> None:
+        """Modules that placement rules name exist."""
+        if self._draft.header is None:
+            return
+        for rule, groups in (("separate", self._draft.header.separate), ("together", self._draft.header.together)):
+            for group, names in enumerate(groups):
+                for index, name in enumerate(names):
+                    place = yaml_source.place_at(self._draft.root, (rule, group, index))
+                    self._name(place, "module", name, self._draft.modules)
+
+    def _initial(self, variable: Element[schema.VariableForm], form: schema.VariableForm) -> None:
+        try:
+            encode_data(0, Datum(0, DataType[form.type], 0, 0, initial_value(form.initial)))
+        except (WireError, TypeError) as misfit:
+            sentence = f"'initial' of variable '{variable.name}' does not fit: {misfit}"
+            self._findings.add(_value_place(variable, "initial"), sentence)
+
+    def _module_place(self, module: ModuleElement, form: schema.ModuleForm) -> None:
+        self._names(module, "runs_on", form.runs_on or (), "pe", self._draft.pes)
+        if form.device is None:
+            return
+        place = _value_place(module, "device")
+        self._name(place, "device", form.device, self._draft.devices)
+        device = self._draft.devices.get(form.device)
+        if device is None or device.form is None or form.runs_on is None:
+            return
+        if device.form.pe in self._draft.pes and device.form.pe not in form.runs_on:
+            sentence = f"module '{module.name}' can run nowhere: '{form.device}' is on pe '{device.form.pe}'"
+            hint = "'runs_on' must allow that PE, or be left out"
+            self._findings.add(yaml_source.key_place(module.node, "runs_on"), sentence, hint)
+
+    def _gives(self, mode: Element[schema.ModeForm], name: str, version: int) -> None:
+        place = yaml_source.key_place(_child(mode.node, "gives"), name)
+        self._name(place, "variable", name, self._draft.variables)
+        variable = self._draft.variables.get(name)
+        if variable is not None and variable.form is not None and version > variable.form.versions:
+            most = variable.form.versions
+            there = "version 1 alone" if most == 1 else f"versions 1 to {most}"
+            sentence = f"version {version} of '{name}' does not exist"
+            self._findings.add(_value_place(mode, "gives", name), sentence, f"'{name}' has {there}")
+
+    def _phase_keys(self, function: Element[schema.FunctionForm], field: str, by_phase: Mapping[str, object]) -> None:
+        for phase in by_phase:
+            if phase != schema.DEFAULT_PHASE:
+                place = yaml_source.key_place(_child(function.node, field), phase)
+                self._name(place, "phase", phase, self._draft.phases)
+
+    def _when(self, phase: Element[schema.PhaseForm], when: schema.WhenForm) -> None:
+        self._name(_value_place(phase, "when", "variable"), "variable", when.variable, self._draft.variables)
+        variable = self._draft.variables.get(when.variable)
+        if variable is not None and variable.form is not None and variable.form.type in _NOT_NUMERIC:
+            sentence = f"'{when.variable}' is no single number, but of type {shown(variable.form.type)}"
+            self._findings.add(_value_place(phase, "when", "variable"), sentence, "watch a number")
+        if (when.above is None) == (when.below is None):
+            sentence = f"'when' of phase '{phase.name}' must have exactly one of 'above' and 'below'"
+            self._findings.add(yaml_source.key_place(phase.node, "when"), sentence)
+
+    def _names(
+        self, element: Element[Form], field: str, names: Iterable[str], kind: str, known: Collection[str]
+    ) -> None:
+        for index, name in enumerate(names):
+            self._name(_value_place(element, field, index), kind, name, known)
+
+    def _name(self, place: Place, kind: str, name: str, known: Collection[str]) -> None:
+        if name not in known:
+            self._findings.unknown(place, kind, name, list(known))
+
+    def _gate_names(self) -> Iterator[tuple[str, Place]]:
+        yield from ((gate.name, gate.place) for gate in self._draft.demuxes.values())
+        yield from ((name, entry.place) for name, entry in self._draft.shorthands.items())
+
+
+class _Forest:
+    """Sets of things that are connected, by union and find."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, str] = {}
+
+    def join(self, one: str, other: str) -> bool:
+        """Connect two things; False where they were connected before."""
+        a, b = self._root(one), self._root(other)
+        self._parents[a] = b
+        return a != b
+
+    def _root(self, thing: str) -> str:
+        while (parent := self._parents.setdefault(thing, thing)) != thing:
+            self._parents[thing] = self._parents[parent]
+            thing = parent
+        return thing
+
+
+def initial_value(value: object) -> int | float | str | tuple[int, ...] | None:
+    """An `initial` of the file as the model has it; raises TypeError for what no data type carries."""
+    match value:
+        case bool() | dict():
+            raise TypeError(f"no data type carries {shown(value)}")
+        case list() if all(isinstance(item, int) and not isinstance(item, bool) for item in value):
+            return tuple(value)
+        case Decimal():
+            return float(value)
+        case None | int() | str():
+            return value
+        case _:
+            raise TypeError("only whole numbers can be listed")
+
+
+def _whole(elements: Mapping[str, Element[F]]) -> Iterator[tuple[Element[F], F]]:
+    """Elements that are not broken, with their fields."""
+    return ((element, element.form) for element in elements.values() if element.form is not None)
+
+
+def _value_place(element: Element[Form], *path: str | int) -> Place:
+    """Place of a value; of the element's name where the file does not have the value."""
+    place = yaml_source.place_at(element.node, path)
+    return element.place if place == element.node.place else place
+
+
+def _child(node: yaml_source.Node, key: str) -> yaml_source.Node:
+    return node.entries[key].node if isinstance(node, yaml_source.Mapping) and key in node.entries else node

@@ -1,0 +1,377 @@
+"""The fields of a spec: what may be written, what each field means, and what counts where it is left out.
+
+One pydantic model per kind of element, each field with its description and examples; the file's JSON schema comes from
+here as well. The models judge one element at a time and know nothing of the others: whether a name refers to something
+is for reference_rules.py to say. Field names are those of the file; where the unit inside differs, the attribute has
+another name than the field (`rate_hz` is kept as `rate_mhz`).
+
+Gate expressions are `Any` here: expression_reader.py reads them from the tree, because it must name places in them.
+"""
+
+from fractions import Fraction
+from functools import cache
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    WithJsonSchema,
+    model_validator,
+)
+
+from heronry_dg import quantities
+from heronry_dg.findings import shown
+from heronry_dg.model import Criticality
+from heronry_dg.quantities import UnfitError
+from heronry_wire.canaerospace import DataType
+from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
+
+NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier, and free of the marks of ELEMENT=40%
+DEFAULT_PHASE: Final = "default"
+ONLY_MODE: Final = "only"
+MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
+MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
+
+
+def _number_schema(description: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": "number", "minimum": 0, "description": description})
+
+
+def _different(names: list[str]) -> list[str]:
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise UnfitError(f"names {shown(name)} twice", "remove one of them")
+    return names
+
+
+def _for_all_phases(value: object) -> object:
+    return value if isinstance(value, dict) else {DEFAULT_PHASE: value}
+
+
+def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
+    if DEFAULT_PHASE not in by_phase:
+        raise UnfitError(f"gives no '{DEFAULT_PHASE}'", f"add {DEFAULT_PHASE}: what counts in all other phases")
+    return by_phase
+
+
+def _checkpoint(value: object) -> bool | int | str:
+    if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
+        return value
+    raise UnfitError(f"must be true, false, a whole number or a name, not {shown(value)}")
+
+
+def _optional_number(value: object) -> Fraction | None:
+    return None if value is None else quantities.number(value)
+
+
+_MEMORY_SCHEMA = WithJsonSchema(
+    {
+        "anyOf": [
+            {"type": "integer", "minimum": 0},
+            {"type": "string", "pattern": r"^[0-9]+(\.[0-9]+)?(KiB|MiB|GiB)$"},
+        ]
+    }
+)
+Cpu = Annotated[int, PlainValidator(quantities.cpu_millis), _number_schema("reference cores, to a thousandth")]
+Capacity = Annotated[
+    int, PlainValidator(quantities.positive_cpu_millis), _number_schema("reference cores, to a thousandth")
+]
+Memory = Annotated[int, PlainValidator(quantities.memory_bytes), _MEMORY_SCHEMA]
+PositiveMemory = Annotated[int, PlainValidator(quantities.positive_memory_bytes), _MEMORY_SCHEMA]
+Rate = Annotated[int, PlainValidator(quantities.rate_mhz), _number_schema("Hz, to a thousandth")]
+Period = Annotated[int, PlainValidator(quantities.period_ns), _number_schema("ms, to a nanosecond")]
+Span = Annotated[int, PlainValidator(quantities.span_ns), _number_schema("ms, to a nanosecond")]
+Share = Annotated[Fraction, PlainValidator(quantities.share), _number_schema("a share, 0 to 1")]
+FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), _number_schema("failures per hour")]
+Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
+Names = Annotated[list[str], AfterValidator(_different)]
+Version = Annotated[int, Field(ge=1)]
+Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
+PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
+Checkpoint = Annotated[
+    bool | int | str, PlainValidator(_checkpoint), WithJsonSchema({"type": ["boolean", "integer", "string"]})
+]
+CriticalityByPhase = Annotated[dict[str, Criticality], BeforeValidator(_for_all_phases), AfterValidator(_with_default)]
+PriorityByPhase = Annotated[dict[str, Points], BeforeValidator(_for_all_phases), AfterValidator(_with_default)]
+DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_type in DataType]})]
+
+
+class Form(BaseModel):
+    """What all elements share: no unknown fields, no guessing of types; a key without a value counts as left out."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_out_nothing(cls, fields: object) -> object:
+        if isinstance(fields, dict):
+            return {key: value for key, value in fields.items() if value is not None or key not in field_names(cls)}
+        return fields
+
+    @classmethod
+    def known_fields(cls) -> frozenset[str]:
+        """Field names as the file has them."""
+        return _KNOWN_FIELDS.setdefault(cls, frozenset(field.alias or name for name, field in cls.model_fields.items()))
+
+
+_KNOWN_FIELDS: dict[type[Form], frozenset[str]] = {}
+
+
+@cache
+def field_names(form: type[Form]) -> tuple[str, ...]:
+    """Fields of a kind of element, as the file names them."""
+    return tuple(field.alias or name for name, field in form.model_fields.items())
+
+
+class Fallible(Form):
+    """An element that fails now and then."""
+
+    rate_per_h: FailureRate | None = Field(
+        default=None, description="Failures per hour; used by analysis alone.", examples=[0.0005, 1e-5]
+    )
+
+
+class BusForm(Fallible):
+    """One CAN segment."""
+
+    bitrate: int = Field(gt=0, le=1_000_000_000, description="Bit rate in bit/s.", examples=[1000000])
+    max_load: Share = Field(
+        default=Fraction(8, 10),
+        description="Largest share of the bit rate that may be used; 0.8 is the CANaerospace rule.",
+        examples=[0.8],
+        json_schema_extra={"default": 0.8},
+    )
+    reserve: Share = Field(
+        default=Fraction(1, 10),
+        description="Share of the bit rate kept for management; data may use max_load - reserve.",
+        examples=[0.1],
+        json_schema_extra={"default": 0.1},
+    )
+    kind: Literal["wired", "wireless"] = Field(
+        default="wired", description="A wireless bus has a bandwidth, and no exact response times.", examples=["wired"]
+    )
+    channels: int = Field(
+        default=1, ge=1, le=2, description="2: replicated, every frame is sent on both channels.", examples=[1]
+    )
+    heartbeat_ns: Period = Field(
+        default=20,
+        validate_default=True,
+        alias="heartbeat_ms",
+        description="Period in ms of each PE's state frame on this bus.",
+        examples=[20, 12.5],
+    )
+    misses: int = Field(
+        default=3, ge=1, le=255, description="Silent periods after which a PE counts as down.", examples=[3]
+    )
+
+
+class ManagerForm(Form):
+    """Where the managers sit, and what a PE does when it hears none."""
+
+    bus: str | None = Field(default=None, description="Their bus; the first wired one if left out.", examples=["can0"])
+    without_manager: Literal["keep", "safe_mode"] = Field(
+        default="keep",
+        description="What PEs do when no manager is heard: keep what runs, or run their safe-mode slice.",
+        examples=["keep"],
+    )
+
+
+class PeForm(Fallible):
+    """A processing element; on two or more buses it is a gateway."""
+
+    node_id: int = Field(ge=FIRST_PE, le=LAST_PE, description="CANaerospace and CANopen node-ID.", examples=[92])
+    buses: Names = Field(
+        min_length=1, description="Buses it is on; with two or more it is a gateway.", examples=[["can0"]]
+    )
+    cpu_millis: Capacity = Field(
+        alias="cpu", description="CPU capacity that modules may use, in reference cores.", examples=[0.5]
+    )
+    ram: PositiveMemory = Field(description="RAM that modules may use.", examples=["32KiB"])
+    flash: PositiveMemory = Field(description="Flash that modules may use.", examples=["64KiB"])
+    features: Names = Field(default=[], description="Labels that a module may require.", examples=[["fpu"]])
+    table_bytes: PositiveMemory = Field(
+        default=4096,
+        description="Memory for the table of modules and contingencies that the PE is given.",
+        examples=["4KiB"],
+    )
+
+
+class DeviceForm(Fallible):
+    """A sensor or an actuator, bolted to one PE."""
+
+    kind: Literal["sensor", "actuator"] = Field(description="Which way its data goes.", examples=["sensor"])
+    pe: str = Field(description="The PE that it is bolted to.", examples=["tail_pe"])
+
+
+class VariableForm(Form):
+    """A datum that modules exchange, in one or more versions (qualities); version 1 is the best."""
+
+    type: DataTypeName = Field(description="CANaerospace data type.", examples=["FLOAT", "UCHAR"])
+    unit: PrintableText | None = Field(default=None, description="Physical unit.", examples=["m", "deg/s"])
+    versions: int = Field(
+        default=1, ge=1, le=MOST_VERSIONS, description="How many versions there are, 1 being the best.", examples=[3]
+    )
+    identifier: int | None = Field(
+        default=None,
+        ge=STANDARD_DATA_IDS.start,
+        le=STANDARD_DATA_IDS.stop - 1,
+        description="Standard CANaerospace identifier; one is allocated if left out.",
+        examples=[322],
+    )
+    initial: Any = Field(
+        default=None,
+        description="Value before the first one is received; it makes a wiring cycle through this variable legal.",
+        examples=[0],
+    )
+    deadline_ns: Period | None = Field(
+        default=None,
+        alias="deadline_ms",
+        description="Longest time in ms from source to consumer; the period of its producer if left out.",
+        examples=[25],
+    )
+
+
+class ModeForm(Form):
+    """One way to run a module; modes are listed best first."""
+
+    needs: Any = Field(
+        default=None,
+        description="Gate expression over variables that must hold for the mode to run; no input if left out.",
+        examples=["altitude", {"or": {"k": 1, "of": ["altitude@<=2", "release_command"]}}],
+    )
+    gives: dict[str, Version] = Field(
+        default={}, description="Variables that it gives, each with the version.", examples=[{"altitude": 1}]
+    )
+    cpu_millis: Cpu = Field(alias="cpu", description="CPU that it takes, in reference cores.", examples=[0.05])
+    ram: Memory = Field(description="RAM that it takes.", examples=["2KiB"])
+    rate_mhz: Rate = Field(alias="rate_hz", description="How often it runs and publishes, in Hz.", examples=[10, 12.5])
+
+
+class ModuleForm(Fallible):
+    """What a module has besides its modes."""
+
+    image: PrintableText | None = Field(
+        default=None, description="Its code; the name of the module if left out.", examples=["servo_driver"]
+    )
+    device: str | None = Field(
+        default=None, description="Device that it drives; it runs on that device's PE.", examples=["gps"]
+    )
+    runs_on: Names | None = Field(
+        default=None, min_length=1, description="PEs that it may run on; any if left out.", examples=[["nav", "flight"]]
+    )
+    requires: Names = Field(default=[], description="Features that its PE must have.", examples=[["fpu"]])
+    flash: Memory = Field(default=0, description="Flash that it takes where it runs.", examples=["4KiB"])
+    partition: PrintableText | None = Field(
+        default=None, description="Memory partition that it runs in on its PE.", examples=["control"]
+    )
+    checkpoint: Checkpoint | None = Field(
+        default=None, description="Whether, or how, its state is kept for a restart elsewhere.", examples=[True]
+    )
+
+
+class ModuleOfOneModeForm(ModuleForm, ModeForm):
+    """A module that is its own single mode, named `only`."""
+
+
+class ModuleOfModesForm(ModuleForm):
+    """A module that lists its modes."""
+
+    modes: dict[str, ModeForm] = Field(min_length=1, description="Its modes by name, best first.")
+
+
+class FunctionForm(Form):
+    """A system output: the root of one dependency graph."""
+
+    output: str = Field(description="A module, or a DEMUX gate.", examples=["chute_driver"])
+    criticality: CriticalityByPhase = Field(
+        default="E",
+        validate_default=True,
+        description="A (served first) to E (not critical): one for all phases, or a map phase: class with `default`.",
+        examples=["A", {"default": "C", "landing": "B"}],
+    )
+    priority: PriorityByPhase = Field(
+        default=1,
+        validate_default=True,
+        description="Weight in its class, 0 for not wanted: one for all phases, or a map phase: weight with `default`.",
+        examples=[100, {"default": 20, "landing": 0}],
+    )
+    value: list[Points] | None = Field(
+        default=None,
+        description="Value of being served, per mode of the output module, best first; 100 (m - i) / m if left out.",
+        examples=[[100, 40]],
+    )
+
+
+class WhenForm(Form):
+    """When a phase is entered by itself: the variable has been beyond the threshold for a while."""
+
+    variable: str = Field(description="Variable that is watched.", examples=["altitude"])
+    above: Threshold = Field(default=None, description="Threshold that it must exceed.", examples=[17000])
+    below: Threshold = Field(default=None, description="Threshold that it must fall below.", examples=[300])
+    hold_ns: Span = Field(
+        default=0,
+        validate_default=True,
+        alias="hold_ms",
+        description="For how long, in ms, without a break.",
+        examples=[500],
+    )
+
+
+class PhaseForm(Form):
+    """A mission phase; the first one listed is the initial one."""
+
+    when: WhenForm | None = Field(default=None, description="Rule by which the phase is entered by itself.")
+
+
+class ContingencyForm(Form):
+    """What must be planned ahead."""
+
+    faults: int = Field(default=1, ge=0, le=8, description="Simultaneous faults to plan ahead for.", examples=[2])
+    phases: Names | None = Field(
+        default=None, description="Phases to plan for; all if left out.", examples=[["landing"]]
+    )
+
+
+class DemuxForm(Form):
+    """A gate of which at most one branch runs; its branches are the modules whose `needs` name it."""
+
+    demux: str = Field(description="Variable that the running branch consumes.", examples=["elevator_demand"])
+
+
+class HeaderForm(Form):
+    """What concerns the whole file."""
+
+    dg: Literal[1] = Field(description="Version of this format.", examples=[1])
+    name: str | None = Field(
+        default=None,
+        pattern=f"^{NAME_PATTERN}$",
+        description="Name of the system; the file's name if left out.",
+        examples=["big_blue"],
+    )
+    separate: list[Annotated[Names, Field(min_length=2)]] = Field(
+        default=[], description="Groups of modules that must run on pairwise different PEs.", examples=[[["a", "b"]]]
+    )
+    together: list[Annotated[Names, Field(min_length=2)]] = Field(
+        default=[], description="Groups of modules that must run on one PE.", examples=[[["a", "b"]]]
+    )
+
+
+class SpecForm(HeaderForm):
+    """One dependency-graph file, whole. Names of elements match `[A-Za-z][A-Za-z0-9_]*`."""
+
+    buses: dict[str, BusForm] = Field(default={}, description="CAN segments by name.")
+    manager: ManagerForm = Field(default=ManagerForm(), description="Where the managers sit.")
+    pes: dict[str, PeForm] = Field(default={}, description="Processing elements by name.")
+    devices: dict[str, DeviceForm] = Field(default={}, description="Sensors and actuators by name.")
+    variables: dict[str, VariableForm] = Field(default={}, description="Data that modules exchange, by name.")
+    gates: dict[str, Any] = Field(default={}, description="Named gates: a DEMUX, or a shorthand for an expression.")
+    modules: dict[str, ModuleOfModesForm | ModuleOfOneModeForm] = Field(default={}, description="Modules by name.")
+    functions: dict[str, FunctionForm] = Field(default={}, description="System outputs by name.")
+    phases: dict[str, PhaseForm] = Field(
+        default={}, description="Mission phases by name; the first is the initial one."
+    )
+    contingency: ContingencyForm = Field(default=ContingencyForm(), description="What must be planned ahead.")

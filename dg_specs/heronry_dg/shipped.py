@@ -1,0 +1,24 @@
+"""Where the specs that come with this package are: beside it in a checkout, inside it in an installed wheel."""
+
+from pathlib import Path
+
+from heronry_dg.loader import SUFFIX
+
+_PACKAGE = Path(__file__).resolve().parent
+_FOLDERS = (_PACKAGE.parent, _PACKAGE / "specs")
+
+
+class UnknownSpecError(LookupError):
+    """No spec of that name is shipped; the message says which are."""
+
+
+def shipped_spec_names() -> tuple[str, ...]:
+    """Names of all shipped specs, sorted."""
+    return tuple(sorted({path.name.removesuffix(SUFFIX) for folder in _FOLDERS for path in folder.glob(f"*{SUFFIX}")}))
+
+
+def shipped_spec_path(name: str) -> Path:
+    """File of a shipped spec; raises UnknownSpecError."""
+    if name in shipped_spec_names():
+        return next(path for folder in _FOLDERS if (path := folder / f"{name}{SUFFIX}").is_file())
+    raise UnknownSpecError(f"no spec named '{name}' is shipped; there is {', '.join(shipped_spec_names()) or 'none'}")

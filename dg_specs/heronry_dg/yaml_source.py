@@ -1,0 +1,257 @@
+"""From the bytes of a spec to a tree of nodes, each with the place of its key and its value.
+
+Only plain YAML is understood: maps, lists and scalars, one document. Anchors, aliases, tags, merge keys, directives and
+duplicate keys are refused, because they let a file mean something else than it seems to. So are scalars on which
+programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers are silent about it.
+
+A spec comes from anywhere, so nothing is built before it is known to be small: the size is checked first, then the
+parser's events are read one by one and depth and node count are checked on the way. A file beyond a limit costs
+milliseconds. No alias is ever followed, so a small file cannot unfold into a large tree.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import yaml
+
+from heronry_dg.findings import Findings, Place, shown
+from heronry_dg.plain_scalars import Surprise, Value, resolve
+
+MOST_BYTES: Final = 1 << 20
+MOST_NODES: Final = 100_000
+MOST_LEVELS: Final = 64
+
+_PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower
+_UNPRINTABLE: Final = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+
+
+class Refused:
+    """Stands for a part of the file about which a finding was already made."""
+
+
+REFUSED: Final = Refused()
+
+
+@dataclass(slots=True)
+class Scalar:
+    """A single value."""
+
+    place: Place
+    value: Value | Refused
+
+
+@dataclass(slots=True)
+class Sequence:
+    """A list."""
+
+    place: Place
+    items: list["Node"]
+
+
+@dataclass(slots=True)
+class Entry:
+    """One `key: value` of a map; `place` is the key's."""
+
+    place: Place
+    node: "Node"
+
+
+@dataclass(slots=True)
+class Mapping:
+    """A map with keys of text, in the order of the file."""
+
+    place: Place
+    entries: dict[str, Entry]
+
+
+Node = Scalar | Sequence | Mapping
+
+
+def read_tree(data: bytes, findings: Findings) -> Node | None:
+    """Tree of the one document in `data`; None where it cannot be read at all, and then there is a finding."""
+    if len(data) > MOST_BYTES:
+        findings.add(Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text")
+        return None
+    text = _decoded(data, findings)
+    if text is None:
+        return None
+    try:
+        return _Builder(yaml.parse(text, Loader=_PARSER), findings).document()
+    except _LimitError as limit:
+        findings.add(limit.place, str(limit), limit.hint)
+    except yaml.MarkedYAMLError as error:
+        findings.add(_mark(error.problem_mark or error.context_mark), *_syntax(error))
+    return None
+
+
+def plain(node: Node) -> object:
+    """The tree without its places: dicts, lists and values."""
+    match node:
+        case Scalar():
+            return node.value
+        case Sequence():
+            return [plain(item) for item in node.items]
+        case Mapping():
+            return {key: plain(entry.node) for key, entry in node.entries.items()}
+
+
+def is_nothing(node: Node) -> bool:
+    """Tell whether a key was written without a value."""
+    return isinstance(node, Scalar) and node.value is None
+
+
+def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
+    """Place of the value at a path of keys and indices; where the path leaves the tree, of the last value on it."""
+    for step in path:
+        match node:
+            case Mapping() if isinstance(step, str) and step in node.entries:
+                node = node.entries[step].node
+            case Sequence() if isinstance(step, int) and step < len(node.items):
+                node = node.items[step]
+            case _:
+                break
+    return node.place
+
+
+def key_place(node: Node, key: str) -> Place:
+    """Place of a key of a map; of the map itself where it lacks the key."""
+    if isinstance(node, Mapping) and key in node.entries:
+        return node.entries[key].place
+    return node.place
+
+
+class _LimitError(Exception):
+    """A file beyond a limit; reading stops at once."""
+
+    def __init__(self, place: Place, sentence: str, hint: str) -> None:
+        super().__init__(sentence)
+        self.place, self.hint = place, hint
+
+
+class _Builder:
+    """Builds the tree from the parser's events."""
+
+    def __init__(self, events: Iterator[yaml.Event], findings: Findings) -> None:
+        self._events = events
+        self._findings = findings
+        self._nodes = 0
+
+    def document(self) -> Node | None:
+        """Read the whole stream, which must hold one document."""
+        next(self._events)  # the stream's start
+        start = next(self._events)
+        if isinstance(start, yaml.StreamEndEvent):
+            self._findings.add(Place(1, 1), "the file is empty", "a spec begins with dg: 1")
+            return None
+        if isinstance(start, yaml.DocumentStartEvent) and (start.version or start.tags):
+            self._refuse(start, "a YAML directive (%...) is not allowed", "leave it out")
+        root = self._node(next(self._events), 1)
+        next(self._events)  # the document's end
+        after = next(self._events)
+        if not isinstance(after, yaml.StreamEndEvent):
+            self._refuse(after, "a second document begins here", "one file holds one spec; remove the '---'")
+        return root
+
+    def _node(self, event: yaml.Event, level: int) -> Node:
+        place = _mark(event.start_mark)
+        self._count(place, level)
+        if isinstance(event, yaml.AliasEvent):
+            self._refuse(event, "an alias (*) is not allowed", "write the value out; a named gate can shorten `needs`")
+            return Scalar(place, REFUSED)
+        self._check_properties(event)
+        if isinstance(event, yaml.ScalarEvent):
+            return Scalar(place, self._value(event, place))
+        if isinstance(event, yaml.SequenceStartEvent):
+            return Sequence(place, self._items(level))
+        return Mapping(place, self._entries(level))
+
+    def _count(self, place: Place, level: int) -> None:
+        self._nodes += 1
+        if self._nodes > MOST_NODES:
+            raise _LimitError(place, f"the file has more than {MOST_NODES} values", "a spec is a short text")
+        if level > MOST_LEVELS:
+            raise _LimitError(
+                place, f"this is nested deeper than {MOST_LEVELS} levels", "named gates keep `needs` flat"
+            )
+
+    def _items(self, level: int) -> list[Node]:
+        items = []
+        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
+            items.append(self._node(event, level + 1))
+        return items
+
+    def _entries(self, level: int) -> dict[str, Entry]:
+        entries: dict[str, Entry] = {}
+        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            key = self._node(event, level + 1)
+            node = self._node(next(self._events), level + 1)
+            name = self._key(key, event)
+            if name in entries:
+                first = entries[name].place
+                sentence = f"{shown(name)} is given twice, first at {first.line}:{first.column}"
+                self._findings.add(key.place, sentence, "remove one of them")
+            elif name is not None:
+                entries[name] = Entry(key.place, node)
+        return entries
+
+    def _key(self, key: Node, event: yaml.Event) -> str | None:
+        """Text of a key, or None where it has none; a refused one keeps its text, so that nobody misses it."""
+        if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
+            if not isinstance(key.value, str):
+                self._findings.add(key.place, f"the key {shown(event.value)} is not text", "put it in quotes")
+            return str(event.value)
+        self._findings.add(key.place, "a key must be text", "write key: value")
+        return None
+
+    def _value(self, event: yaml.ScalarEvent, place: Place) -> Value | Refused:
+        if not event.implicit[0]:  # quoted, or a block of text
+            return str(event.value)
+        value = resolve(event.value)
+        if isinstance(value, Surprise):
+            self._findings.add(place, value.sentence, value.hint)
+            return REFUSED
+        return value
+
+    def _check_properties(self, event: yaml.Event) -> None:
+        if getattr(event, "anchor", None) is not None:
+            self._refuse(event, "an anchor (&) is not allowed", "leave it out")
+        if getattr(event, "tag", None) is not None:
+            self._refuse(event, "a tag (!) is not allowed", "leave it out")
+
+    def _refuse(self, event: yaml.Event, sentence: str, hint: str) -> None:
+        self._findings.add(_mark(event.start_mark), sentence, hint)
+
+
+def _decoded(data: bytes, findings: Findings) -> str | None:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8", "replace")
+        findings.add(_end_of(before), f"byte 0x{data[error.start]:02x} is not UTF-8", "save the file as UTF-8")
+        return None
+    bad = _UNPRINTABLE.search(text)
+    if bad is None:
+        return text
+    sentence = f"character U+{ord(bad[0]):04X} is not allowed"
+    findings.add(_end_of(text[: bad.start()]), sentence, "remove it; it cannot be seen")
+    return None
+
+
+def _end_of(text: str) -> Place:
+    return Place(text.count("\n") + 1, len(text) - (text.rfind("\n") + 1) + 1)
+
+
+def _mark(mark: Any) -> Place:
+    return Place(1, 1) if mark is None else Place(mark.line + 1, mark.column + 1)
+
+
+def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str]:
+    """Sentence and hint for what the parser could not read."""
+    sentence = f"this is not YAML: {error.problem}"
+    if error.context_mark is not None:
+        begin = _mark(error.context_mark)
+        sentence += f", {error.context} that begins at {begin.line}:{begin.column}"
+    hint = "indent with spaces" if "\\t" in str(error.problem) else "look for a missing quote, comma, colon or bracket"
+    return sentence, hint
