@@ -4,8 +4,9 @@ import argparse
 from pathlib import Path
 
 from heronry_dg.loader import load
-from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
+
+from heronry_dg.model import Spec
 from heronry_tools.errors import UserError
 
 SHIPPED = ("big_blue", "elevator_and_chute")

@@ -1,0 +1,96 @@
+"""Who may still be driving what: break before make, from the manager's side."""
+
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.configuration import Configuration, Running
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_manager.exclusion import Exclusion
+
+MS = 1_000_000
+T_LEASE = 100 * MS
+PES = ["sensor_pe", "control_pe", "tail_pe"]
+
+
+@pytest.fixture
+def spec() -> Spec:
+    text = Path("dg_specs/elevator_and_chute.dg.yaml").read_text()
+    on_control = "elevator_servo_2: {kind: actuator, pe: control_pe}"
+    return loads(text.replace("elevator_servo_2: {kind: actuator, pe: tail_pe}", on_control), "two_tails.dg.yaml")
+
+
+@pytest.fixture
+def exclusion(spec: Spec) -> Exclusion:
+    return Exclusion(spec, T_LEASE)
+
+
+def with_servo(number: int, pe: str, control_on: str = "control_pe") -> Configuration:
+    return Configuration(
+        {f"servo_driver_{number}": Running(pe, "only"), "elevator_control": Running(control_on, "only")}
+    )
+
+
+def activate(exclusion: Exclusion, configuration: Configuration) -> None:
+    placed = exclusion.tokens(configuration)
+    exclusion.activated(placed)
+    for pe in PES:
+        exclusion.reported(pe, placed)
+    exclusion.named(PES, 0)
+
+
+def test_nothing_waits_at_the_first_start(exclusion: Exclusion) -> None:
+    placed = exclusion.tokens(with_servo(1, "tail_pe"))
+    assert exclusion.must_break(placed, PES) == set()
+    assert exclusion.held_until_ns(placed, PES, 0) is None
+
+
+def test_a_demux_that_moves_between_healthy_pes_breaks_first(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe"))
+    placed = exclusion.tokens(with_servo(2, "control_pe"))
+    assert exclusion.must_break(placed, PES) == {"tail_pe"}
+    exclusion.activated(placed)
+    exclusion.reported("tail_pe", placed)
+    assert exclusion.must_break(placed, PES) == set()
+
+
+def test_an_identifier_that_moves_breaks_first_and_one_that_stays_does_not(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
+    stays = exclusion.tokens(with_servo(1, "tail_pe", control_on="control_pe"))
+    moves = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
+    assert exclusion.must_break(stays, PES) == set()
+    assert exclusion.must_break(moves, PES) == {"control_pe"}
+
+
+def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe"))
+    left = ["sensor_pe", "control_pe"]
+    exclusion.named(PES, 60 * MS)
+    exclusion.declared_down("tail_pe")
+    placed = exclusion.tokens(with_servo(2, "control_pe"))
+    assert exclusion.must_break(placed, left) == set()
+    assert exclusion.held_until_ns(placed, left, 65 * MS) == 160 * MS
+    assert exclusion.held_until_ns(placed, left, 160 * MS) is None
+
+
+def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
+    exclusion.declared_down("control_pe")
+    placed = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
+    assert exclusion.held_until_ns(placed, ["sensor_pe", "tail_pe"], 65 * MS) is None
+
+
+def test_a_new_incarnation_holds_nothing(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe"))
+    exclusion.rebooted("tail_pe")
+    placed = exclusion.tokens(with_servo(2, "control_pe"))
+    assert exclusion.held_until_ns(placed, ["sensor_pe", "control_pe"], 10 * MS) is None
+
+
+def test_a_pe_that_missed_the_last_epoch_still_holds_what_it_ran(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe"))
+    second = exclusion.tokens(with_servo(2, "control_pe"))
+    exclusion.activated(second)  # ACTIVATE went out, and tail_pe has not answered
+    third = exclusion.tokens(with_servo(2, "control_pe"))
+    assert exclusion.must_break(third, PES) == {"tail_pe"}

@@ -1,0 +1,112 @@
+"""Suspect, ask, declare, and let back in: scenarios on the record of one PE."""
+
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_manager.health import HOLD_DOWN_PERIODS, Change, Health, HealthChange, Standing
+
+MS = 1_000_000
+PERIOD = 20 * MS
+
+
+@pytest.fixture(scope="module")
+def spec() -> Spec:
+    return loads(Path("dg_specs/elevator_and_chute.dg.yaml").read_text(), "elevator_and_chute.dg.yaml")
+
+
+def changes(found: list[HealthChange]) -> list[tuple[str, Change]]:
+    return [(one.pe, one.change) for one in found]
+
+
+def everybody_up(spec: Spec) -> Health:
+    health = Health(spec, 0, 1000 * MS)
+    for pe in spec.pes:
+        assert changes(health.heard(pe, 1, 0)) == [(pe, Change.JOINED)]
+    assert not health.starting()
+    return health
+
+
+def beat_until(health: Health, pes: list[str], start_ns: int, end_ns: int) -> list[tuple[str, Change]]:
+    found = []
+    for now in range(start_ns, end_ns, PERIOD):
+        for pe in pes:
+            found += changes(health.heard(pe, 1, now))
+        found += changes(health.tick(now))
+    return found
+
+
+def test_a_missed_period_makes_suspect_and_three_make_it_lost(spec: Spec) -> None:
+    health = everybody_up(spec)
+    others = ["control_pe", "sensor_pe"]
+    for pe in others:
+        health.heard(pe, 1, 20 * MS)
+    assert changes(health.tick(25 * MS)) == [("tail_pe", Change.SUSPECTED)]
+    assert "tail_pe" in health.counted_on()
+    for pe in others:
+        health.heard(pe, 1, 60 * MS)
+    assert changes(health.tick(64 * MS)) == []
+    (lost,) = health.tick(65 * MS)
+    assert (lost.pe, lost.change, lost.last_heard_ns) == ("tail_pe", Change.LOST, 0)
+    assert sorted(health.counted_on()) == others
+
+
+def test_a_suspect_that_answers_is_up_again_and_nothing_is_reported(spec: Spec) -> None:
+    health = everybody_up(spec)
+    health.tick(26 * MS)
+    assert health.standing("tail_pe") is Standing.SUSPECT
+    assert health.heard("tail_pe", 1, 27 * MS) == []
+    assert health.standing("tail_pe") is Standing.UP
+
+
+def test_a_reboot_inside_the_window_is_a_loss_and_a_return(spec: Spec) -> None:
+    health = everybody_up(spec)
+    found = health.heard("tail_pe", 2, 30 * MS)
+    assert changes(found) == [("tail_pe", Change.LOST), ("tail_pe", Change.HEARD_AGAIN)]
+    assert "rebooted" in found[0].cause
+
+
+def test_who_returns_is_held_down_and_a_gap_starts_it_again(spec: Spec) -> None:
+    health = everybody_up(spec)
+    pes = list(spec.pes)
+    others = [pe for pe in pes if pe != "tail_pe"]
+    beat_until(health, others, PERIOD, 200 * MS)
+    assert health.standing("tail_pe") is Standing.DOWN
+    assert beat_until(health, pes, 200 * MS, 300 * MS) == [("tail_pe", Change.HEARD_AGAIN)]
+    assert beat_until(health, others, 300 * MS, 400 * MS) == []  # a gap: back to the start
+    found = beat_until(health, pes, 400 * MS, 400 * MS + (HOLD_DOWN_PERIODS + 1) * PERIOD)
+    assert found == [("tail_pe", Change.HEARD_AGAIN), ("tail_pe", Change.JOINED)]
+
+
+def test_what_flaps_is_held_down_longer_each_time(spec: Spec) -> None:
+    health = everybody_up(spec)
+    waits = []
+    now = PERIOD
+    for _ in range(4):
+        health.fail("tail_pe", "because", now)
+        start = now
+        while "tail_pe" not in health.counted_on():
+            now += PERIOD
+            beat_until(health, list(spec.pes), now, now + 1)
+        waits.append(now - start)
+    assert [wait // waits[0] for wait in waits] == [1, 1, 3, 7]
+    assert waits == sorted(waits)
+
+
+def test_who_is_never_heard_is_absent_when_the_window_closes(spec: Spec) -> None:
+    health = Health(spec, 0, 1000 * MS)
+    health.heard("sensor_pe", 1, 990 * MS)
+    health.heard("control_pe", 1, 990 * MS)
+    assert health.starting()
+    assert health.next_deadline_ns() == 1000 * MS
+    assert changes(health.tick(1000 * MS)) == [("tail_pe", Change.ABSENT)]
+    assert not health.starting()
+
+
+def test_a_pe_behind_a_slow_bus_is_given_its_own_period() -> None:
+    spec = loads(Path("dg_specs/big_blue.dg.yaml").read_text(), "big_blue.dg.yaml")
+    health = Health(spec, 0, 1000 * MS)
+    assert health.period_ns("ground") == 200 * MS
+    assert health.period_ns("comms") == PERIOD

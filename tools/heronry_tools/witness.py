@@ -1,0 +1,125 @@
+"""What a function really does, as seen on the bus: the witness for demo, simulator and tests.
+
+It looks at frames alone, never at the manager's opinion. A function counts as served while its outputs are heard: the
+echoes of its actuators (each tells what an actuator was told), or for an output that drives no actuator the output
+frames of its module. Silence for longer than `patience` periods of the slowest mode ends it.
+
+It also sees what must never be: two branches of one DEMUX driven in turn within that patience (`rivals`).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from heronry_dg.model import Function, Module, Spec
+from heronry_wire.canaerospace import DataType, decode_data
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id
+
+PATIENCE_PERIODS = 3
+_ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One frame of an output: which module of which node drove its actuator, or ran."""
+
+    t_ns: int
+    module: str
+    node: int
+    value: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A function that was not heard from `from_ns` to `to_ns` (None: it has not come back)."""
+
+    function: str
+    from_ns: int
+    to_ns: int | None
+
+
+@dataclass(slots=True)
+class _Watched:
+    function: Function
+    patience_ns: int
+    last: Output | None = None
+    before: Output | None = None  # the last one of another module than `last`
+    outages: list[Outage] = field(default_factory=list)
+
+
+class Witness:
+    """Follows the outputs of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.rivals: list[tuple[Output, Output]] = []
+        self._modules = list(spec.modules.values())
+        self._devices = list(spec.devices)
+        self._module_of_device = {m.device: m.name for m in spec.modules.values() if m.device is not None}
+        self._watched = {
+            name: _Watched(function, PATIENCE_PERIODS * _slowest_period_ns(spec.modules[m] for m in function.outputs))
+            for name, function in spec.functions.items()
+        }
+        self._functions_of: dict[str, list[_Watched]] = {}
+        for watched in self._watched.values():
+            for module in watched.function.outputs:
+                self._functions_of.setdefault(module, []).append(watched)
+
+    def see(self, t_ns: int, frame: Frame) -> Output | None:
+        """Take a frame that ended at `t_ns`; gives the output it is, if it is one."""
+        node = _ECHO_NODES.get(frame.can_id)
+        if node is None or frame.extended:
+            return None
+        output = self._read(t_ns, node, frame)
+        for watched in self._functions_of.get(output.module, ()) if output is not None else ():
+            self._heard(watched, output)
+        return output
+
+    def served(self, function: str, now_ns: int) -> bool:
+        """Tell whether a function is heard at `now_ns`."""
+        watched = self._watched[function]
+        return watched.last is not None and now_ns - watched.last.t_ns <= watched.patience_ns
+
+    def last_output(self, function: str) -> Output | None:
+        """Last output of a function."""
+        return self._watched[function].last
+
+    def outages(self, now_ns: int) -> list[Outage]:
+        """Every time a function that had been heard fell silent, in order."""
+        found = [outage for watched in self._watched.values() for outage in watched.outages]
+        for name, watched in self._watched.items():
+            if watched.last is not None and not self.served(name, now_ns):
+                found.append(Outage(name, watched.last.t_ns, None))
+        return sorted(found, key=lambda outage: outage.from_ns)
+
+    def _read(self, t_ns: int, node: int, frame: Frame) -> Output | None:
+        datum = decode_data(frame)
+        if isinstance(datum, Malformed) or datum.node_id != node:
+            return None
+        if datum.data_type is DataType.FLOAT and datum.service_code < len(self._devices):
+            module = self._module_of_device.get(self._devices[datum.service_code])
+            value = datum.value if isinstance(datum.value, float) else None
+            return None if module is None else Output(t_ns, module, node, value)
+        if datum.data_type is DataType.USHORT and isinstance(datum.value, int) and datum.value < len(self._modules):
+            return Output(t_ns, self._modules[datum.value].name, node, None)
+        return None
+
+    def _heard(self, watched: _Watched, output: Output | None) -> None:
+        if output is None:
+            return
+        last = watched.last
+        if last is not None and output.t_ns - last.t_ns > watched.patience_ns:
+            watched.outages.append(Outage(watched.function.name, last.t_ns, output.t_ns))
+        if last is not None and last.module != output.module:
+            before = watched.before
+            if (
+                before is not None
+                and before.module == output.module
+                and output.t_ns - before.t_ns <= watched.patience_ns
+            ):
+                self.rivals.append((last, output))
+            watched.before = last
+        watched.last = output
+
+
+def _slowest_period_ns(modules: Iterable[Module]) -> int:
+    return max(10**12 // mode.rate_mhz for module in modules for mode in module.modes.values())
