@@ -1,0 +1,406 @@
+"""Small random specs with everything in them: what planner, judge and enumerator are tried on.
+
+`random_case` draws from a `random.Random`, be it a seeded one or Hypothesis's (`st.randoms`). Every spec keeps what a
+loaded one keeps (`model.py`). Capacities, bit rates and deadlines are drawn so that they often bind; `features` names
+what a case contains, so that a test can see to it that nothing has gone missing from the mixture.
+"""
+
+import itertools
+import random
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import get_args
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, holds
+from heronry_dg.model import (
+    Bus,
+    Criticality,
+    Demux,
+    Device,
+    Function,
+    Manager,
+    Mode,
+    Module,
+    Pe,
+    Phase,
+    Spec,
+    Variable,
+)
+from heronry_dg.situation import Situation
+
+CLASSES: tuple[Criticality, ...] = get_args(Criticality)
+TYPES = ("FLOAT", "FLOAT", "UCHAR", "SHORT", "UCHAR3", "NODATA")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A spec, a situation, and what runs (None: nothing is known to)."""
+
+    spec: Spec
+    now: Situation
+    running: dict[str, tuple[str, str]] | None
+
+
+def random_case(rng: random.Random, *, modules: int = 7) -> Case:
+    """Draw a spec of 3 to `modules` modules, a situation, and a running placement."""
+    spec = random_spec(rng, modules=modules)
+    return Case(spec, random_situation(rng, spec), random_running(rng, spec))
+
+
+def random_spec(rng: random.Random, *, modules: int = 7) -> Spec:
+    """Draw a spec of 3 to `modules` modules."""
+    buses = _buses(rng)
+    pes = _pes(rng, list(buses))
+    devices = {f"d{i}": Device(f"d{i}", rng.choice(("sensor", "actuator")), rng.choice(list(pes))) for i in range(2)}
+    variables = _variables(rng)
+    count = rng.randint(3, modules)
+    demux = _demux(rng, list(variables), count)
+    draw = _ModuleDrawer(rng, count, variables, list(pes), list(devices), demux)
+    drawn = [draw.module(index) for index in range(count)]
+    drawn_modules = {module.name: module for module in drawn}
+    phases = {f"f{i}": Phase(f"f{i}") for i in range(rng.choice((0, 0, 1, 2)))}
+    demuxes = {demux.name: demux} if demux else {}
+    return Spec(
+        name="random",
+        digest="0" * 64,
+        buses=buses,
+        manager=Manager(rng.choice([b.name for b in buses.values() if b.kind == "wired"])),
+        pes=pes,
+        devices=devices,
+        variables=_broken_cycles(rng, drawn_modules, variables),
+        demuxes=demuxes,
+        shorthands={},
+        modules=drawn_modules,
+        functions=dict(_functions(rng, drawn_modules, demuxes, list(phases))),
+        phases=phases,
+        separate=_groups(rng, list(drawn_modules)),
+        together=_groups(rng, list(drawn_modules)),
+    )
+
+
+def _buses(rng: random.Random) -> dict[str, Bus]:
+    buses = {}
+    for i in range(rng.choice((1, 2, 2, 3))):
+        buses[f"b{i}"] = Bus(
+            f"b{i}",
+            bitrate=rng.choice((20_000, 50_000, 83_333, 125_000, 1_000_000)),
+            max_load=rng.choice((Fraction(8, 10), Fraction(1, 2), Fraction(1, 3))),
+            kind="wireless" if i and rng.random() < 0.3 else "wired",
+            channels=rng.choice((1, 1, 1, 2)),
+            heartbeat_ns=rng.choice((50, 100, 200)) * 1_000_000,
+        )
+    return buses
+
+
+def _pes(rng: random.Random, buses: list[str]) -> dict[str, Pe]:
+    """Draw PEs on a tree of buses: a gateway joins two neighbours, and sometimes it is missing."""
+    places: list[tuple[str, ...]] = [(buses[0],), (buses[0],), (rng.choice(buses),)]
+    for near, far in itertools.pairwise(buses):
+        if rng.random() < 0.9:
+            places[buses.index(near)] = (near, far)
+    if len(buses) > 2:
+        places[2] = (buses[2],)
+    elif len(buses) > 1:
+        places[1] = (buses[1],)
+    pes = {}
+    for i, on in enumerate(places[: max(2, rng.randint(len(buses), 3))]):
+        pes[f"p{i}"] = Pe(
+            f"p{i}",
+            node_id=92 + i,
+            buses=on,
+            cpu_millis=rng.choice((100, 200, 350, 600)),
+            ram=rng.choice((100, 200, 400)),
+            flash=rng.choice((100, 200, 400)),
+            features=frozenset(rng.sample(("fpu", "camera"), rng.choice((0, 1, 2, 2)))),
+        )
+    return pes
+
+
+def _variables(rng: random.Random) -> dict[str, Variable]:
+    standard = rng.sample(range(300, 310), 10)
+    variables = {}
+    for i in range(rng.randint(2, 4)):
+        variables[f"v{i}"] = Variable(
+            f"v{i}",
+            type=rng.choice(TYPES),
+            versions=rng.choice((1, 1, 2, 3)),
+            identifier=standard.pop() if rng.random() < 0.4 else None,
+            initial=0 if rng.random() < 0.15 else None,
+            deadline_ns=rng.choice((3, 5, 10, 20, 50, 200)) * 1_000_000 if rng.random() < 0.4 else None,
+        )
+    return variables
+
+
+def _demux(rng: random.Random, variables: list[str], modules: int) -> Demux | None:
+    if modules < 3 or rng.random() < 0.5:
+        return None
+    branches = sorted(rng.sample(range(modules), 2))
+    return Demux("x0", rng.choice(variables), tuple(f"m{i}" for i in branches))
+
+
+@dataclass(frozen=True)
+class _ModuleDrawer:
+    rng: random.Random
+    count: int
+    variables: dict[str, Variable]
+    pes: list[str]
+    devices: list[str]
+    demux: Demux | None
+
+    def module(self, index: int) -> Module:
+        """Draw module number `index`."""
+        rng, name = self.rng, f"m{index}"
+        drawn = [self._mode(f"o{i}", index) for i in range(rng.choice((1, 1, 2, 3)))]
+        return Module(
+            name,
+            image=name,
+            modes={mode.name: mode for mode in drawn},
+            device=rng.choice(self.devices) if rng.random() < 0.25 else None,
+            runs_on=tuple(rng.sample(self.pes, rng.randint(1, len(self.pes)))) if rng.random() < 0.2 else None,
+            requires=frozenset({rng.choice(("fpu", "camera"))}) if rng.random() < 0.1 else frozenset(),
+            flash=rng.choice((0, 20, 60, 120)),
+        )
+
+    def _mode(self, name: str, index: int) -> Mode:
+        """Draw a mode: early modules are sources, late ones read early variables and give late ones, mostly."""
+        rng, names = self.rng, list(self.variables)
+        pivot = max(1, index * len(names) // self.count)
+        always = names[index % len(names)]  # so that most variables have a producer
+        early = index < (self.count + 1) // 2
+        loose = rng.random() < 0.15
+        readable = names if loose else names[:pivot]
+        needs = None if early and rng.random() < 0.75 else _needs(rng, self.variables, readable)
+        if self.demux and f"m{index}" in self.demux.branches:
+            needs = _demuxed(rng, self.variables, self.demux)
+        return Mode(
+            name,
+            needs=needs,
+            gives=_gives(
+                rng, self.variables, [always] if early else [], names if needs is None or loose else names[pivot:]
+            ),
+            cpu_millis=rng.choice((10, 40, 60, 90, 150)),
+            ram=rng.choice((10, 50, 120)),
+            rate_mhz=rng.choice((1_000, 10_000, 12_500, 33_333, 50_000, 100_000)),
+        )
+
+
+def _gives(rng: random.Random, variables: dict[str, Variable], always: list[str], names: list[str]) -> dict[str, int]:
+    more = rng.sample(names, min(rng.choice((0, 0, 1) if always else (0, 1, 1, 1)), len(names)))
+    return {name: rng.randint(1, variables[name].versions) for name in dict.fromkeys([*always, *more])}
+
+
+class _Versions:
+    """What the leaves of one mode may still take: no version of a variable is taken by two of them."""
+
+    def __init__(self, variables: dict[str, Variable], names: Iterable[str]) -> None:
+        self.left = {(name, v) for name in names for v in range(1, variables[name].versions + 1)}
+
+    def take(self, rng: random.Random, name: str, *, whole: bool = False, demux: str | None = None) -> Leaf:
+        """Draw a leaf over versions that are free."""
+        free = sorted(v for n, v in self.left if n == name)
+        best = free[0] if whole else rng.choice(free)
+        worst = best
+        while worst + 1 in free and (whole or rng.random() < 0.6):
+            worst += 1
+        self.left -= {(name, v) for v in range(best, worst + 1)}
+        return Leaf(name, best, worst, worth=(0,) * (worst - best + 1), demux=demux)
+
+    def names(self) -> list[str]:
+        """Variables of which some version is free."""
+        return sorted({name for name, _ in self.left})
+
+
+def _needs(rng: random.Random, variables: dict[str, Variable], readable: list[str]) -> Expression | None:
+    versions = _Versions(variables, readable)
+    return _with_worth(rng, _expression(rng, versions, 0), variables)
+
+
+def _demuxed(rng: random.Random, variables: dict[str, Variable], demux: Demux) -> Expression:
+    versions = _Versions(variables, variables)
+    leaf: Expression = versions.take(rng, demux.variable, whole=True, demux=demux.name)
+    if rng.random() < 0.4:
+        other = _expression(rng, versions, 1)
+        leaf = And((leaf, other)) if other is not None else And((leaf,))
+    if rng.random() < 0.2:
+        leaf = And((leaf,))
+    needs = _with_worth(rng, leaf, variables)
+    assert needs is not None
+    return needs
+
+
+def _expression(rng: random.Random, versions: _Versions, depth: int) -> Expression | None:
+    """Draw an expression, or None when no version of any variable is left."""
+    if not versions.names():
+        return None
+    kind = rng.choice(("leaf", "leaf", "and", "or", "or", "xor") if depth < 2 else ("leaf",))
+    if kind == "leaf":
+        return versions.take(rng, rng.choice(versions.names()), whole=rng.random() < 0.65)
+    drawn = [_expression(rng, versions, depth + 1) for _ in range(rng.randint(2 if kind == "xor" else 1, 3))]
+    inputs = tuple(one for one in drawn if one is not None)
+    if kind == "and":
+        return And(inputs)
+    if kind == "xor":
+        inputs = tuple(one for one in inputs if not holds(one, frozenset()))
+        return Xor(inputs) if len(inputs) > 1 else (inputs[0] if inputs else None)
+    return Or(rng.randint(0, len(inputs)), inputs) if inputs else None
+
+
+def _with_worth(
+    rng: random.Random, needs: Expression | None, variables: dict[str, Variable], *, chosen: bool = False
+) -> Expression | None:
+    """Give the leaves their default worth, and some of them one of their own."""
+    if needs is None:
+        return None
+    if isinstance(needs, Leaf):
+        versions = range(needs.best, needs.worst + 1)
+        most = variables[needs.variable].versions
+        counts = chosen or len(versions) > 1
+        worth = tuple(most - version + 1 if counts else 0 for version in versions)
+        if rng.random() < 0.2:
+            worth = tuple(rng.randint(0, 9) for _ in versions)
+        return replace(needs, worth=worth)
+    below = chosen or not isinstance(needs, And)
+    drawn = [_with_worth(rng, one, variables, chosen=below) for one in needs.inputs]
+    return replace(needs, inputs=tuple(one for one in drawn if one is not None))
+
+
+def _functions(
+    rng: random.Random, modules: dict[str, Module], demuxes: dict[str, Demux], phases: list[str]
+) -> Iterator[tuple[str, Function]]:
+    for i in range(rng.randint(1, 4)):
+        name = f"g{i}"
+        demux = rng.choice(list(demuxes.values())) if demuxes and rng.random() < 0.6 else None
+        outputs = demux.branches if demux else (rng.choice(list(modules)[-4:]),)
+        most = max(len(modules[output].modes) for output in outputs)
+        criticality: dict[str | None, Criticality] = {None: rng.choice(CLASSES)}
+        priority: dict[str | None, int] = {None: rng.choice((0, 1, 1, 1, 2, 2, 3, 5))}
+        for phase in phases:
+            if rng.random() < 0.5:
+                criticality[phase] = rng.choice(CLASSES)
+            if rng.random() < 0.5:
+                priority[phase] = rng.choice((0, 1, 3))
+        yield (
+            name,
+            Function(
+                name,
+                output=demux.name if demux else outputs[0],
+                outputs=outputs,
+                criticality=criticality,
+                priority=priority,
+                value=tuple(rng.randint(0, 100) for _ in range(most)) if rng.random() < 0.3 else None,
+            ),
+        )
+
+
+def _groups(rng: random.Random, modules: list[str]) -> tuple[tuple[str, ...], ...]:
+    if rng.random() < 0.75:
+        return ()
+    return (tuple(rng.sample(modules, rng.randint(2, min(3, len(modules))))),)
+
+
+def _broken_cycles(
+    rng: random.Random, modules: dict[str, Module], variables: dict[str, Variable]
+) -> dict[str, Variable]:
+    """Give initial values until no cycle is possible without one."""
+    variables = dict(variables)
+    while ring := _variables_on_cycles(modules, variables):
+        name = rng.choice(sorted(ring))
+        variables[name] = replace(variables[name], initial=0)
+    return variables
+
+
+def _variables_on_cycles(modules: dict[str, Module], variables: dict[str, Variable]) -> set[str]:
+    edges = {
+        (consumer, producer, leaf.variable)
+        for consumer, module in modules.items()
+        for mode in module.modes.values()
+        for _, leaf in mode.leaves()
+        for producer in modules
+        if variables[leaf.variable].initial is None and leaf.variable in _given(modules[producer])
+    }
+    while True:
+        kept = {e for e in edges if any(e[1] == f[0] for f in edges) and any(e[0] == f[1] for f in edges)}
+        if kept == edges:
+            return {variable for _, _, variable in edges}
+        edges = kept
+
+
+def _given(module: Module) -> set[str]:
+    return {variable for mode in module.modes.values() for variable in mode.gives}
+
+
+def random_situation(rng: random.Random, spec: Spec) -> Situation:
+    """Draw faults, limits and a phase."""
+    everything = [
+        *(f"pe:{name}" for name in spec.pes),
+        *(f"device:{name}" for name in spec.devices),
+        *(f"module:{name}" for name in spec.modules),
+        *(f"bus:{name}" for name in spec.buses),
+        *(f"channel:{bus.name}.{i}" for bus in spec.buses.values() if bus.channels == 2 for i in (1, 2)),
+    ]
+    down = rng.sample(everything, rng.choice((0, 0, 0, 0, 0, 1, 1, 2)))
+    limits = {}
+    for element in [f"bus:{name}" for name in spec.buses] + [f"pe:{name}" for name in spec.pes]:
+        if rng.random() < 0.08:
+            limits[element] = Fraction(rng.choice((0, 1, 333, 400, 500, 875, 1000)), 1000)
+    return Situation(frozenset(down), limits, rng.choice(list(spec.phases)) if spec.phases else None)
+
+
+def random_running(rng: random.Random, spec: Spec) -> dict[str, tuple[str, str]] | None:
+    """Draw what runs: any modules anywhere, as after a fault, or nothing known."""
+    if rng.random() < 0.4:
+        return None
+    return {
+        module.name: (rng.choice(list(module.modes)), rng.choice(list(spec.pes)))
+        for module in spec.modules.values()
+        if rng.random() < 0.6
+    }
+
+
+def features(case: Case) -> dict[str, bool]:
+    """Tell what a case contains, by name."""
+    spec, now = case.spec, case.now
+    every_mode = [mode for module in spec.modules.values() for mode in module.modes.values()]
+    gates = [gate for mode in every_mode for gate in _gates(mode.needs)]
+    modules = spec.modules.values()
+    buses = spec.buses.values()
+    return {
+        "three buses": len(spec.buses) == 3,
+        "gateway": any(len(pe.buses) > 1 for pe in spec.pes.values()),
+        "wireless bus": any(bus.kind == "wireless" for bus in buses),
+        "replicated bus": any(bus.channels > 1 for bus in buses),
+        "several modes": any(len(module.modes) > 1 for module in modules),
+        "several versions": any(variable.versions > 1 for variable in spec.variables.values()),
+        "initial value": any(variable.initial is not None for variable in spec.variables.values()),
+        "deadline": any(variable.deadline_ns is not None for variable in spec.variables.values()),
+        "standard identifier": any(variable.identifier is not None for variable in spec.variables.values()),
+        "device": any(module.device for module in modules),
+        "runs_on": any(module.runs_on for module in modules),
+        "requires": any(module.requires for module in modules),
+        "and": any(isinstance(gate, And) for gate in gates),
+        "or": any(isinstance(gate, Or) and gate.k > 0 for gate in gates),
+        "optional": any(isinstance(gate, Or) and gate.k == 0 for gate in gates),
+        "xor": any(isinstance(gate, Xor) for gate in gates),
+        "nested gates": any(not isinstance(one, Leaf) for gate in gates for one in gate.inputs),
+        "demux": bool(spec.demuxes),
+        "demux as output": any(function.output in spec.demuxes for function in spec.functions.values()),
+        "separate": bool(spec.separate),
+        "together": bool(spec.together),
+        "phases": len(spec.phases) > 1,
+        "not wanted": any(function.priority_in(now.phase) == 0 for function in spec.functions.values()),
+        "own values": any(function.value for function in spec.functions.values()),
+        "shared output": len({f.output for f in spec.functions.values()}) < len(spec.functions),
+        "limit": bool(now.limits),
+        "faults": bool(now.down),
+        "running": case.running is not None,
+        "feeds itself": any(leaf.variable in mode.gives for mode in every_mode for _, leaf in mode.leaves()),
+    }
+
+
+def _gates(needs: Expression | None) -> Iterable[And | Or | Xor]:
+    if needs is None or isinstance(needs, Leaf):
+        return
+    yield needs
+    for one in needs.inputs:
+        yield from _gates(one)

@@ -1,0 +1,113 @@
+"""The judge and the enumerator, written apart from the same page, agree on what is legal and on what it is worth."""
+
+import random
+from collections import Counter
+from dataclasses import replace
+
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.objective import score
+from heronry_dg.verify import verify
+from planner.enumerator import Enumerator, TooManyError
+from planner.random_specs import Case, features, random_case
+
+MOST = 300  # configurations of one spec that are looked at
+
+Canonical = frozenset[tuple[str, str, str, frozenset[tuple[str, str, str, int]]]]
+
+
+def canonical(configuration: Configuration) -> Canonical:
+    """Give a hashable form of a configuration."""
+    return frozenset(
+        (
+            name,
+            running.mode,
+            running.pe,
+            frozenset((path, wire.producer, wire.variable, wire.version) for path, wire in running.inputs.items()),
+        )
+        for name, running in configuration.modules.items()
+    )
+
+
+def mutated(rng: random.Random, case: Case, configuration: Configuration) -> Configuration:
+    """Change one thing, be it legal or not."""
+    modules = dict(configuration.modules)
+    spec = case.spec
+    kind = rng.choice(("stop", "start", "move", "mode", "unwire", "wire", "rewire"))
+    name = rng.choice(list(spec.modules) if kind == "start" or not modules else list(modules))
+    if name not in modules:
+        modules[name] = Running(rng.choice(list(spec.pes)), rng.choice(list(spec.modules[name].modes)))
+        return Configuration(modules)
+    running = modules[name]
+    inputs = dict(running.inputs)
+    leaves = dict(spec.modules[name].modes[running.mode].leaves())
+    if kind == "stop":
+        del modules[name]
+        return Configuration(modules)
+    if kind == "move":
+        modules[name] = replace(running, pe=rng.choice(list(spec.pes)))
+    elif kind == "mode":
+        modules[name] = replace(running, mode=rng.choice(list(spec.modules[name].modes)))
+    elif kind == "unwire" and inputs:
+        del inputs[rng.choice(list(inputs))]
+        modules[name] = replace(running, inputs=inputs)
+    elif leaves:
+        path = rng.choice(list(leaves))
+        producer = rng.choice(list(spec.modules))
+        version = rng.randint(1, spec.variables[leaves[path].variable].versions)
+        inputs[path] = Wire(producer, leaves[path].variable, version)
+        modules[name] = replace(running, inputs=inputs)
+    return Configuration(modules)
+
+
+@given(st.randoms(use_true_random=False))
+@settings(max_examples=150, deadline=None)
+def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> None:
+    case = random_case(rng, modules=5)
+    enumerator = Enumerator(case.spec, case.now)
+    try:
+        legal = list(enumerator.every(most=MOST))
+    except TooManyError:
+        assume(False)
+    known = {canonical(configuration) for configuration, _, _ in legal}
+    assert len(known) == len(legal)
+    for configuration, structure, places in rng.sample(legal, min(len(legal), 10)):
+        assert verify(case.spec, case.now, configuration) == []
+        objective = score(case.spec, case.now, configuration, case.running)
+        assert objective.key() == enumerator.key(structure, places, case.running)
+        changed = configuration
+        for _ in range(rng.randint(1, 3)):
+            changed = mutated(rng, case, changed)
+            violations = verify(case.spec, case.now, changed)
+            assert (violations == []) == (canonical(changed) in known), violations
+
+
+@given(st.randoms(use_true_random=False))
+@settings(max_examples=60, deadline=None)
+def test_nothing_legal_is_better_than_the_best(rng: random.Random) -> None:
+    case = random_case(rng, modules=5)
+    enumerator = Enumerator(case.spec, case.now)
+    try:
+        legal = list(enumerator.every(most=MOST))
+    except TooManyError:
+        assume(False)
+    key, configuration = enumerator.best(case.running)
+    assert verify(case.spec, case.now, configuration) == []
+    assert score(case.spec, case.now, configuration, case.running).key() == key
+    assert key == max(enumerator.key(structure, places, case.running) for _, structure, places in legal)
+
+
+def test_the_mixture_has_everything_in_it() -> None:
+    seen, refused, served = Counter[str](), Counter[str](), 0
+    for seed in range(300):
+        case = random_case(random.Random(seed), modules=5)
+        seen.update(features(case))
+        enumerator = Enumerator(case.spec, case.now)
+        _, best = enumerator.best(case.running)
+        refused.update(set(enumerator.rejected))
+        served += bool(best.modules)
+    assert {name: count for name, count in seen.items() if count < 30} == {}
+    assert all(refused[reason] >= 8 for reason in ("cpu", "ram", "flash", "separate", "together", "bus", "deadline"))
+    assert served >= 150
