@@ -5,8 +5,9 @@ What it decides: nothing; it maps python-can's calls to the two sockets of `prot
 Sending: the transmit mailbox holds one frame. `send` returns once its frame is in the mailbox, so it waits
 (up to its time-out) only while the frame before is still contending for the bus. A sender that keeps its own
 priority queue opens the bus with `receive_own_messages=True` and sends the next frame when the echo of the
-last one (`is_rx` False) comes in, exactly as on SocketCAN; on this bus the mailbox is empty by then. As on
-SocketCAN, acceptance filters hold back echoes too.
+last one comes in, as on SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hold
+back echoes too. Tell an echo by its identifier and data: `is_rx` is False for exactly the own frames here,
+but SocketCAN in python-can 4.6.1 says so of every frame from the same host.
 
 Receiving: filters act in the hub; timestamps are the end of the frame on the bus, in `time.time()` terms.
 `fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
@@ -18,7 +19,6 @@ from the next call, and from one that waits. Too slow a reader loses the newest 
 import os
 import socket
 import struct
-import time
 from contextlib import ExitStack, suppress
 
 import can
@@ -28,11 +28,9 @@ from heronry_tools.softbus.link import Link, deadline_after, how_to_start, read_
 from heronry_tools.softbus.protocol import (
     PROTOCOL_VERSION,
     RECORD_BYTES,
-    BusFrame,
     BusStatistics,
     decode_frame,
     decode_statistics,
-    encode_frame,
 )
 from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
 
@@ -73,7 +71,7 @@ class SoftBus(can.BusABC):
 
         Raises CanOperationError when it stays full or the hub is gone, ValueError for what is no frame.
         """
-        self._link.offer(encode_frame(_to_bus(msg)), timeout)
+        self._link.offer(_checked_frame(msg), msg.dlc, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         record = read_record(self._receive, RECORD_BYTES, self._path, deadline_after(timeout))
@@ -126,7 +124,7 @@ class SoftBus(can.BusABC):
         return []
 
 
-def _to_bus(msg: can.Message) -> BusFrame:
+def _checked_frame(msg: can.Message) -> Frame:
     if msg.is_fd or msg.is_error_frame:
         raise ValueError("a software bus carries data and remote frames, neither CAN FD nor error frames")
     if not 0 <= msg.arbitration_id <= (EXTENDED_MASK if msg.is_extended_id else STANDARD_MASK):
@@ -135,8 +133,7 @@ def _to_bus(msg: can.Message) -> BusFrame:
     if not 0 <= msg.dlc <= MAX_DATA_BYTES or (not msg.is_remote_frame and msg.dlc != len(msg.data)):
         raise ValueError(f"dlc {msg.dlc} is not the length of the data, at most {MAX_DATA_BYTES} bytes")
     data = b"" if msg.is_remote_frame else bytes(msg.data)
-    frame = Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
-    return BusFrame(frame, msg.dlc, time.monotonic_ns())
+    return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
 
 
 def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, socket.socket]:

@@ -7,6 +7,9 @@ line advance to the noted time: no offer made earlier is overlooked. After a rou
 looks again without sleeping before it decides. `select` is used because its time-out counts microseconds;
 the one of `epoll` counts whole milliseconds.
 
+Timestamps follow the system clock as it stood when the hub started: a clock that is set later changes the
+date of no frame and no interval between two of them.
+
 What if: a client is slow, stopped or dead: `port.py`. A client breaks the protocol: it is told why and
 removed. The hub dies: its clients read the end of both sockets. It restarts: they connect anew; nothing was
 stored. Two hubs, one path: `address.py`. Its starter dies, even of SIGKILL: `starter.py`.

@@ -20,8 +20,15 @@ from typing import Any
 
 from can import CanOperationError
 
-from heronry_tools.softbus.protocol import DONE, MAX_COMMAND_BYTES, decode_command, encode_command
-from heronry_wire.frame import Malformed
+from heronry_tools.softbus.protocol import (
+    DONE,
+    MAX_COMMAND_BYTES,
+    BusFrame,
+    decode_command,
+    encode_command,
+    encode_frame,
+)
+from heronry_wire.frame import Frame, Malformed
 
 _ANSWER_TIMEOUT_S = 5.0
 
@@ -39,13 +46,13 @@ class Link:
         self._answered = 0
         self._answer: dict[str, Any] = {}
 
-    def offer(self, record: bytes, timeout_s: float | None) -> None:
-        """Put an encoded frame into the mailbox as soon as it is empty; CanOperationError when it stays full."""
+    def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
+        """Put a frame into the mailbox as soon as it is empty; CanOperationError when it stays full."""
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
                 raise CanOperationError(f"{self._path}: the last frame is still waiting for the bus")
-            self._send(record)
+            self._send(encode_frame(BusFrame(frame, dlc, time.monotonic_ns())))
             self._mailbox_full = True
 
     def linger(self, timeout_s: float) -> bool:
