@@ -2,6 +2,7 @@
 
 import can
 
+from heronry_dg.findings import SpecError
 from heronry_dg.plan import PlanError
 from heronry_dg.situation import UnknownElementError
 
@@ -12,7 +13,7 @@ class UserError(Exception):
 
 def as_user_error(error: Exception) -> str | None:
     """Sentence for an error of the rooms below that a user can mend; None for a defect of ours."""
-    if isinstance(error, (PlanError, UnknownElementError, can.CanError)):
+    if isinstance(error, (SpecError, PlanError, UnknownElementError, can.CanError)):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"

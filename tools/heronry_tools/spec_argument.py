@@ -4,9 +4,8 @@ import argparse
 from pathlib import Path
 
 from heronry_dg.loader import load
-from heronry_dg.shipped import shipped_spec_path
-
 from heronry_dg.model import Spec
+from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.errors import UserError
 
 SHIPPED = ("big_blue", "elevator_and_chute")
@@ -26,10 +25,15 @@ def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = 
 
 def load_spec(text: str) -> Spec:
     """Load what SPEC names; raises UserError or SpecError."""
+    return load(spec_path(text))
+
+
+def spec_path(text: str) -> Path:
+    """File that SPEC names; raises UserError."""
     if Path(text).suffix:
-        return load(Path(text))
+        return Path(text)
     if text in SHIPPED:
-        return load(shipped_spec_path(text))
+        return shipped_spec_path(text)
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
     )

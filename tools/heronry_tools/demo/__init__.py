@@ -1,0 +1,1 @@
+"""The demo: a manager and every PE as processes of their own on a real bus, and the story of what happens to them."""

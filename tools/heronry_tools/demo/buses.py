@@ -1,0 +1,67 @@
+"""Which bus each bus of a spec is, in this run.
+
+The manager's bus is what the user named with python-can's flags; else vcan0 where this machine has one; else a software
+bus. Every other bus of the spec is what `--bus NAME=[INTERFACE:]CHANNEL` says, else a software bus.
+"""
+
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from heronry_dg.model import Spec
+from heronry_tools.errors import UserError
+
+_MODELS = {
+    "softbus": "software bus: frame times, priority and load are true; no bit errors, no bus-off",
+    "vcan": "vcan: frames are real, but take no time: bus load, arbitration and bit errors are not modelled",
+    "socketcan": "SocketCAN: the real thing",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BusChoice:
+    """One bus of the spec on one python-can bus."""
+
+    name: str
+    interface: str
+    channel: str
+    bitrate: int | None  # None: the interface is set up elsewhere
+    is_ours: bool  # a software bus that this run has to start
+
+    def describe(self) -> str:
+        """One line for the user: which bus, and what it does not model."""
+        kind = "vcan" if self.interface == "socketcan" and self.channel.startswith("vcan") else self.interface
+        return f"{self.name} is {self.channel if not self.is_ours else 'a ' + kind}: " + _MODELS.get(kind, kind)
+
+    def port_argument(self) -> str:
+        """The value of `--bus` for this choice."""
+        return f"{self.name}={self.interface}:{self.channel}"
+
+
+def choose(
+    spec: Spec, folder: Path, named: Mapping[str, tuple[str, str]], first: tuple[str, str, int | None] | None
+) -> dict[str, BusChoice]:
+    """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
+
+    Raises UserError for a name that the spec does not have.
+    """
+    for name in named:
+        if name not in spec.buses:
+            raise UserError(f"--bus {name}: the spec has no such bus; it has {', '.join(spec.buses)}")
+    choices = {}
+    for name, bus in spec.buses.items():
+        if name == spec.manager.bus and first is not None:
+            choices[name] = BusChoice(name, *first, is_ours=False)
+        elif name in named:
+            choices[name] = BusChoice(name, *named[name], bitrate=None, is_ours=False)
+        elif name == spec.manager.bus and has_interface("vcan0"):
+            choices[name] = BusChoice(name, "socketcan", "vcan0", None, is_ours=False)
+        else:
+            choices[name] = BusChoice(name, "softbus", str(folder / f"{name}.sock"), bus.bitrate, is_ours=True)
+    return choices
+
+
+def has_interface(name: str) -> bool:
+    """Tell whether this machine has a network interface of that name."""
+    return any(found == name for _, found in socket.if_nameindex())

@@ -1,0 +1,145 @@
+"""The processes of a demo: hubs, the manager, every PE; started, killed for real, restored, and all gone at the end.
+
+Every child holds the read end of a pipe from here as its standard input and ends when that ends, so a demo that is
+itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process; folders whose
+process is gone are swept away at the next start.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from heronry_dg.model import Spec
+from heronry_manager.compilation import Compiler
+from heronry_tools.demo.buses import BusChoice
+from heronry_tools.errors import UserError
+from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.table_command import write_tables
+
+_STOP_TIMEOUT_S = 5.0
+_NAME = "heronry-demo-"
+
+
+def run_folder() -> Path:
+    """Make the folder of this run, and sweep away those of runs that are gone."""
+    home = Path(tempfile.gettempdir())
+    for old in home.glob(f"{_NAME}*"):
+        number = old.name.removeprefix(_NAME)
+        if number.isdecimal() and not Path(f"/proc/{number}").exists():
+            shutil.rmtree(old, ignore_errors=True)
+    folder = home / f"{_NAME}{os.getpid()}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(mode=0o700)
+    return folder
+
+
+class Fleet:
+    """All processes of one run; as a context manager it ends them all."""
+
+    def __init__(self, spec: Spec, spec_file: Path, folder: Path) -> None:
+        self.folder = folder
+        self._spec, self._spec_file = spec, spec_file
+        self._hubs: list[HubProcess] = []
+        self._pes: dict[str, subprocess.Popen[bytes]] = {}
+        self._manager: subprocess.Popen[bytes] | None = None
+        self._buses: Mapping[str, BusChoice] = {}
+        self._tables = write_tables(Compiler(spec), tuple(spec.pes), folder / "tables")
+        self._bench_origin_ns = time.monotonic_ns()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
+        """Start the software buses among them."""
+        self._buses = choices
+        for choice in choices.values():
+            if choice.is_ours:
+                self._hubs.append(start_hub(choice.channel, choice.bitrate or self._spec.buses[choice.name].bitrate))
+
+    def start_manager(self) -> IO[bytes]:
+        """Start the manager; gives the stream of its events."""
+        arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
+        arguments += ["--state-dir", str(self.folder), *_bus_flags(self._buses[self._spec.manager.bus])]
+        self._manager = self._start("manager", arguments, stdout=subprocess.PIPE)
+        assert self._manager.stdout is not None
+        return self._manager.stdout
+
+    def start_pe(self, pe: str) -> int:
+        """Start a PE's agent; gives its process number."""
+        own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
+        arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
+        arguments += ["--bench-origin", str(self._bench_origin_ns)]
+        for choice in own:
+            arguments += ["--bus", choice.port_argument()]
+        self._pes[pe] = self._start(pe, arguments)
+        return self._pes[pe].pid
+
+    def kill_pe(self, pe: str) -> int:
+        """Kill a PE with SIGKILL; gives its process number."""
+        process = self._pes.pop(pe, None)
+        if process is None:
+            raise UserError(f"pe:{pe} does not run, so it cannot be killed")
+        process.kill()
+        process.wait()
+        return process.pid
+
+    def ended(self) -> str | None:
+        """Sentence about a process that has ended by itself; None while all run."""
+        for name, process in [("the manager", self._manager), *self._pes.items()]:
+            if process is not None and process.poll() is not None:
+                return f"{name} ended with exit code {process.returncode}: {self.last_words(name.removeprefix('the '))}"
+        return None
+
+    def last_words(self, name: str) -> str:
+        """Last line that a process wrote to its standard error."""
+        log = self.folder / f"{name}.log"
+        lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+        return lines[-1] if lines else "it said nothing"
+
+    def close(self) -> None:
+        """End everything: in order first, by force where that does not help."""
+        running = [*self._pes.values(), *([self._manager] if self._manager is not None else [])]
+        for process in running:
+            process.send_signal(signal.SIGTERM)
+        deadline = time.monotonic() + _STOP_TIMEOUT_S
+        for process in running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    stream.close()
+        for hub in self._hubs:
+            hub.close()
+        self._pes, self._manager, self._hubs = {}, None, []
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+        with (self.folder / f"{name}.log").open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=stdout,
+                stderr=log,
+                process_group=0,
+            )
+
+
+def _bus_flags(choice: BusChoice) -> list[str]:
+    flags = ["-i", choice.interface, "-c", choice.channel]
+    return flags if choice.bitrate is None else [*flags, "-b", str(choice.bitrate)]

@@ -1,0 +1,84 @@
+"""From the arguments of `heronry demo` to a show, and everything cleaned up behind it."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.events import to_line
+from heronry_tools.demo.buses import choose
+from heronry_tools.demo.command import DEFAULT_SECONDS
+from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.demo.run import Show
+from heronry_tools.demo.screen import screen
+from heronry_tools.demo.script import read_script
+from heronry_tools.errors import UserError
+from heronry_tools.spec_argument import load_spec, spec_path
+
+_AFTER_LAST_ACT_S = 5.0
+
+
+def play(arguments: argparse.Namespace) -> int:
+    """Run one demo; gives its exit code."""
+    spec = load_spec(arguments.spec)
+    acts = read_script(spec, arguments.kill, arguments.restore)
+    last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
+    seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    with ExitStack() as stack:
+        record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
+        stack.enter_context(_terminated_like_interrupted())
+        folder = run_folder()
+        fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder))
+        choices = choose(spec, folder, _named(arguments.bus), _first(arguments))
+        fleet.start_buses(choices)
+        return Show(spec, fleet, choices, _teller(spec, as_json=arguments.json)).run(acts, seconds, record)
+
+
+def _teller(spec: Spec, *, as_json: bool) -> Callable[[Mapping[str, Any]], None]:
+    if not as_json:
+        return screen(spec)
+
+    def tell(event: Mapping[str, Any]) -> None:
+        sys.stdout.write(to_line(event) + "\n")
+        sys.stdout.flush()
+
+    return tell
+
+
+def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
+    """What python-can's flags say of the manager's bus; None where they say nothing."""
+    interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
+    if interface is None and channel is None:
+        return None
+    if channel is None:
+        raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
+    return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
+
+
+def _named(texts: list[str]) -> dict[str, tuple[str, str]]:
+    named = {}
+    for text in texts:
+        name, equals, place = text.partition("=")
+        interface, colon, channel = place.partition(":")
+        if not equals or not place:
+            raise UserError(f"--bus {text}: write it as NAME=CHANNEL or NAME=INTERFACE:CHANNEL")
+        named[name] = (interface, channel) if colon else ("socketcan", place)
+    return named
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """SIGTERM ends a demo as Ctrl-C does: in order."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,165 @@
+"""The demo's loop: events of the manager, frames of the buses, acts of the script, in one select loop.
+
+The show starts when the first configuration runs; its clock is the monotonic one of this machine, which the manager's
+events and the bus timestamps share. Whatever way it ends (time up, Ctrl-C, a process that died), the fleet is taken
+down by the `with` that holds it.
+
+What the demo says of functions comes from the witness, that is from frames; what it says of plans from the manager.
+"""
+
+import json
+import select
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from typing import IO, Any
+
+import can
+
+from heronry_dg.model import Spec
+from heronry_manager.events import event as make_event
+from heronry_tools.demo.buses import BusChoice
+from heronry_tools.demo.fleet import Fleet
+from heronry_tools.demo.script import Act, default_acts
+from heronry_tools.errors import UserError
+from heronry_tools.witness import Witness
+from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+
+LONGEST_START_S = 20.0
+_LOOK_S = 0.1  # how often the witness is asked for outages
+
+Tell = Callable[[Mapping[str, Any]], None]
+
+
+class Show:
+    """One run of the demo; `tell` gets every event in order."""
+
+    def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
+        self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
+        self._acts: list[Act] = []
+        self._seconds = 0.0
+        self._witness = Witness(spec)
+        self._told: set[tuple[str, int, bool]] = set()
+        self._start_ns: int | None = None  # the first configuration runs
+        self._settled = False  # nothing is being reconfigured
+        self._plan: Mapping[str, Any] = {}
+        self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
+        self._unread = b""
+
+    def run(self, acts: list[Act], seconds: float, record: IO[str] | None) -> int:
+        """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
+        self._acts, self._seconds = list(acts), seconds
+        with ExitStack() as stack:
+            buses = {name: stack.enter_context(_open(choice)) for name, choice in self._choices.items()}
+            for choice in self._choices.values():
+                self._emit(
+                    "bus",
+                    name=choice.name,
+                    interface=choice.interface,
+                    channel=choice.channel,
+                    models=choice.describe(),
+                )
+            stream = self._fleet.start_manager()
+            for pe in self._spec.pes:
+                self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
+            self._loop(stream, buses, record)
+        return self._summary()
+
+    def _loop(self, stream: IO[bytes], buses: Mapping[str, can.BusABC], record: IO[str] | None) -> None:
+        begun = time.monotonic()
+        readers: list[IO[bytes] | can.BusABC] = [stream, *buses.values()]
+        while not self._over():
+            select.select(readers, [], [], self._wait_s())
+            for one in self._events(stream):
+                self._follow(one)
+            for name, bus in buses.items():
+                self._watch(name, bus, record)
+            self._act()
+            self._look()
+            words = self._fleet.ended()
+            if words is not None:
+                raise UserError(words)
+            if self._start_ns is None and time.monotonic() - begun > LONGEST_START_S:
+                raise UserError(
+                    f"no configuration ran within {LONGEST_START_S:.0f} s; {self._fleet.last_words('manager')}"
+                )
+
+    def _over(self) -> bool:
+        return self._start_ns is not None and self._show_s() >= self._seconds
+
+    def _show_s(self) -> float:
+        return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
+
+    def _wait_s(self) -> float:
+        if self._start_ns is None or not self._acts:
+            return _LOOK_S
+        return max(0.0, min(_LOOK_S, self._acts[0].at_s - self._show_s()))
+
+    def _events(self, stream: IO[bytes]) -> Iterator[dict[str, Any]]:
+        if not select.select([stream], [], [], 0)[0]:
+            return
+        chunk = stream.read1(65536)  # type: ignore[attr-defined]  # a pipe of subprocess is buffered
+        *lines, self._unread = (self._unread + chunk).split(b"\n")
+        for line in lines:
+            yield json.loads(line)
+
+    def _follow(self, one: dict[str, Any]) -> None:
+        self._tell(one)
+        match one["event"]:
+            case "plan_ready":
+                self._plan = one["plan"]
+            case "plan_unchanged":
+                self._settled = True
+            case "reconfigured":
+                self._settled = True
+                if self._start_ns is None:
+                    self._start_ns = one["t_ns"]
+                    self._acts = self._acts or default_acts(self._plan)
+            case "plan_requested":
+                self._settled = False
+            case _:
+                pass
+
+    def _watch(self, name: str, bus: can.BusABC, record: IO[str] | None) -> None:
+        while (message := bus.recv(0)) is not None:
+            frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame)
+            t_ns = int(message.timestamp * 1e9) + self._wall_to_monotonic_ns
+            if name == self._spec.manager.bus:
+                self._witness.see(t_ns, frame)
+            if record is not None:
+                record.write(format_log_line(LoggedFrame(int(message.timestamp * 1e6) * 1000, name, frame)) + "\n")
+
+    def _act(self) -> None:
+        while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
+            act = self._acts.pop(0)
+            if act.what == "kill":
+                self._emit("process", pe=act.pe, pid=self._fleet.kill_pe(act.pe), what="killed")
+            else:
+                self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")
+
+    def _look(self) -> None:
+        now_ns = time.monotonic_ns()
+        for outage in self._witness.outages(now_ns):
+            key = (outage.function, outage.from_ns, outage.to_ns is None)
+            if key not in self._told and self._start_ns is not None and outage.from_ns >= self._start_ns:
+                self._told.add(key)
+                self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
+
+    def _summary(self) -> int:
+        now_ns = time.monotonic_ns()
+        planned = [name for name, f in self._plan.get("functions", {}).items() if f["served"]]
+        unserved = [name for name in planned if not self._witness.served(name, now_ns)]
+        self._emit(
+            "summary",
+            served=[name for name in planned if name not in unserved],
+            unserved=unserved,
+            rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
+        )
+        return 1 if unserved or self._witness.rivals or not self._settled else 0
+
+    def _emit(self, kind: str, **data: Any) -> None:
+        self._tell(make_event(kind, time.monotonic_ns(), **data))
+
+
+def _open(choice: BusChoice) -> can.BusABC:
+    return can.Bus(interface=choice.interface, channel=choice.channel, bitrate=choice.bitrate)

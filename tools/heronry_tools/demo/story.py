@@ -1,0 +1,164 @@
+"""The story: events in, sentences out.
+
+A pure fold over the event stream, so the same story is told live, from a recorded stream, and in a test. A sentence
+has a tone (what colour it gets on a terminal) and no more layout than that.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from heronry_dg.model import Spec
+
+Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
+
+
+_SENTENCES: Mapping[str, tuple[str, Tone]] = {
+    "bus": ("{models}", "quiet"),
+    "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
+    "pe_suspected": ("{pe} missed a heartbeat: asked with PING", "quiet"),
+    "pe_lost": ("{pe} is lost: {cause}", "fault"),
+    "pe_absent": ("{pe} is absent: {cause}", "fault"),
+    "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
+    "fault_reported": ("{element} has failed, says {by}", "fault"),
+    "plan_failed": ("no plan: {reason}; what runs goes on", "bad"),
+    "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
+    "second_manager": ("manager {node} reigns too", "bad"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One sentence of the story."""
+
+    text: str
+    tone: Tone = "plain"
+
+
+@dataclass(slots=True)
+class Story:
+    """Tells what the events mean; its clock starts when the first configuration runs."""
+
+    spec: Spec
+    _start_ns: int | None = None
+    _plan: Mapping[str, Any] = field(default_factory=dict)
+    _next: Mapping[str, Any] = field(default_factory=dict)
+    _killed_ns: dict[str, int] = field(default_factory=dict)
+
+    def tell(self, event: Mapping[str, Any]) -> list[Line]:
+        """Lines for one event; none for what a reader need not know."""
+        if self._start_ns is None and event["event"] == "reconfigured":
+            self._start_ns = event["t_ns"]
+        lines = list(self._lines(event))
+        stamp = "[ start  ] " if self._start_ns is None else f"[{(event['t_ns'] - self._start_ns) / 1e9:6.2f} s] "
+        return [Line((stamp if i == 0 else " " * len(stamp)) + line.text, line.tone) for i, line in enumerate(lines)]
+
+    def _lines(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        kind = event["event"]
+        if kind in _SENTENCES:
+            template, tone = _SENTENCES[kind]
+            yield Line(template.format_map(event), tone)
+        match kind:
+            case "process":
+                yield from self._process(event)
+            case "pe_joined" if self._plan:
+                yield Line(f"{event['pe']} joins: {event['cause']}", "good")
+            case "plan_ready":
+                self._next = event["plan"]
+            case "epoch_step" if event["step"] == "GO":
+                yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
+            case "reconfigured":
+                yield from self._reconfigured(event)
+            case "outage":
+                yield from self._outage(event)
+            case "summary":
+                yield from self._summary(event)
+            case _:
+                pass
+
+    def _process(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        what, pe = event["what"], event["pe"]
+        if what == "killed":
+            self._killed_ns[pe] = event["t_ns"]
+            runs = [name for name, m in self._plan.get("modules", {}).items() if m["pe"] == pe]
+            yield Line(f"KILL {pe} (SIGKILL, process {event['pid']}); it ran {', '.join(runs) or 'nothing'}", "title")
+        elif what == "restored":
+            yield Line(f"RESTORE {pe} (process {event['pid']})", "title")
+
+    def _reconfigured(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        before, self._plan = self._plan, self._next
+        times = event["times_ns"]
+        four = "  ".join(
+            f"{name} {times[name] / 1e6:.1f} ms" for name in ("detect", "decide", "distribute", "activate")
+        )
+        served = sum(1 for f in self._plan["functions"].values() if f["served"])
+        wanted = sum(1 for f in self.spec.functions.values() if f.priority_in(self._plan["phase"]) > 0)
+        yield Line(
+            f"epoch {event['epoch']} runs: {len(self._plan['modules'])} modules, "
+            f"{served} functions served of {wanted} wanted ({'; '.join(event['causes'][-2:])})",
+            "good",
+        )
+        yield Line(four)
+        if before:
+            yield from _moves(before, self._plan)
+            yield from _consequences(before, self._plan)
+        else:
+            yield from self._roster()
+
+    def _roster(self) -> Iterator[Line]:
+        for pe in self.spec.pes:
+            runs = [f"{n}:{m['mode']}" for n, m in self._plan["modules"].items() if m["pe"] == pe]
+            used, capacity = self._plan["pes"].get(pe, {"cpu_millis": 0})["cpu_millis"], self.spec.pes[pe].cpu_millis
+            names = ", ".join(name.removesuffix(":only") for name in runs)
+            yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
+
+    def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
+        name = f"{event['function']} (class {criticality})"
+        if event["to_ns"] is None:
+            yield Line(f"{name} is silent on the bus", "bad")
+        else:
+            gap_ms = (event["to_ns"] - event["from_ns"]) / 1e6
+            yield Line(f"{name} is back on the bus after {gap_ms:.0f} ms of silence")
+
+    def _summary(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
+        if event["unserved"]:
+            yield Line(f"planned, but not heard: {', '.join(event['unserved'])}", "bad")
+        for name, function in self._plan.get("functions", {}).items():
+            if not function["served"] and self.spec.functions[name].priority_in(self._plan["phase"]) > 0:
+                yield Line(f"not served: {name}: {function['why_not']}")
+        for rivals in event["rivals"]:
+            yield Line(f"two drivers at once: {rivals}", "bad")
+
+
+def _moves(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[Line]:
+    old, new = before["modules"], after["modules"]
+    for name in sorted(old.keys() | new.keys()):
+        if name not in new:
+            yield Line(f"  - {name} stops (was {_place(old[name])})", "quiet")
+        elif name not in old:
+            yield Line(f"  + {name} starts on {_place(new[name])}", "quiet")
+        elif _place(old[name]) != _place(new[name]):
+            yield Line(f"  > {name} goes from {_place(old[name])} to {_place(new[name])}", "quiet")
+
+
+def _place(module: Mapping[str, Any]) -> str:
+    return str(module["pe"]) if module["mode"] == "only" else f"{module['pe']} ({module['mode']})"
+
+
+def _consequences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[Line]:
+    for name, now in after["functions"].items():
+        was = before["functions"][name]
+        if was["served"] and not now["served"]:
+            yield Line(f"  {name} is no longer served: {now['why_not']}", "bad")
+        elif now["served"] and not was["served"]:
+            yield Line(f"  {name} is served again ({now['mode']}, value {now['value']})", "good")
+        elif now["served"] and now["value"] != was["value"]:
+            tone: Tone = "bad" if now["value"] < was["value"] else "good"
+            yield Line(f"  {name}: mode {was['mode']} -> {now['mode']}, value {was['value']} -> {now['value']}", tone)
+    lost = before["objective"]["inputs"] - after["objective"]["inputs"]
+    if lost:
+        yield Line(
+            f"  worth of the data used: {before['objective']['inputs']} -> {after['objective']['inputs']} points"
+        )
