@@ -1,0 +1,259 @@
+"""The agent of one PE as a state machine: frames, time and answers of modules in, actions out.
+
+Its parts decide, each in its own file: what to obey (`obedience`, `reign`), what to run next (`staging`) and how to get
+there (`reconfiguration`), what runs (`running_modules`), whether it may drive what is exclusive (`permission`), what to
+say (`reporting`, `faults`, `services`) and what to pass on (`gateway`). This file sends each frame to the part that
+wants it, by one look-up of its identifier: what no part wants costs no more than that. A frame with 29 bits, a remote
+or an error frame reaches no part.
+
+Whatever comes in, in whatever order, nothing here raises: bad bytes are counted (`counts`, by what and identifier) and
+change nothing. Only a driver that lets time go back gets an exception, and so does a broken invariant.
+
+What a PE does when it hears nobody: it goes on with what it runs, without its exclusive outputs (rule 6), and says in
+its state that it hears no lease. `without_manager: safe_mode` is not told apart from `keep` yet; a note at the start
+says so. Another node with the same node-ID is noted and counted; it is the driver that refuses to start beside one.
+"""
+
+from collections import Counter, deque
+from collections.abc import Callable
+from functools import partial
+
+from heronry_agent.gateway import Gateway
+from heronry_agent.obedience import Obedience
+from heronry_agent.permission import Permission
+from heronry_agent.publishing import ECHO_NODES
+from heronry_agent.reconfiguration import Reconfiguration
+from heronry_agent.reign import Reign
+from heronry_agent.reporting import Facts, Reporting
+from heronry_agent.running_modules import RunningModules
+from heronry_agent.services import REQUEST_ID, Services
+from heronry_agent.slice_reading import SliceReader
+from heronry_agent.staging import Staging
+from heronry_agent.table_index import TableIndex
+from heronry_agent.turn import Turn
+from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, heartbeat_id, state_id
+from heronry_wire.management import PeFlags
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import InvariantError, Received, Tick, require
+
+_Handler = Callable[[Received], None]
+
+_STATE_BYTES = 8
+_PAGE_1 = 0x40  # the page is in the two highest bits of byte 0 of a state frame (management.STATE_0)
+
+
+class AgentCore:
+    """The agent of one PE."""
+
+    def __init__(
+        self, table: PeTable, incarnation: int, now_ns: int, *, missing_images: frozenset[str] = frozenset()
+    ) -> None:
+        """Start unconfigured; the first deadline is now.
+
+        incarnation: 0..255, another one than at the last start of this PE.
+        missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
+        Raises TableError where the table contradicts itself.
+        """
+        index = self._index = TableIndex(table)
+        turn = self._turn = Turn(now_ns)
+        self.clashed = False  # another node has spoken under an identifier of this one
+        self.reign = Reign(index.lease_ns)
+        self.permission = Permission(index.lease_ns)
+        self.reconfiguration = Reconfiguration(index)
+        self.staging = Staging(SliceReader(index, missing_images), table.ports[index.uplink].heartbeat_ns // 2)
+        self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
+        self._gateway = Gateway(index)
+        self._obedience = Obedience(
+            turn,
+            index,
+            self.reign,
+            self.permission,
+            self.staging,
+            self.reconfiguration,
+            self.modules,
+            self._gateway,
+        )
+        self._reporting = Reporting(index, incarnation, now_ns)
+        self._services = Services(index.node)
+        self._told: dict[str, bool] = {"output": True}
+        self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
+        self._fixed_handlers = self._find_fixed_handlers()
+        self._handlers = self._fixed_handlers
+
+    @property
+    def counts(self) -> Counter[tuple[str, int]]:
+        """What was not understood or not obeyed, by what it was and identifier (or module)."""
+        return self._turn.counts
+
+    def step(self, now_ns: int, event: Event) -> list[Action]:
+        """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
+        turn = self._turn
+        out = turn.begin(now_ns)
+        if type(event) is Received:
+            frame = event.frame
+            handler = self._handlers.get(frame.can_id)
+            if handler is None:
+                return out
+            self._recent.append((now_ns, event))
+            if frame.extended or frame.remote or frame.error:
+                turn.count("not a data frame of 11 bits", frame.can_id)
+                return out
+            handler(event)
+        else:
+            self._recent.append((now_ns, event))
+            self._take_own(event)
+        if turn.rewired:
+            self._handlers = self._fixed_handlers | self._find_data_handlers()
+        if turn.wants_page_0 or turn.wants_page_1:
+            out += self._reporting.at_once(self._facts(), page_0=turn.wants_page_0, page_1=turn.wants_page_1)
+        return out
+
+    def next_deadline_ns(self) -> int:
+        """When to call with Tick, if nothing comes before."""
+        return min(
+            self._reporting.next_ns,
+            self.modules.schedule.next_ns,
+            self.modules.faults.next_ns,
+            self.staging.ask_ns,
+            self._services.next_ns,
+        )
+
+    def validate(self) -> None:
+        """Check every invariant; raises InvariantError with the recent events."""
+        try:
+            self.reconfiguration.validate()
+            self.modules.validate()
+            running, staged = self.reconfiguration.running, self.staging.staged
+            require(staged.epoch != running.epoch or staged is running, "one epoch has two configurations")
+        except InvariantError as error:
+            story = "\n".join(f"  {at_ns} {event}" for at_ns, event in self._recent)
+            raise InvariantError(f"{error}; recent events:\n{story}") from None
+
+    def _take_own(self, event: Event) -> None:
+        """Take what comes from this PE itself: time, and the answers of its modules."""
+        match event:
+            case Tick():
+                self._tick()
+            case Stepped():
+                self.modules.stepped(event)
+            case StepFailed():
+                self.modules.step_failed(event)
+            case StartFailed():
+                self.modules.fail(event.module, event.reason)
+            case Received():
+                raise AssertionError
+        self.modules.release()
+
+    def _tick(self) -> None:
+        turn = self._turn
+        if self.staging.tick(turn.now_ns):
+            turn.wants_page_1 = True
+        if turn.now_ns >= self._reporting.next_ns:
+            if not self._reporting.booted:
+                self._note_start()
+            turn.out += self._reporting.tick(turn.now_ns, self._facts())
+        if turn.now_ns >= self.modules.faults.next_ns:
+            turn.out += self.modules.repeat_faults()
+        if turn.now_ns >= self._services.next_ns:
+            turn.out += self._services.tick(turn.now_ns)
+
+    def _note_start(self) -> None:
+        table = self._index.table
+        self._turn.note("start", f"PE {table.name} of {table.spec}, node {table.node_id}")
+        if table.without_manager == "safe_mode":
+            self._turn.note("start", "without_manager: safe_mode is not built yet; this PE keeps what it runs")
+
+    def _facts(self) -> Facts:
+        """What the state frames tell now; a change that nobody commanded is noted on the way."""
+        now_ns = self._turn.now_ns
+        hears_lease = self.reign.hears_lease(now_ns)
+        held = self.modules.has_exclusive_output and not self.permission.allows(now_ns)
+        self._note_change("lease", hears_lease, "a manager is heard", "no manager is heard; going on as before")
+        self._note_change("output", not held, "exclusive outputs are free", "exclusive outputs are held back")
+        flags = PeFlags.HEARS_LEASE if hears_lease else PeFlags(0)
+        if self.modules.faults.pending:
+            flags |= PeFlags.FAULT_PENDING
+        if held:
+            flags |= PeFlags.OUTPUT_HELD
+        running, staged = self.reconfiguration.running, self.staging.staged
+        return Facts(
+            self.reconfiguration.state,
+            flags,
+            running.epoch,
+            running.digest,
+            staged.epoch,
+            staged.digest,
+            self.staging.reason,
+            self.modules.load_percent,
+        )
+
+    def _note_change(self, kind: str, holds: bool, gained: str, lost: str) -> None:
+        if self._told.get(kind, False) != holds:
+            self._told[kind] = holds
+            self._turn.note(kind, gained if holds else lost)
+
+    def _find_fixed_handlers(self) -> dict[int, _Handler]:
+        """Handlers that do not depend on the configuration, by identifier."""
+        handlers: dict[int, _Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
+        handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
+        handlers |= dict.fromkeys(ECHO_NODES, self._echo)
+        handlers |= self._obedience.handlers()
+        handlers[REQUEST_ID] = self._asked
+        own = (identify(self._index.node) for identify in (state_id, emcy_id, heartbeat_id, actuator_echo_id))
+        return handlers | dict.fromkeys(own, self._own_identifier)
+
+    def _find_data_handlers(self) -> dict[int, _Handler]:
+        """Handlers of the data that the configuration has this PE read or forward."""
+        sources = self._index.table.sources
+        remote = self.reconfiguration.running.slice.remote
+        handlers: dict[int, _Handler] = dict.fromkeys(self._gateway.data_ids, self._forward)
+        for source in remote.keys() & self.modules.mailboxes.boxes.keys():
+            handlers[sources[source].identifier] = partial(self._datum, source)
+        return handlers
+
+    def _datum(self, source: int, event: Received) -> None:
+        if not self.modules.mailboxes.boxes[source].put(event.frame.data, self._turn.now_ns):
+            self._turn.count("foreign or malformed datum", event.frame.can_id)
+        self._forward(event)
+
+    def _forward(self, event: Received) -> None:
+        self._turn.out += self._gateway.data(event.port, event.frame)
+
+    def _from_beyond(self, event: Received) -> None:
+        self._turn.out += self._gateway.up(event.port, event.frame)
+
+    def _state(self, event: Received) -> None:
+        """Another PE lives, and may show that we have been overtaken. Only the epoch of page 0 is read: this is hot."""
+        data = event.frame.data
+        if len(data) != _STATE_BYTES:
+            self._turn.count("malformed state", event.frame.can_id)
+            return
+        if data[0] < _PAGE_1:
+            if event.port == self._index.uplink:
+                self.permission.heard(self._turn.now_ns)
+            epoch, running = data[2] << 8 | data[3], self.reconfiguration.running.epoch
+            if epoch != running:
+                self.permission.saw_epoch(epoch, running)
+        self._turn.out += self._gateway.up(event.port, event.frame)
+
+    def _echo(self, event: Received) -> None:
+        heard = self.modules.heard_echo(event.frame)
+        if heard is None:
+            self._turn.count("malformed echo", event.frame.can_id)
+            return
+        self._turn.out.append(Heard(*heard))
+        self._turn.out += self._gateway.up(event.port, event.frame)
+
+    def _own_identifier(self, event: Received) -> None:
+        self._turn.count("node-ID clash", event.frame.can_id)
+        if not self.clashed:
+            self.clashed = True
+            self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")
+
+    def _asked(self, event: Received) -> None:
+        """Somebody asks who is there; an answer that is due at once goes out at once."""
+        if not self._services.asked(event.port, event.frame, self._turn.now_ns):
+            self._turn.count("malformed node service", event.frame.can_id)
+        elif self._turn.now_ns >= self._services.next_ns:
+            self._turn.out += self._services.tick(self._turn.now_ns)

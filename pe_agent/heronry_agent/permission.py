@@ -1,0 +1,59 @@
+"""Whether this PE may drive what nobody else may drive at the same time (rule 6).
+
+Exclusive outputs are the steps of DEMUX branches and the frames of modules that may run elsewhere. They are allowed
+while all three hold, asked before every output with the time of that moment, so that a pause of the process counts:
+
+    (a) the last ALIVE that was obeyed names this PE. Before the first one nothing is allowed: it follows every LEASE,
+        so whoever was given a configuration has heard it. A new term does not cancel the word of the old one; its
+        own first ALIVE, a period later at most, does;
+    (b) another node was heard within T_lease: its state frame, LEASE or ALIVE. Those alone count, because they carry
+        the evidence of (a) and (c): a PE that comes back from a pause must not trust a frame that could not have told
+        it that it was replaced. They count on the uplink alone: a gateway that is cut off from the manager counts as
+        down there, whatever it hears behind itself;
+    (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
+        that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
+        does a LEASE that names the very one that runs here.
+
+Lost, late or doubled frames make it more cautious at most. A forged LEASE or state frame can hold the outputs until
+the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.
+"""
+
+from heronry_wire.management import NO_EPOCH, is_newer
+
+
+class Permission:
+    """The three conditions, as last heard."""
+
+    def __init__(self, lease_ns: int) -> None:
+        """`lease_ns` is T_lease, the time within which another node must be heard."""
+        self._lease_ns = lease_ns
+        self._named = False
+        self._heard_ns: int | None = None
+        self._overtaken = False
+
+    def allows(self, now_ns: int) -> bool:
+        """Tell whether an exclusive output may be driven at this moment."""
+        if not self._named or self._overtaken or self._heard_ns is None:
+            return False
+        return now_ns - self._heard_ns <= self._lease_ns
+
+    def heard(self, now_ns: int) -> None:
+        """Another node, or a manager, was heard on the uplink."""
+        self._heard_ns = now_ns
+
+    def named(self, is_named: bool) -> None:
+        """ALIVE of the reigning manager counts on this PE, or does not."""
+        self._named = is_named
+
+    def saw_epoch(self, epoch: int, running: int) -> None:
+        """Another node runs, or a manager has activated, an epoch."""
+        if epoch != NO_EPOCH and is_newer(epoch, running):
+            self._overtaken = True
+
+    def contradicted(self) -> None:
+        """The manager's epoch has the number of ours and is another configuration."""
+        self._overtaken = True
+
+    def confirmed(self) -> None:
+        """A configuration was taken, or the manager named the one that runs."""
+        self._overtaken = False

@@ -1,0 +1,68 @@
+"""The data frames of this PE: what its modules give, and what its actuators were told.
+
+Every identifier has its own message code, one up with each frame that is sent. Which frames go out is the slice's to
+say and rule 6's to forbid; this file only makes them. An actuator's echo is for whoever watches: it shows on the bus,
+below all data, what an output does, and a simulated world follows it.
+
+    byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
+
+A value that its type cannot carry raises WireError: the module that gave it is at fault.
+"""
+
+from collections import defaultdict
+
+from heronry_agent.module import Value
+from heronry_agent.table_index import TableIndex
+from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
+from heronry_wire.frame import Frame, Malformed, WireError
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id
+
+ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
+
+
+class Publisher:
+    """Makes data and echo frames."""
+
+    def __init__(self, index: TableIndex) -> None:
+        self._index = index
+        self._codes: defaultdict[int, int] = defaultdict(int)
+
+    def datum(self, source: int, version: int, value: Value) -> Frame:
+        """Frame of a source, with the message code that comes next; raises WireError."""
+        data_type = self._index.types[source]
+        identifier = self._index.table.sources[source].identifier
+        status = pack_status(Status(version, Validity.VALID))
+        carried = None if data_type is DataType.NODATA else value
+        return encode_data(identifier, Datum(self._index.node, data_type, status, self._codes[identifier], carried))
+
+    def sent(self, frame: Frame) -> None:
+        """A frame goes out: the next one of its identifier has the next message code."""
+        self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
+
+    def echo(self, device: str, value: object) -> Frame | None:
+        """Echo of a value written to a device; None where it cannot be told in one frame."""
+        position = self._index.device_index.get(device)
+        if position is None or position > 255 or not isinstance(value, (int, float)):
+            return None
+        identifier = actuator_echo_id(self._index.node)
+        try:
+            frame = encode_data(
+                identifier, Datum(self._index.node, DataType.FLOAT, position, self._codes[identifier], value)
+            )
+        except WireError:
+            return None
+        self.sent(frame)
+        return frame
+
+    def heard(self, frame: Frame) -> tuple[str, float] | None:
+        """Read another PE's echo: device and value; None where it is none of a device of that PE."""
+        datum = decode_data(frame)
+        if isinstance(datum, Malformed) or datum.data_type is not DataType.FLOAT:
+            return None
+        devices = self._index.table.devices
+        if datum.service_code >= len(devices) or datum.node_id != ECHO_NODES.get(frame.can_id):
+            return None
+        device = devices[datum.service_code]
+        if device.node != datum.node_id or not isinstance(datum.value, float):
+            return None
+        return device.name, datum.value

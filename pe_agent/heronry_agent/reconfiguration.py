@@ -1,0 +1,104 @@
+"""Which modules run here, and how a configuration takes over from the one before: the PE's half of rule 4.
+
+    UNCONFIGURED  nothing has been taken since the start
+    BROKEN        step BREAK: what the new slice lacks has stopped, what stays is rewired; nothing new runs yet
+    PARTIAL       step GO: the rest runs, but for DEMUX branches that are new here; those are held
+    ACTIVE        step GO_ALL, or GO with nothing held
+
+A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
+and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period).
+
+A module whose mode changes is stopped at BREAK and built anew at GO: its old mode may give what nobody reads any more,
+and read what nobody sends. With a single GO_ALL both happen in one instant. A DEMUX branch that ran here until BREAK is
+not held at GO, in whatever mode it comes back: nobody else has it.
+
+A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides.
+"""
+
+from dataclasses import dataclass, field
+
+from heronry_agent.staging import UNCONFIGURED, Configured
+from heronry_agent.table_index import TableIndex
+from heronry_wire.management import NO_EPOCH, PeState, Step
+from heronry_wire.sansio import require
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """What taking a step means: modules to stop, then to start (with their modes); `rewire` if the epoch is new."""
+
+    stop: tuple[int, ...] = ()
+    start: tuple[tuple[int, int], ...] = ()
+    rewire: bool = False
+
+
+@dataclass
+class Reconfiguration:
+    """What runs now; `live` holds the mode of each module that was started and has not stopped."""
+
+    index: TableIndex
+    running: Configured = UNCONFIGURED
+    step: Step = Step.PREPARED
+    live: dict[int, int] = field(default_factory=dict)
+    held: frozenset[int] = frozenset()
+    failed: set[int] = field(default_factory=set)
+    _wanted: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def state(self) -> PeState:
+        """State that the state frame tells."""
+        if self.running.epoch == NO_EPOCH:
+            return PeState.UNCONFIGURED
+        if self.step is Step.BREAK:
+            return PeState.BROKEN
+        return PeState.PARTIAL if self.held else PeState.ACTIVE
+
+    def is_at(self, epoch: int, digest: int) -> bool:
+        """Tell whether this configuration has been taken."""
+        return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
+
+    def advance(self, target: Configured, step: Step) -> Moves | None:
+        """Take `step` of a configuration, running or staged; None if it had been taken before."""
+        rewire = target is not self.running
+        if not rewire and step <= self.step:
+            return None
+        stop = self._break(target) if rewire else ()
+        self.step = step
+        if step is Step.GO_ALL:
+            self.held = frozenset()
+        start = self._startable() if step >= Step.GO else ()
+        self.live.update(start)
+        return Moves(stop, start, rewire)
+
+    def drop(self, module: int) -> bool:
+        """A module has failed; tells whether it ran."""
+        if self.live.pop(module, None) is None:
+            return False
+        self.failed.add(module)
+        return True
+
+    def validate(self) -> None:
+        """Check that the parts agree; raises InvariantError."""
+        require(self.live.items() <= self._wanted.items(), f"live {self.live} goes beyond wanted {self._wanted}")
+        require(not self.held & self.live.keys(), f"held modules {sorted(self.held)} run")
+        require(not self.failed & self.live.keys(), f"failed modules {sorted(self.failed)} run")
+        configured = self.running.epoch != NO_EPOCH
+        require(configured == (self.step is not Step.PREPARED), f"epoch {self.running.epoch} at step {self.step.name}")
+        if self.step >= Step.GO:
+            accounted = self.live.keys() | self.held | self.failed
+            require(accounted == self._wanted.keys(), f"wanted {self._wanted}, accounted for {sorted(accounted)}")
+
+    def _break(self, target: Configured) -> tuple[int, ...]:
+        self._wanted = {module.module: module.mode for module in target.slice.modules}
+        before = self.live.keys()
+        self.held = frozenset(m for m in self._wanted if self.index.modules[m].demux and m not in before)
+        stop = tuple(m for m, mode in self.live.items() if self._wanted.get(m) != mode)
+        for module in stop:
+            del self.live[module]
+        self.failed.clear()
+        self.running = target
+        return stop
+
+    def _startable(self) -> tuple[tuple[int, int], ...]:
+        idle = self._wanted.keys() - self.live.keys() - self.held - self.failed
+        return tuple((module, self._wanted[module]) for module in sorted(idle))

@@ -1,0 +1,40 @@
+"""Whom a PE obeys: the manager of the highest term heard (rule 7), and whether it still reigns.
+
+A term belongs to the manager that was first heard with it: the other one cannot have the same, and a command that says
+so is as stale as one with a lower term. The lease is heard as long as a LEASE of the reigning term came within T_lease.
+Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it.
+
+The term lives in memory. A PE that restarts obeys the first manager it hears: it runs nothing then, and what it is
+given by a deposed manager the reigning one sees at once as an unknown epoch.
+"""
+
+from heronry_wire.management import MAX_TERM
+
+NO_TERM = 0
+
+
+class Reign:
+    """Highest term heard, whose it is, and when its last LEASE came."""
+
+    def __init__(self, lease_ns: int) -> None:
+        """`lease_ns` is T_lease."""
+        self._lease_ns = lease_ns
+        self.term = NO_TERM
+        self.manager = 0
+        self._leased_ns: int | None = None
+
+    def admits(self, manager: int, term: int) -> bool:
+        """Tell whether to obey a command, and remember its term if it is the highest."""
+        if not NO_TERM < term <= MAX_TERM:
+            return False
+        if term > self.term:
+            self.term, self.manager = term, manager
+        return term == self.term and manager == self.manager
+
+    def leased(self, now_ns: int) -> None:
+        """A LEASE was obeyed."""
+        self._leased_ns = now_ns
+
+    def hears_lease(self, now_ns: int) -> bool:
+        """Tell whether the manager reigns, as far as can be heard here."""
+        return self._leased_ns is not None and now_ns - self._leased_ns <= self._lease_ns

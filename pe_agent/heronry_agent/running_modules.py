@@ -1,0 +1,184 @@
+"""The modules of one PE at work: released by the schedule, fed from the mailboxes, heard in data frames and faults.
+
+A module exists from its StartModule to its StopModule. In between the schedule releases it, one step at a time over
+the whole PE. Its outputs go to the mailboxes of this PE and, where the slice says so, on the buses; what it wrote to a
+device is echoed; what it reports, or its own exception, becomes a fault. A module that raises, or gives a value that
+its type cannot carry, is stopped: the manager hears of it and decides.
+
+Rule 6 is asked at the last moment, twice: a DEMUX branch is not stepped without permission, since a step drives its
+device, and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
+
+An answer of a module that has been stopped since it was asked is dropped.
+"""
+
+from dataclasses import dataclass
+
+from heronry_agent.faults import Faults
+from heronry_agent.mailboxes import Mailboxes
+from heronry_agent.permission import Permission
+from heronry_agent.publishing import Publisher
+from heronry_agent.reconfiguration import Moves, Reconfiguration
+from heronry_agent.schedule import Schedule
+from heronry_agent.table_index import TableIndex
+from heronry_agent.turn import Turn
+from heronry_agent.vocabulary import StartModule, StepFailed, StepModule, Stepped, StopModule
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Frame, WireError
+from heronry_wire.identifiers import actuator_echo_id
+from heronry_wire.management import ElementKind, FaultCode
+from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.sansio import Send, require
+
+
+@dataclass(frozen=True, slots=True)
+class _Running:
+    entry: ModuleEntry
+    mode: int
+    gives: dict[str, tuple[int, int]]  # variable -> source, version
+
+
+class RunningModules:
+    """Starts, steps and stops the modules."""
+
+    def __init__(self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, permission: Permission) -> None:
+        self._turn = turn
+        self._index = index
+        self._reconfiguration = reconfiguration
+        self._permission = permission
+        self._running: dict[int, _Running] = {}
+        self._publish: dict[int, int] = {}
+        self._publisher = Publisher(index)
+        self.mailboxes = Mailboxes(index)
+        self.schedule = Schedule()
+        self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns)
+        self.has_exclusive_output = False
+        self.load_percent = 0
+
+    def carry_out(self, moves: Moves, wanted: Slice) -> None:
+        """Stop, rewire and start what a step of a configuration asks for."""
+        for module in moves.stop:
+            self._stop(module)
+        if moves.rewire:
+            self.mailboxes.rewire(wanted)
+            self._publish = dict(wanted.publish)
+        for module, mode in moves.start:
+            self._start(module, mode)
+        self._take_stock()
+
+    def release(self) -> None:
+        """Step the module that is due, unless one is computing."""
+        while (module := self.schedule.due(self._turn.now_ns)) is not None:
+            if self._running[module].entry.demux and not self._permission.allows(self._turn.now_ns):
+                self._turn.count("step held", module)
+                continue
+            inputs = self.mailboxes.inputs(module, self._turn.now_ns)
+            self._turn.out.append(StepModule(module, self.schedule.begin(module), inputs))
+            return
+
+    def stepped(self, event: Stepped) -> None:
+        """A module has computed one period."""
+        if not self.schedule.end(event.module, event.release):
+            self._turn.count("stale answer", event.module)
+            return
+        running = self._running[event.module]
+        for device, value in event.writes:
+            self._echo(device, value)
+        for element, detail in event.reports:
+            self._report(running, element, detail)
+        try:
+            for variable, value in event.outputs.items():
+                if variable in running.gives:
+                    source, version = running.gives[variable]
+                    self._put_out(source, self._publisher.datum(source, version, value), running)
+                else:
+                    self._turn.count("output that the mode does not give", event.module)
+        except WireError as error:
+            self.fail(event.module, str(error))
+
+    def step_failed(self, event: StepFailed) -> None:
+        """A module raised in its step."""
+        if self.schedule.end(event.module, event.release):
+            self.fail(event.module, event.reason)
+        else:
+            self._turn.count("stale answer", event.module)
+
+    def fail(self, module: int, reason: str) -> None:
+        """Stop a module that cannot go on, and say so."""
+        if not self._reconfiguration.drop(module):
+            return
+        name = self._running[module].entry.name
+        self._stop(module)
+        self._take_stock()
+        self._turn.note("fault", f"module {name} is stopped: {reason}")
+        self._found(FaultCode.MODULE_EXCEPTION, ElementKind.MODULE, module, 0)
+
+    def repeat_faults(self) -> list[Send]:
+        """Send the EMCYs that are due again toward the manager."""
+        return [Send(self._index.uplink, frame) for frame in self.faults.tick(self._turn.now_ns)]
+
+    def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
+        """Read another PE's echo: device and value."""
+        return self._publisher.heard(frame)
+
+    def validate(self) -> None:
+        """Check that what runs here is what the reconfiguration says; raises InvariantError."""
+        modes = {module: running.mode for module, running in self._running.items()}
+        live = self._reconfiguration.live
+        require(modes == live, f"modules {modes} run, and {live} should")
+        require(self.schedule.modules == modes.keys(), f"scheduled {self.schedule.modules}, running {modes}")
+
+    def _start(self, module: int, mode: int) -> None:
+        entry = self._index.modules[module]
+        gives = {v: (self._index.source_of[entry.name, v], q) for v, q in entry.modes[mode].gives.items()}
+        self._running[module] = _Running(entry, mode, gives)
+        self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns)
+        self._turn.out.append(StartModule(module, entry, mode))
+
+    def _stop(self, module: int) -> None:
+        del self._running[module]
+        self.schedule.stop(module)
+        self._turn.out.append(StopModule(module))
+
+    def _take_stock(self) -> None:
+        """Work out anew what depends on which modules run."""
+        self.has_exclusive_output = any(
+            r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
+            for r in self._running.values()
+        )
+        cpu_millis = sum(r.entry.modes[r.mode].cpu_millis for r in self._running.values())
+        self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
+
+    def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
+        """Hand a datum to its readers here, and to the buses that the slice names."""
+        box = self.mailboxes.boxes.get(source)
+        if box is not None:
+            box.put(frame.data, self._turn.now_ns)
+        mask = self._publish.get(source, 0)
+        if not mask:
+            return
+        if running.entry.movable and not self._permission.allows(self._turn.now_ns):
+            self._turn.count("frame held", frame.can_id)
+            return
+        self._publisher.sent(frame)
+        self._turn.out += [Send(port, frame) for port in self._index.ports if mask >> port & 1]
+
+    def _echo(self, device: str, value: object) -> None:
+        frame = self._publisher.echo(device, value)
+        if frame is None:
+            self._turn.count("write without an echo", actuator_echo_id(self._index.node))
+        else:
+            self._turn.out.append(Send(self._index.uplink, frame))
+
+    def _report(self, running: _Running, element: str, detail: int) -> None:
+        found = self._index.elements.get(element)
+        if found is None:
+            self._turn.count("report of an unknown element", running.entry.index)
+            return
+        if self._found(FaultCode.REPORTED, *found, detail):
+            self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")
+
+    def _found(self, code: FaultCode, kind: ElementKind, position: int, detail: int) -> bool:
+        frame = self.faults.found(code, kind, position, detail, self._turn.now_ns)
+        if frame is not None:
+            self._turn.out.append(Send(self._index.uplink, frame))
+        return frame is not None

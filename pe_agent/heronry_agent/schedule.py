@@ -1,0 +1,96 @@
+"""When each module is due: one grid per module, exact for ever, and never a burst.
+
+The k-th release of a module is k periods after it was started, computed from k and not from the one before: a rate of
+30 Hz has no period of whole nanoseconds, and does not drift for that. Of releases that have passed while the PE was
+busy or paused, one is made up and the others are skipped and counted (`overruns`).
+
+A PE computes one step at a time. What is due at the same instant runs in the order of the spec, each after the one
+before has answered, so that a chain of modules on one PE passes a value on within one instant.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from heronry_agent.vocabulary import NEVER_NS
+
+NS_MHZ = 1_000_000_000_000
+"""Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""
+
+
+@dataclass(slots=True)
+class _Grid:
+    module: int
+    rate_mhz: int
+    started_ns: int
+    index: int = 0  # of the next release
+    due_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self.due_ns = self.started_ns
+
+    def release(self, now_ns: int) -> int:
+        """Move on to the first release after now; returns how many were passed over."""
+        following = self.index + 1
+        index = max(following, (now_ns - self.started_ns) * self.rate_mhz // NS_MHZ)
+        while self.started_ns + index * NS_MHZ // self.rate_mhz <= now_ns:
+            index += 1
+        self.index, self.due_ns = index, self.started_ns + index * NS_MHZ // self.rate_mhz
+        return index - following
+
+
+class Schedule:
+    """Releases of the modules of one PE."""
+
+    def __init__(self) -> None:
+        self._grids: dict[int, _Grid] = {}
+        self._busy: tuple[int, int] | None = None  # module and release being computed
+        self._releases = 0
+        self._next_ns = NEVER_NS
+        self.overruns: Counter[int] = Counter()
+
+    @property
+    def next_ns(self) -> int:
+        """When a module is due; NEVER_NS while one computes, since nothing can be released before it answers."""
+        return self._next_ns if self._busy is None else NEVER_NS
+
+    @property
+    def modules(self) -> frozenset[int]:
+        """Modules that have releases."""
+        return frozenset(self._grids)
+
+    def start(self, module: int, rate_mhz: int, now_ns: int) -> None:
+        """Begin a grid; its first release is now."""
+        self._grids[module] = _Grid(module, rate_mhz, now_ns)
+        self._next_ns = min(self._next_ns, now_ns)
+
+    def stop(self, module: int) -> None:
+        """End a grid; an answer that is still to come will not be recognised."""
+        self._grids.pop(module, None)
+        if self._busy is not None and self._busy[0] == module:
+            self._busy = None
+        self._find_next()
+
+    def due(self, now_ns: int) -> int | None:
+        """Take the module to be stepped now, if any: the earliest due, of equals the first of the spec."""
+        if now_ns < self.next_ns:
+            return None
+        grid = min(self._grids.values(), key=lambda g: (g.due_ns, g.module))
+        self.overruns[grid.module] += grid.release(now_ns)
+        self._find_next()
+        return grid.module
+
+    def begin(self, module: int) -> int:
+        """A module is being stepped; returns the number of this release, which its answer repeats."""
+        self._releases += 1
+        self._busy = (module, self._releases)
+        return self._releases
+
+    def end(self, module: int, release: int) -> bool:
+        """A module has answered; False when it was not asked, or has been stopped since."""
+        if self._busy != (module, release):
+            return False
+        self._busy = None
+        return True
+
+    def _find_next(self) -> None:
+        self._next_ns = min((grid.due_ns for grid in self._grids.values()), default=NEVER_NS)

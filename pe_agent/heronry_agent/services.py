@@ -1,0 +1,53 @@
+"""CANaerospace node services: the one question that every node must answer, who are you (IDS, rule 12).
+
+A question to this node is answered at once, one to everybody after (n - 92) ms, so that the answers do not all start
+together. Other services, other channels and malformed requests are not answered.
+"""
+
+from heronry_agent.vocabulary import NEVER_NS
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.node_services import (
+    BROADCAST,
+    Identification,
+    Service,
+    answer_delay_ns,
+    answer_identification,
+    decode_service,
+    encode_service,
+    service_id,
+)
+from heronry_wire.sansio import Send
+
+IDENTIFICATION = Identification(hardware_revision=0, software_revision=1)
+REQUEST_ID = service_id(0, is_answer=False)
+
+
+class Services:
+    """Answers that are due."""
+
+    def __init__(self, node: int) -> None:
+        self._node = node
+        self._due: list[tuple[int, Send]] = []
+        self.next_ns = NEVER_NS
+
+    def asked(self, port: int, frame: Frame, now_ns: int) -> bool:
+        """A frame on the identifier of requests came; False if it is malformed."""
+        asked = decode_service(frame)
+        if isinstance(asked, Malformed):
+            return False
+        datum = asked.datum
+        if datum.service_code != Service.IDS or datum.node_id not in (BROADCAST, self._node):
+            return True
+        answer = encode_service(answer_identification(asked, self._node, IDENTIFICATION))
+        at_ns = now_ns + answer_delay_ns(asked, self._node)
+        if all(send.port != port or send.frame != answer for _, send in self._due):
+            self._due.append((at_ns, Send(port, answer)))
+            self.next_ns = min(self.next_ns, at_ns)
+        return True
+
+    def tick(self, now_ns: int) -> list[Send]:
+        """Give the answers that are due."""
+        due = [send for at_ns, send in self._due if at_ns <= now_ns]
+        self._due = [(at_ns, send) for at_ns, send in self._due if at_ns > now_ns]
+        self.next_ns = min((at_ns for at_ns, _ in self._due), default=NEVER_NS)
+        return due

@@ -1,0 +1,70 @@
+"""The PE's table, made quick to ask, and checked once for what the agent would trip over later.
+
+Raises TableError while it is built; afterwards every look-up of what the table itself names succeeds.
+"""
+
+from heronry_wire.canaerospace import DataType
+from heronry_wire.identifiers import PE_NODES
+from heronry_wire.management import LEASE_PERIODS, ElementKind
+from heronry_wire.pe_table import ModuleEntry, PeTable, TableError
+
+_REMEDY = "write the table anew with 'heronry table'"
+
+
+class TableIndex:
+    """Look-ups by what slices, modules and frames say."""
+
+    def __init__(self, table: PeTable) -> None:
+        """Index a table; raises TableError where it contradicts itself."""
+        self.table = table
+        self.node = table.node_id
+        self.ports = range(len(table.ports))
+        self.uplink = table.uplink
+        self.lease_ns = LEASE_PERIODS * table.ports[table.uplink].heartbeat_ns
+        self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
+        self.leaf_counts = table.leaf_counts()
+        self.source_of = {(s.module, s.variable): index for index, s in enumerate(table.sources)}
+        self.types = tuple(_data_type(table, source.variable) for source in table.sources)
+        self.elements = _elements(table)
+        self.device_index = {device.name: index for index, device in enumerate(table.devices)}
+        _check(table, self.source_of)
+
+    def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
+        """Variable of each leaf of a mode, in the order of a slice."""
+        return tuple(leaf.variable for leaf in self.modules[module].modes[mode].leaves)
+
+    def gives(self, module: int, mode: int) -> dict[int, int]:
+        """Sources that a module gives in a mode, with their versions."""
+        entry = self.modules[module]
+        return {self.source_of[entry.name, variable]: v for variable, v in entry.modes[mode].gives.items()}
+
+
+def _data_type(table: PeTable, variable: str) -> DataType:
+    entry = table.variables.get(variable)
+    if entry is None or entry.type not in DataType.__members__:
+        raise TableError(f"variable {variable} has no CANaerospace type; {_REMEDY}")
+    return DataType[entry.type]
+
+
+def _elements(table: PeTable) -> dict[str, tuple[ElementKind, int]]:
+    devices = {f"device:{d.name}": (ElementKind.DEVICE, i) for i, d in enumerate(table.devices)}
+    modules = {f"module:{name}": (ElementKind.MODULE, i) for i, name in enumerate(table.module_names)}
+    return devices | modules
+
+
+def _check(table: PeTable, source_of: dict[tuple[str, str], int]) -> None:
+    if len({source.identifier for source in table.sources}) != len(table.sources):
+        raise TableError(f"two sources share an identifier; {_REMEDY}")
+    if any(port.heartbeat_ns <= 0 for port in table.ports):
+        raise TableError(f"a bus has no heartbeat period; {_REMEDY}")
+    if any(source.period_ns <= 0 for source in table.sources):
+        raise TableError(f"a source has no period; {_REMEDY}")
+    if any(device.node not in PE_NODES for device in table.devices):
+        raise TableError(f"a device sits on a node that is no PE; {_REMEDY}")
+    for module in table.modules:
+        for mode in module.modes:
+            for variable, version in mode.gives.items():
+                if (module.name, variable) not in source_of:
+                    raise TableError(f"module {module.name} gives {variable}, which is no source; {_REMEDY}")
+                if not 1 <= version <= 15:
+                    raise TableError(f"module {module.name} gives version {version} of {variable}; {_REMEDY}")
