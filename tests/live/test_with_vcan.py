@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -36,7 +37,7 @@ def python_inside(script: str, *words: str) -> subprocess.CompletedProcess[bytes
 
 
 def interface_names() -> set[str]:
-    return {path.name for path in Path("/sys/class/net").iterdir()}
+    return {name for _, name in socket.if_nameindex()}
 
 
 def processes_that_mention(text: str) -> list[str]:

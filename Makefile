@@ -1,0 +1,48 @@
+# What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint clean
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-builtin-rules --no-print-directory
+
+PYTEST := .venv/bin/pytest --cov
+
+help:
+	@echo 'heronry: graceful degradation for CAN-bus avionics'
+	@echo
+	@echo '  make demo    watch an aircraft lose processors and keep flying (first time: installs into .venv)'
+	@echo '               options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
+	@echo '  make test    all tests: ordinary ones, live processes, and a real SocketCAN vcan0'
+	@echo '  make lint    style, types, and which room may import which'
+	@echo '  make clean   remove .venv and everything that tools left in this folder'
+	@echo
+	@echo 'Then, in .venv/bin: heronry --help and pe-agent --help. For a vcan0 where the kernel has none: tools/with-vcan --help'
+
+demo: .venv/ready-to-run
+	@.venv/bin/heronry demo $(ARGS)
+
+# Three runs, one coverage: in parallel what computes, one by one what starts processes, and on a CAN bus what needs one.
+test: .venv/ready-to-test
+	$(PYTEST) -m 'not live and not vcan' -n 2 --cov-report=
+	$(PYTEST) -m 'live and not vcan' --cov-append --cov-report=
+	tools/with-vcan --timeout 900 $(PYTEST) -m vcan --cov-append tests/live
+
+lint: .venv/ready-to-test
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy
+	.venv/bin/lint-imports
+
+clean:
+	rm -rf .venv build dist .coverage .coverage.* htmlcov
+	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# Stamps: what .venv holds is as new as pyproject.toml. All that testing needs includes all that running needs.
+.venv/ready-to-run: pyproject.toml
+	@tools/prepare-venv manager,watch
+	@touch $@
+
+.venv/ready-to-test: pyproject.toml
+	@tools/prepare-venv dev
+	@touch .venv/ready-to-run $@
