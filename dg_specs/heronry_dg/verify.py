@@ -22,6 +22,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.cycles import components, shortest_cycle
 from heronry_dg.gates import And, Expression, Leaf, Or, child_path, holds, leaves
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.response_times import ResponseTimes
@@ -294,20 +295,11 @@ def _cycles(case: _Case) -> Iterator[Violation]:
     for consumer, _, wire in case.sound.wires():
         if case.spec.variables[wire.variable].initial is None:
             feeds[consumer].append(wire.producer)
-    while acyclic := [name for name, producers in feeds.items() if not any(p in feeds for p in producers)]:
-        for name in acyclic:
-            del feeds[name]
-    if feeds:
-        ring = _ring(feeds)
-        yield Violation("6.cycle", f"module {ring[0]}", f"no variable on the cycle {' <- '.join(ring)} has an initial")
-
-
-def _ring(feeds: dict[str, list[str]]) -> list[str]:
-    """Find a cycle in a graph of which every node has a successor in it; the first node is repeated at the end."""
-    walk = [next(iter(feeds))]
-    while len(set(walk)) == len(walk):
-        walk.append(next(producer for producer in feeds[walk[-1]] if producer in feeds))
-    return walk[walk.index(walk[-1]) :]
+    for component in components(feeds):
+        ring = shortest_cycle(feeds, component)
+        if ring:
+            text = f"no variable on the cycle {' <- '.join([*ring, ring[0]])} has an initial value"
+            yield Violation("6.cycle", f"module {ring[0]}", text)
 
 
 # Rule 7: resources
