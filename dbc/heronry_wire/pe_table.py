@@ -67,6 +67,7 @@ class ModuleEntry:
     demux: bool  # a branch of a DEMUX: its output is exclusive
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
+    silent_output: bool = False  # it serves a function and drives no actuator: only an echo shows that it runs
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """The vocabulary that every core shares with whatever drives it: frames in, frames out, time.
 
-A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. It is called with
-`Tick` when its deadline has come, with `now_ns` never less than before. A driver hands over all frames that have arrived
-before it lets a deadline pass: a stalled process must not take its own pause for everybody's silence.
+A core has `step(now_ns, event) -> list[action]`, `next_deadline_ns() -> int | None` and `validate()`. It is called
+with `Tick` when its deadline has come, with `now_ns` never less than before. A driver hands over all frames that have
+arrived before it lets a deadline pass: a stalled process must not take its own pause for everybody's silence.
 """
 
 from dataclasses import dataclass

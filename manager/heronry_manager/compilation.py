@@ -137,7 +137,13 @@ class Compiler:
                 )
                 for mode in module.modes.values()
             ),
+            silent_output=self._is_silent_output(module),
         )
+
+    def _is_silent_output(self, module: Module) -> bool:
+        if module.device is not None and self._spec.devices[module.device].kind == "actuator":
+            return False
+        return any(module.name in function.outputs for function in self._spec.functions.values())
 
     def _slice(self, configuration: Configuration, pe: str) -> Slice:
         running = {name: r for name, r in configuration.modules.items() if r.pe == pe}

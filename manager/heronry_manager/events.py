@@ -34,7 +34,9 @@ KINDS: Mapping[str, str] = {
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
-    "process": "pe, pid, what: the demo started, killed or restored a process",
+    "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
+    "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
+    "summary": "served, unserved, rivals: what the witness saw at the end",
 }
 
 

@@ -1,8 +1,8 @@
 """The module API: what the code of a software module sees.
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
-spec: a bare name is looked up in `heronry_agent.images`, `package.module:Class` is imported. It is built anew when it is
-scheduled, and when its mode changes; it keeps no reference to a bus, a clock or another module. All it knows of the
+spec: a bare name is looked up in `heronry_agent.images`, `package.module:Class` is imported. It is built anew when it
+is scheduled, and when its mode changes; it keeps no reference to a bus, a clock or another module. All it knows of the
 world comes through `inputs` and `self.ctx`.
 
 Local and remote data look the same. A datum that is too old, foreign or of an unaccepted version is simply absent, so
@@ -91,7 +91,7 @@ class Context(Protocol):
         """Drive the device the module is bolted to."""
 
     def report_failed(self, element: str, detail: int = 0) -> None:
-        """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail 0..65535 is the module's."""
+        """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
 
 
 class Module:
@@ -101,5 +101,5 @@ class Module:
         self.ctx = ctx
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        """Compute one period: variable -> value for the variables that the mode gives; one left out is not published."""
+        """Compute one period: values of the variables that the mode gives; one left out is not published."""
         raise NotImplementedError

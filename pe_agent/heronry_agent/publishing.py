@@ -6,6 +6,10 @@ below all data, what an output does, and a simulated world follows it.
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
+A module that serves a function but drives no actuator is shown to run in the same place:
+
+    byte 0  node-ID   1  USHORT  2  index of its mode                 3  message code   4..5  index of the module
+
 A value that its type cannot carry raises WireError: the module that gave it is at fault.
 """
 
@@ -39,15 +43,22 @@ class Publisher:
         """A frame goes out: the next one of its identifier has the next message code."""
         self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
 
+    def output_echo(self, module: int, mode: int) -> Frame | None:
+        """Echo of a step of an output that drives no actuator; None where it cannot be told in one frame."""
+        return self._own_echo(DataType.USHORT, mode, module)
+
     def echo(self, device: str, value: object) -> Frame | None:
         """Echo of a value written to a device; None where it cannot be told in one frame."""
         position = self._index.device_index.get(device)
         if position is None or position > 255 or not isinstance(value, (int, float)):
             return None
+        return self._own_echo(DataType.FLOAT, position, value)
+
+    def _own_echo(self, data_type: DataType, position: int, value: float) -> Frame | None:
         identifier = actuator_echo_id(self._index.node)
         try:
             frame = encode_data(
-                identifier, Datum(self._index.node, DataType.FLOAT, position, self._codes[identifier], value)
+                identifier, Datum(self._index.node, data_type, position, self._codes[identifier], value)
             )
         except WireError:
             return None

@@ -82,7 +82,9 @@ class RunningModules:
             return
         running = self._running[event.module]
         for device, value in event.writes:
-            self._echo(device, value)
+            self._echo(self._publisher.echo(device, value))
+        if running.entry.silent_output:
+            self._echo(self._publisher.output_echo(event.module, running.mode))
         for element, detail in event.reports:
             self._report(running, element, detail)
         try:
@@ -162,8 +164,7 @@ class RunningModules:
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame) for port in self._index.ports if mask >> port & 1]
 
-    def _echo(self, device: str, value: object) -> None:
-        frame = self._publisher.echo(device, value)
+    def _echo(self, frame: Frame | None) -> None:
         if frame is None:
             self._turn.count("write without an echo", actuator_echo_id(self._index.node))
         else:
