@@ -92,4 +92,4 @@ class _Tarjan(Generic[N]):
         component = [self._open.popitem()[0]]
         while component[-1] != node:
             component.append(self._open.popitem()[0])
-        self._found.append(sorted(component, key=self._rank.__getitem__))
+        self._found.append(sorted(component, key=self._rank.__getitem__) if len(component) > 1 else component)

@@ -225,20 +225,17 @@ class _FormFindings:
             return
         reason = error.get("ctx", {}).get("error")
         sentence, hint = (str(reason), reason.hint) if isinstance(reason, UnfitError) else _translated(error)
-        subject = f"'{_field(loc)}' of {self._subject}" if loc else self._subject
-        self._findings.add(yaml_source.place_at(self._node, loc), f"{subject} {sentence}", hint)
+        node, steps = yaml_source.follow(self._node, loc)
+        field = ".".join(step for step in loc[:steps] if isinstance(step, str))
+        subject = f"'{field}' of {self._subject}" if field else self._subject
+        self._findings.add(node.place, f"{subject} {sentence}", hint)
 
     def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
         name = str(loc[-1])
-        parent = self._node
-        known = self._known
-        for step in loc[:-1]:
-            if isinstance(parent, yaml_source.Mapping) and step in parent.entries:
-                parent = parent.entries[str(step)].node
-            known = field_names(schema.WhenForm)
+        parent, _ = yaml_source.follow(self._node, loc[:-1])
+        known = field_names(schema.WhenForm) if len(loc) > 1 else self._known  # the one map inside an element
         hint = self._findings.suggestion(name, known) or f"it may have {listed(sorted(known))}"
-        place = yaml_source.key_place(parent, name)
-        self._findings.add(place, f"{self._subject} has no field {shown(name)}", hint)
+        self._findings.add(yaml_source.key_place(parent, name), f"{self._subject} has no field {shown(name)}", hint)
 
 
 def _translated(error: Any) -> tuple[str, str]:
@@ -248,10 +245,6 @@ def _translated(error: Any) -> tuple[str, str]:
     if error["type"] == "string_pattern_mismatch":
         hint = _NAME_HINT if error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$" else hint
     return f"must be {wanted}, not {shown(error['input'])}", hint
-
-
-def _field(loc: tuple[int | str, ...]) -> str:
-    return ".".join(str(step) for step in loc if isinstance(step, str) and step != "[key]")
 
 
 def _is_demux(node: Node) -> bool:

@@ -16,7 +16,7 @@ from typing import Final, TypeGuard
 
 from heronry_dg import cycles, schema, yaml_source
 from heronry_dg.draft import Draft
-from heronry_dg.findings import Findings, Place, listed, shown
+from heronry_dg.findings import Findings, Place, listed, shown, shown_cycle
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
 from heronry_dg.yaml_source import Node
 
@@ -47,6 +47,7 @@ class ExpressionReader:
         self._findings = findings
         self._gates: dict[tuple[str, bool], Reading | None] = {}  # by name, and whether below an OR or a XOR
         self._leaves_left = MOST_LEAVES_OF_ALL
+        self._names = (*draft.variables, *draft.demuxes, *draft.shorthands)
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
@@ -80,8 +81,8 @@ class ExpressionReader:
 
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
-        route = " -> ".join([*cycle, cycle[0]])
-        self._findings.add(place, f"gate '{cycle[0]}' contains itself: {route}", "let one of them name variables alone")
+        sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
+        self._findings.add(place, sentence, "let one of them name variables alone")
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:
@@ -105,8 +106,7 @@ class ExpressionReader:
             return self._leaf(place, match, None, below_choice) if match else None
         name = match["name"]
         if name not in self._draft.demuxes and name not in self._draft.shorthands:
-            known = [*self._draft.variables, *self._draft.demuxes, *self._draft.shorthands]
-            self._findings.unknown(place, "variable or gate", name, known)
+            self._findings.unknown(place, "variable or gate", name, self._names)
             return None
         if match["version"]:
             self._findings.add(place, f"'{name}' is a gate and has no versions", f"write {name} alone")
@@ -156,6 +156,8 @@ class ExpressionReader:
 
     def _worth(self, node: Node, best: int, worst: int, versions: int) -> tuple[int, ...] | None:
         """Points per accepted version, from a list of as many, or of one per version that there is."""
+        if yaml_source.has_refused(node):
+            return None
         items = node.items if isinstance(node, yaml_source.Sequence) else []
         points = tuple(item.value for item in items if isinstance(item, yaml_source.Scalar) and _is_points(item.value))
         accepted = worst - best + 1

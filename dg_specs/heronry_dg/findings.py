@@ -6,11 +6,12 @@ the first finding counts, and whoever meets something that is already known to b
 """
 
 import difflib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 _LONGEST_SHOWN = 60
+_LONGEST_CYCLE_SHOWN = 24
 _MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not buy minutes
 
 
@@ -97,6 +98,15 @@ def listed(words: Iterable[str], last: str = "and") -> str:
     """Write `a`, `a and b`, `a, b and c`."""
     *most, final = words
     return f"{', '.join(most)} {last} {final}" if most else final
+
+
+def shown_cycle(names: Sequence[str]) -> str:
+    """Write a cycle as `a -> b -> a`; a long one is cut in the middle."""
+    whole = [*names, names[0]]
+    if len(whole) > _LONGEST_CYCLE_SHOWN:
+        half = _LONGEST_CYCLE_SHOWN // 2
+        whole = [*whole[:half], f"... ({len(whole) - 2 * half} more)", *whole[-half:]]
+    return " -> ".join(whole)
 
 
 def _there_is(known: Collection[str]) -> str:

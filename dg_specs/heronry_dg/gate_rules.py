@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from heronry_dg import cycles, schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.expression_reader import ExpressionReader, Reading
-from heronry_dg.findings import Findings, listed
+from heronry_dg.findings import Findings, listed, shown_cycle
 from heronry_dg.gates import Expression, leaves
 
 ModeName = tuple[str, str]  # module, mode
@@ -153,10 +153,11 @@ class _GateRules:
 
     def _refuse_cycle(self, cycle: list[ModeName | _Datum]) -> None:
         first = self._draft.modules[cycle[0][0]]
-        route = " -> ".join(_shown(self._draft, node) for node in [*cycle, cycle[0]])
-        variables = dict.fromkeys(f"'{name}'" for name, step in cycle if isinstance(step, int))
+        route = shown_cycle([_shown(self._draft, node) for node in cycle])
+        variables = list(dict.fromkeys(f"'{name}'" for name, step in cycle if isinstance(step, int)))
+        which = listed(variables, last="or") if len(variables) <= 12 else "one of the variables on it"
         sentence = f"a cycle that nothing can start: {route}"
-        self._findings.add(first.place, sentence, f"give an 'initial' value to {listed(variables, last='or')}")
+        self._findings.add(first.place, sentence, f"give an 'initial' value to {which}")
 
 
 def _needs(mode: Element[schema.ModeForm]) -> yaml_source.Node | None:

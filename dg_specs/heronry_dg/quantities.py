@@ -2,7 +2,7 @@
 
 A file says `0.05` cores, `64KiB`, `12.5` Hz or ms; inside, CPU is thousandths of a reference core, memory bytes, a rate
 millihertz, a time nanoseconds. The decimal text is converted exactly: what is finer than the unit inside is an error
-and is never rounded. Bounds keep every sum of quantities far inside 64 bits, which is what the planner's solver counts in.
+and is never rounded. Bounds keep every sum of quantities far inside 64 bits, in which the planner's solver counts.
 """
 
 import re

@@ -100,7 +100,7 @@ class _ReferenceRules:
         for variable, form in _whole(self._draft.variables):
             if form.type not in DataType.__members__:
                 self._findings.unknown(_value_place(variable, "type"), "data type", form.type, _TYPE_NAMES)
-            elif form.initial is not None:
+            elif form.initial is not None and not yaml_source.has_refused(_child(variable.node, "initial")):
                 self._initial(variable, form)
             other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
             if other != variable.name:
@@ -216,7 +216,7 @@ class _ReferenceRules:
 
     def _name(self, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         if name not in known:
-            self._findings.unknown(place, kind, name, list(known))
+            self._findings.unknown(place, kind, name, known)
 
     def _gate_names(self) -> Iterator[tuple[str, Place]]:
         yield from ((gate.name, gate.place) for gate in self._draft.demuxes.values())

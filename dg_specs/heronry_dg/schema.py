@@ -42,9 +42,11 @@ def _number_schema(description: str) -> WithJsonSchema:
 
 
 def _different(names: list[str]) -> list[str]:
-    for index, name in enumerate(names):
-        if name in names[:index]:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
             raise UnfitError(f"names {shown(name)} twice", "remove one of them")
+        seen.add(name)
     return names
 
 

@@ -5,8 +5,8 @@ duplicate keys are refused, because they let a file mean something else than it 
 programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers are silent about it.
 
 A spec comes from anywhere, so nothing is built before it is known to be small: the size is checked first, then the
-parser's events are read one by one and depth and node count are checked on the way. A file beyond a limit costs
-milliseconds. No alias is ever followed, so a small file cannot unfold into a large tree.
+parser's events are read one by one, and depth and node count are checked on the way: a file beyond a limit never costs
+more than one at the limit. No alias is ever followed, so a small file cannot unfold into a large tree.
 """
 
 import re
@@ -102,17 +102,33 @@ def is_nothing(node: Node) -> bool:
     return isinstance(node, Scalar) and node.value is None
 
 
-def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
-    """Place of the value at a path of keys and indices; where the path leaves the tree, of the last value on it."""
-    for step in path:
+def follow(node: Node, path: tuple[int | str, ...]) -> tuple[Node, int]:
+    """The node at a path of keys and indices, or the last one before the path leaves the tree; and the steps taken."""
+    for taken, step in enumerate(path):
         match node:
             case Mapping() if isinstance(step, str) and step in node.entries:
                 node = node.entries[step].node
             case Sequence() if isinstance(step, int) and step < len(node.items):
                 node = node.items[step]
             case _:
-                break
-    return node.place
+                return node, taken
+    return node, len(path)
+
+
+def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
+    """Place of the value at a path; where the path leaves the tree, of the last value on it."""
+    return follow(node, path)[0].place
+
+
+def has_refused(node: Node) -> bool:
+    """Tell whether some part of the tree was refused, so that there is a finding about it already."""
+    match node:
+        case Scalar():
+            return node.value is REFUSED
+        case Sequence():
+            return any(has_refused(item) for item in node.items)
+        case Mapping():
+            return any(has_refused(entry.node) for entry in node.entries.values())
 
 
 def key_place(node: Node, key: str) -> Place:
