@@ -64,7 +64,7 @@ def dbc_text(spec: Spec | None) -> str:
     senders = [*nodes.values(), *(f"manager_{node}" for node in MANAGER_NODES)]
     database = Database(messages=messages, nodes=[Node(name) for name in senders], version="")
     text: str = database.as_dbc_string()
-    return text
+    return text.replace("\r\n", "\n")
 
 
 def _nodes_of(spec: Spec) -> dict[int, str]:
