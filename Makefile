@@ -25,7 +25,7 @@ demo: .venv/ready-to-run
 test: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2 --cov-report=
 	$(PYTEST) -m 'live and not vcan' --cov-append --cov-report=
-	tools/with-vcan --timeout 900 $(PYTEST) -m vcan --cov-append tests/live
+	tools/with-vcan --timeout 900 $(PYTEST) -m vcan --cov-append
 
 lint: .venv/ready-to-test
 	.venv/bin/ruff check

@@ -46,7 +46,7 @@ examples:
   tools/with-vcan candump -n 1 vcan0                      waits for one frame
   tools/with-vcan sh -c 'candump -n1 vcan0 & sleep 1; cansend vcan0 321#C0FFEE; wait'
   tools/with-vcan --interfaces vcan0,vcan1 ip -brief link
-  tools/with-vcan --timeout 600 .venv/bin/pytest tests/live -m vcan
+  tools/with-vcan --timeout 600 .venv/bin/pytest -m vcan
 
 exit codes:
   the command's own (128+n: ended by signal n); 124: time ran out;
