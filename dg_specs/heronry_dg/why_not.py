@@ -81,12 +81,19 @@ def why_not(found: Feasible, function: Function, *, alone: bool | None = None) -
         return f"nothing can be commanded, because the manager's bus {manager_bus} is down"
     outputs = [found.spec.modules[name] for name in function.outputs]
     if not any(found.can_run(module) for module in outputs):
-        return ", and ".join(f"{module.name} {_cause(found, module, module.modes)}" for module in outputs)
+        return _every_branch(found, outputs)
     if alone is None:
         return "it could run, but resources, deadlines or placement rules leave no room for it beside what is served"
     if alone:
         return "it could run alone, but what is served outranks it and leaves no room"
     return "the PEs and buses that are up cannot fit it, even alone"
+
+
+def _every_branch(found: Feasible, outputs: list[Module]) -> str:
+    causes = [_cause(found, module, module.modes) for module in outputs]
+    if len(outputs) > 1 and len(set(causes)) == 1:
+        return f"each of {' and '.join(module.name for module in outputs)} {causes[0]}"
+    return ", and ".join(f"{module.name} {cause}" for module, cause in zip(outputs, causes, strict=True))
 
 
 def _cause(found: Feasible, module: Module, modes: Collection[str], branched: bool = False) -> str:
