@@ -34,7 +34,7 @@ PARACHUTE = {
 
 def worth(
     modules: dict[str, Running],
-    running: Configuration | dict[str, tuple[str, str]] | None = None,
+    running: Configuration | Placement | None = None,
     spec: Spec = FIGURE_3,
 ) -> Objective:
     return score(spec, situation(spec), Configuration(modules), running)

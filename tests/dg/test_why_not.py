@@ -34,8 +34,8 @@ def reason(function: str, *down: str, spec: Spec = FIGURE_3, phase: str | None =
             "servo_monitoring",
             "module:state_estimator",
             (
-                "servo_monitor needs elevator_demand from elevator_control, which needs state_info from state_estimator, "
-                "which has failed"
+                "servo_monitor needs elevator_demand from elevator_control, which needs state_info from "
+                "state_estimator, which has failed"
             ),
         ),
         (
