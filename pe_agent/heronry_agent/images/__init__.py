@@ -1,0 +1,114 @@
+"""The images: the code of the software modules that ships with the agent.
+
+What it decides: which class a spec's `image` means. A bare name is looked up in `CATALOGUE`; `package.module:Class` is
+imported as it stands, so that code of one's own needs no entry here. Nothing is imported before it is asked for: a PE
+loads the code that it runs.
+
+The catalogue serves the two specs that are shipped. `elevator_and_chute` names no images, so there an image has its
+module's name; `big_blue` names one where several modules share it, or where its variables are called differently.
+
+Images are written against `heronry_agent.module` alone. They hold no clock and no random source: the time of a step is
+in its context, and the same inputs give the same outputs. An input may be absent in any step, first and foremost in the
+first ones; each image says what it does then. What a restart loses, it says too.
+"""
+
+import difflib
+import importlib
+from collections.abc import Mapping
+
+from heronry_agent.module import Module
+
+_HERE = "heronry_agent.images"
+
+
+def _in(file: str, **images: str) -> dict[str, str]:
+    return {name: f"{_HERE}.{file}:{cls}" for name, cls in images.items()}
+
+
+CATALOGUE: Mapping[str, str] = {
+    **_in(
+        "sensors",
+        angle_driver="ElevatorAngle",
+        battery_driver="Battery",
+        camera_driver="Camera",
+        command_driver="CommandReceiver",
+        console_driver="Console",
+        elevator_angle_driver="ElevatorAngle",
+        gps_driver="GpsAltitude",
+        gps_receiver="GpsReceiver",
+        horizon_driver="Horizon",
+        inertial_unit="InertialUnit",
+        pitot_driver="Pitot",
+        pressure_driver="Barometer",
+        pressure_driver_1="PressureSensor1",
+        pressure_driver_2="PressureSensor2",
+        pressure_driver_3="PressureSensor3",
+        rate_gyros="RateGyros",
+        release_driver="ChuteReceiver",
+        uv_driver="Ultraviolet",
+        wing_pressure_driver="WingPressure",
+    ),
+    **_in(
+        "actuators",
+        burn_wire="BurnWire",
+        chute_charge="ChuteCharge",
+        chute_driver="ChuteCharge",
+        elevator_servo="ReportingElevatorServo",
+        inflation_driver="InflationValve",
+        rudder_servo="RudderServo",
+        servo_driver_1="ElevatorServo",
+        servo_driver_2="ElevatorServo",
+    ),
+    **_in("air_data", air_data="AirData", pressure_voter="PressureVoter"),
+    **_in(
+        "altitude",
+        barometric_altitude="StaticPressureAltitude",
+        fused_altitude="FusedStaticAltitude",
+        high_quality_altitude="FusedAltitude",
+        low_quality_altitude="PressureAltitude",
+    ),
+    **_in("attitude", attitude_filter="AttitudeFilter", horizon_attitude="HorizonAttitude"),
+    **_in("control", elevator_control="ElevatorControl", pitch_control="PitchControl", rudder_control="RollControl"),
+    **_in("control", state_estimator="StateEstimator"),
+    **_in("guidance", experimental_autopilot="OrbitAutopilot", guidance="Guidance"),
+    **_in("servo_monitor", elevator_monitor="ElevatorMonitor", servo_monitor="ServoMonitor"),
+    **_in("wing", inflation_control="InflationControl", wing_monitor="WingMonitor"),
+    **_in("recovery", chute_logic="ChuteLogic", cutdown_logic="CutdownLogic"),
+    **_in("mission", mission_sequencer="MissionSequencer"),
+    **_in("telemetry", flight_recorder="FlightRecorder", ground_display="GroundDisplay", telemetry="Telemetry"),
+    **_in("pilot_view", pilot_view="PilotView"),
+    **_in("imaging", image_archive="ImageArchive", imaging="Imaging"),
+}
+
+
+class UnknownImageError(LookupError):
+    """No such image; the message says what to write instead."""
+
+
+def find_image(name: str) -> type[Module]:
+    """Give the class of an image, importing it where needed.
+
+    Raises UnknownImageError for a name that is neither in the catalogue nor an importable `package.module:Class` that
+    is a `Module`.
+    """
+    target = CATALOGUE.get(name, name)
+    module_name, colon, class_name = target.partition(":")
+    if not colon:
+        raise UnknownImageError(_not_in_catalogue(name))
+    try:
+        found = getattr(importlib.import_module(module_name), class_name, None)
+    except ImportError as error:
+        raise UnknownImageError(
+            f"image '{name}': cannot import {module_name} ({error}); is it installed here?"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Module)):
+        raise UnknownImageError(
+            f"image '{name}': {module_name} has no class {class_name} derived from heronry_agent.module.Module"
+        )
+    return found
+
+
+def _not_in_catalogue(name: str) -> str:
+    close = difflib.get_close_matches(name, CATALOGUE, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else "write package.module:Class for code of your own"
+    return f"there is no image '{name}'; {hint}"
