@@ -17,7 +17,7 @@ from functools import partial
 from heronry_agent.gateway import Gateway
 from heronry_agent.permission import Permission
 from heronry_agent.reconfiguration import Reconfiguration
-from heronry_agent.reign import Reign
+from heronry_agent.reign import NO_TERM, Reign
 from heronry_agent.running_modules import RunningModules
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
@@ -80,7 +80,8 @@ class Obedience:
                 self.turn.note("term", f"manager {manager} reigns with term {term}")
             return True
         self.turn.count("stale term", event.frame.can_id)
-        if not self.staging.collecting() and self.staging.reason is not Reason.STALE_TERM:
+        reigned = before != NO_TERM and not self.staging.collecting()
+        if reigned and self.staging.reason is not Reason.STALE_TERM:
             self.turn.wants_page_1 = self.staging.refuse(Reason.STALE_TERM)
         return False
 

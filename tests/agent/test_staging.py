@@ -3,8 +3,8 @@
 import itertools
 
 import pytest
-from agent.one_pe import FLYING, NODE, RUN_CONTROL, RUN_SERVO_1, OnePe, pages, slice_messages, started
 
+from agent.one_pe import FLYING, NODE, RUN_CONTROL, RUN_SERVO_1, OnePe, pages, slice_messages, started
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.management import Activate, PeState, Prepare, Reason, SliceBody, SliceHead, StatePage1, Step
 

@@ -1,0 +1,168 @@
+"""Rule 6: when a PE drives what nobody else may drive at the same time, and when it stops by itself."""
+
+import pytest
+
+from agent.one_pe import (
+    BEAT_NS,
+    CONTROL,
+    DEMAND_ID,
+    FAR,
+    FLYING,
+    GATEWAY_TABLE,
+    LEASE_NS,
+    MS,
+    NEIGHBOUR,
+    NODE,
+    SERVO_1,
+    OnePe,
+    neighbour_state,
+    rate_frame,
+    sent,
+    slice_messages,
+)
+from heronry_agent.vocabulary import Action, StepModule
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import heartbeat_id
+from heronry_wire.management import Activate, Alive, Lease, PeFlags, Step
+from heronry_wire.sansio import Tick
+
+EVERYBODY = frozenset({NEIGHBOUR, NODE})
+
+
+def flying(table: object = None) -> OnePe:
+    """A PE that drives the branch and publishes the demand, with everything in order."""
+    pe = OnePe() if table is None else OnePe(GATEWAY_TABLE)
+    pe.outputs[CONTROL] = {"demand": 2.5}
+    pe.configure(FLYING, 7)
+    assert drives(pe.fly(100 * MS, epoch=7, digest=1007))
+    return pe
+
+
+def drives(actions: list[Action]) -> bool:
+    """Tell whether the branch was stepped and the demand published; both or neither."""
+    stepped = any(isinstance(a, StepModule) and a.module == SERVO_1 for a in actions)
+    published = bool(sent(actions, DEMAND_ID))
+    assert stepped == published
+    return stepped
+
+
+def test_without_a_word_of_alive_nothing_exclusive_is_driven() -> None:
+    pe = OnePe()
+    pe.outputs[CONTROL] = {"demand": 2.5}
+    pe.command(*slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007))
+    pe.hear(neighbour_state(7))
+    assert not drives(pe.pass_time(50 * MS))
+    assert PeFlags.OUTPUT_HELD in pe.ask()[0].flags
+    pe.command(Alive(1, 0, EVERYBODY))
+    assert drives(pe.pass_time(50 * MS))
+    assert PeFlags.OUTPUT_HELD not in pe.ask()[0].flags
+
+
+def test_what_is_held_runs_on_but_for_what_is_exclusive() -> None:
+    pe = flying()
+    pe.command(Alive(1, 1, frozenset({NEIGHBOUR})))
+    actions = pe.pass_time(50 * MS)
+    assert any(isinstance(a, StepModule) and a.module == CONTROL for a in actions)
+    assert not drives(actions)
+
+
+def test_an_alive_that_no_longer_names_us_stops_us() -> None:
+    pe = flying()
+    pe.command(Alive(1, 1, frozenset({NEIGHBOUR})))
+    assert not drives(pe.pass_time(50 * MS))
+    pe.command(Alive(1, 2, EVERYBODY))
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_alive_of_a_deposed_manager_says_nothing() -> None:
+    pe = flying()
+    pe.command(Alive(2, 1, frozenset({NEIGHBOUR})), manager=127)
+    pe.command(Alive(1, 2, EVERYBODY))
+    assert not drives(pe.pass_time(50 * MS))
+
+
+def test_a_pe_that_hears_nobody_stops_within_the_lease() -> None:
+    pe = flying()
+    assert drives(pe.pass_time(LEASE_NS - BEAT_NS))
+    pe.pass_time(BEAT_NS)
+    assert not drives(pe.pass_time(500 * MS))
+
+
+def test_the_silence_of_the_manager_alone_stops_nobody() -> None:
+    pe = flying()
+    for _ in range(20):
+        pe.hear(neighbour_state(7))
+        assert drives(pe.pass_time(2 * BEAT_NS))
+    flags = pe.ask()[0].flags
+    assert PeFlags.HEARS_LEASE not in flags
+
+
+def test_after_a_pause_the_lease_is_over_before_anything_is_driven() -> None:
+    pe = flying()
+    pe.now_ns += 10 * LEASE_NS
+    assert not drives(pe.give(Tick()) + pe.pass_time(50 * MS))
+
+
+def test_after_a_pause_a_frame_without_an_epoch_is_not_enough() -> None:
+    pe = flying()
+    pe.pass_time(2 * LEASE_NS)
+    pe.hear(Frame(heartbeat_id(NEIGHBOUR), b"\x05"))
+    pe.hear(rate_frame(1.0))
+    assert not drives(pe.pass_time(50 * MS))
+    pe.hear(neighbour_state(7))
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_a_neighbour_on_a_newer_epoch_shows_that_we_were_overtaken() -> None:
+    pe = flying()
+    pe.hear(neighbour_state(8))
+    assert not drives(pe.pass_time(50 * MS))
+
+
+@pytest.mark.parametrize("epoch", [0, 6, 7])
+def test_a_neighbour_on_our_epoch_or_an_older_one_or_none_shows_nothing(epoch: int) -> None:
+    pe = flying()
+    pe.hear(neighbour_state(epoch))
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_a_lease_of_an_epoch_that_we_never_staged_stops_us_once_it_is_activated() -> None:
+    pe = flying()
+    pe.command(Lease(1, 8, Step.PREPARED, 1008))
+    assert drives(pe.pass_time(50 * MS))
+    pe.command(Lease(1, 8, Step.BREAK, 1008))
+    assert not drives(pe.pass_time(50 * MS))
+
+
+def test_a_lease_with_another_digest_under_our_number_stops_us() -> None:
+    pe = flying()
+    pe.command(Lease(1, 7, Step.GO_ALL, 999))
+    assert not drives(pe.pass_time(50 * MS))
+
+
+def test_following_settles_it_and_so_does_the_manager_who_names_our_own() -> None:
+    pe = flying()
+    pe.hear(neighbour_state(8))
+    pe.command(Lease(1, 7, Step.GO_ALL, 1007))
+    assert drives(pe.pass_time(50 * MS))
+    pe.hear(neighbour_state(8))
+    pe.configure(FLYING, 8)
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_a_gateway_is_not_comforted_by_what_it_hears_beyond() -> None:
+    pe = flying(GATEWAY_TABLE)
+    pe.pass_time(LEASE_NS)
+    pe.hear(neighbour_state(7, node=FAR), port=1)
+    assert not drives(pe.pass_time(50 * MS))
+    pe.hear(neighbour_state(8, node=FAR), port=1)
+    pe.hear(neighbour_state(7))
+    assert not drives(pe.pass_time(50 * MS)), "a newer epoch counts from wherever it is seen"
+
+
+def test_what_cannot_run_elsewhere_is_never_held() -> None:
+    pe = OnePe()
+    pe.configure(Slice(), 7)
+    pe.pass_time(10 * LEASE_NS)
+    assert PeFlags.OUTPUT_HELD not in pe.ask()[0].flags
