@@ -269,11 +269,17 @@ def _check_names(spec: Spec, configuration: Configuration) -> None:
         if name not in spec.modules:
             raise PlanError(f"modules.{name}: the spec has no such module")
         if running.mode not in spec.modules[name].modes:
-            raise PlanError(f"modules.{name}.mode: the spec has no mode '{running.mode}' of this module")
+            raise PlanError(f"modules.{name}.mode: the module has no mode '{running.mode}'")
+        if running.pe not in spec.pes:
+            raise PlanError(f"modules.{name}.pe: the spec has no PE '{running.pe}'")
         leaves = dict(configuration.mode(spec, name).leaves())
         for path, wire in running.inputs.items():
-            if path not in leaves or not leaves[path].accepts(wire.version):
-                raise PlanError(f'modules.{name}.inputs["{path}"]: mode {running.mode} has no such input')
+            leaf = leaves.get(path)
+            if leaf is None or leaf.variable != wire.variable or not leaf.accepts(wire.version):
+                raise PlanError(
+                    f'modules.{name}.inputs["{path}"]: mode {running.mode} has no input that takes '
+                    f"{wire.variable}@{wire.version} there"
+                )
 
 
 def _document(text: str) -> Json:
