@@ -16,6 +16,8 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from heronry_wire.errors import HeronryError
+
 EMPTY_DIGEST = 0
 
 
@@ -51,7 +53,7 @@ class Slice:
         return b"".join(map(_varint, numbers))
 
 
-class SliceError(ValueError):
+class SliceError(HeronryError, ValueError):
     """Bytes that are no slice of this PE; the message says why."""
 
 

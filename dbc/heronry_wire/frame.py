@@ -21,6 +21,8 @@ empty frame cannot be taken for a datum.
 import re
 from typing import NamedTuple
 
+from heronry_wire.errors import HeronryError
+
 STANDARD_MASK = 0x7FF
 EXTENDED_MASK = 0x1FFF_FFFF
 MAX_DATA_BYTES = 8
@@ -32,7 +34,7 @@ _FRAME_TEXT = re.compile(r"([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(R)[0-8]?|((?:[0-9
 _LOG_TEXT = re.compile(r"\((\d{1,12})\.(\d{1,9})\) (\S+) (\S+)(?: [RT])?", re.ASCII)
 
 
-class WireError(ValueError):
+class WireError(HeronryError, ValueError):
     """Our own caller asked for something that cannot be put on the bus; the message says what to change."""
 
 

@@ -15,10 +15,12 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+from heronry_wire.errors import HeronryError
+
 FORMAT = 1
 
 
-class TableError(ValueError):
+class TableError(HeronryError, ValueError):
     """A table that cannot be used; the message says why and what to do."""
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Mode, Spec
-from heronry_dg.situation import Survivors
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +42,3 @@ class Configuration:
         for consumer, running in self.modules.items():
             for path, wire in running.inputs.items():
                 yield consumer, path, wire
-
-    def published(self, left: Survivors) -> dict[tuple[str, str], tuple[str, ...]]:
-        """Buses on which each (producer, variable) is published (semantics.md rule 7), in order of first use.
-
-        One that stays on its PE is not listed; a wire without a route contributes nothing.
-        """
-        buses: dict[tuple[str, str], dict[str, None]] = {}
-        for consumer, _, wire in self.wires():
-            producer = self.modules.get(wire.producer)
-            if producer is None:
-                continue
-            route = left.route(producer.pe, self.modules[consumer].pe)
-            if route:
-                buses.setdefault((wire.producer, wire.variable), {}).update(dict.fromkeys(route))
-        return {source: tuple(used) for source, used in buses.items()}

@@ -68,6 +68,7 @@ class Draft:
     """All that could be read of a file."""
 
     root: Node
+    readable: bool  # no section is missing because it is something else than a map
     header: schema.HeaderForm | None
     manager: Element[schema.ManagerForm]
     contingency: Element[schema.ContingencyForm]
@@ -100,6 +101,7 @@ class _DraftReader:
         demuxes = {name: entry for name, entry in gates.items() if _is_demux(entry.node)}
         return Draft(
             root=self._root,
+            readable=all(self._is_readable(section) for section in _SECTIONS),
             header=self._header(),
             manager=self._single("manager", schema.ManagerForm),
             contingency=self._single("contingency", schema.ContingencyForm),
@@ -123,6 +125,10 @@ class _DraftReader:
         """An element of which there is one, and which may be left out."""
         entry = self._root.entries.get(key, yaml_source.Entry(self._root.place, _nothing_at(self._root.place)))
         return Element(key, entry.place, entry.node, self._form(key, entry.place, entry.node, form))
+
+    def _is_readable(self, section: str) -> bool:
+        entry = self._root.entries.get(section)
+        return entry is None or isinstance(entry.node, yaml_source.Mapping) or yaml_source.is_nothing(entry.node)
 
     def _section(self, section: str, kind: str, form: type[F_co]) -> dict[str, Element[F_co]]:
         return {name: self._element(kind, name, entry, form) for name, entry in self._entries(section)}

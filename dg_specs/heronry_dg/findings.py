@@ -10,6 +10,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from heronry_wire.errors import HeronryError
+
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
 _MOST_COMPARISONS = 20_000  # names compared for "did you mean", per file: a hostile file must not buy minutes
@@ -36,7 +38,7 @@ class Finding:
         return f"{self.file}:{self.place.line}:{self.place.column}: {self.sentence}{hint}"
 
 
-class SpecError(ValueError):
+class SpecError(HeronryError, ValueError):
     """A spec that means nothing; `findings` says why, in the order of the file. Its text is one line per finding."""
 
     def __init__(self, findings: Iterable[Finding]) -> None:

@@ -60,8 +60,8 @@ def _load_bytes(data: bytes, file: str) -> Spec:
     findings = Findings(file)
     root = yaml_source.read_tree(data, findings)
     draft = read_draft(root, findings) if root is not None else None
-    if draft is None:
-        raise findings.error()
+    if draft is None or not draft.readable:
+        raise findings.error()  # with a section missing, every name in it would look unknown
     check_references(draft, findings)
     gates = read_gates(draft, findings)
     if findings:

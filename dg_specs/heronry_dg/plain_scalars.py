@@ -17,7 +17,7 @@ from decimal import Decimal
 Value = None | bool | int | Decimal | str
 
 _LONGEST_NUMBER = 40
-_LARGEST_EXPONENT = 30
+_LARGEST_EXPONENT = 40
 
 _NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*)(?P<fraction>\.[0-9]+)?(?:[eE](?P<exponent>[+-]?[0-9]+))?")
 _OTHER_BASE = re.compile(r"[+-]?0(?:x[0-9a-fA-F_]+|b[01_]+|o[0-7_]+|[0-7_]+)")

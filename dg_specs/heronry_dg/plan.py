@@ -24,12 +24,13 @@ from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score, 
 from heronry_dg.situation import Situation, UnknownElementError, situation, survivors
 from heronry_dg.traffic import bus_loads_mbit_per_s, hops
 from heronry_dg.why_not import feasible, why_not
+from heronry_wire.errors import HeronryError
 
 Json = dict[str, object]
 _T = TypeVar("_T")
 
 
-class PlanError(ValueError):
+class PlanError(HeronryError, ValueError):
     """A plan file that cannot be used; the message is one sentence with the place and what is wrong there."""
 
 

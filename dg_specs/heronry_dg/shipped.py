@@ -3,12 +3,13 @@
 from pathlib import Path
 
 from heronry_dg.loader import SUFFIX
+from heronry_wire.errors import HeronryError
 
 _PACKAGE = Path(__file__).resolve().parent
 _FOLDERS = (_PACKAGE.parent, _PACKAGE / "specs")
 
 
-class UnknownSpecError(LookupError):
+class UnknownSpecError(HeronryError, LookupError):
     """No spec of that name is shipped; the message says which are."""
 
 

@@ -15,12 +15,13 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from heronry_dg.model import Module, Spec
+from heronry_wire.errors import HeronryError
 
 _KINDS = ("pe", "device", "module", "bus", "channel")
-_LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d+(\.\d+)?)%")
+_LIMIT = re.compile(r"(?P<element>[^=]+)=(?P<percent>\d{1,3}(\.\d{1,12})?)%", re.ASCII)
 
 
-class UnknownElementError(ValueError):
+class UnknownElementError(HeronryError, ValueError):
     """An element, limit or phase that the spec does not have; the message says what to write instead."""
 
 
@@ -36,13 +37,13 @@ class Situation:
 def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), phase: str | None = None) -> Situation:
     """Build a situation from what a user wrote; `limits` as `bus:radio=40%` or `pe:nav=50%`.
 
-    Raises UnknownElementError for names the spec does not have.
+    Raises UnknownElementError for names the spec does not have, and for an element that is limited twice.
     """
     if phase is not None and phase not in spec.phases:
         raise UnknownElementError(_unknown("phase", phase, spec.phases))
     return Situation(
         down=frozenset(checked_element(spec, element) for element in down),
-        limits=dict(_limit(spec, text) for text in limits),
+        limits=_limits(spec, limits),
         phase=phase if phase is not None else spec.initial_phase(),
     )
 
@@ -80,6 +81,15 @@ def checked_element(spec: Spec, element: str) -> str:
 
 def _channels(spec: Spec) -> tuple[str, ...]:
     return tuple(f"{b.name}.{i}" for b in spec.buses.values() if b.channels > 1 for i in range(1, b.channels + 1))
+
+
+def _limits(spec: Spec, texts: Iterable[str]) -> dict[str, Fraction]:
+    limits: dict[str, Fraction] = {}
+    for element, share in (_limit(spec, text) for text in texts):
+        if element in limits:
+            raise UnknownElementError(f"'{element}' is limited twice; say once how much of it is left")
+        limits[element] = share
+    return limits
 
 
 def _limit(spec: Spec, text: str) -> tuple[str, Fraction]:

@@ -9,9 +9,9 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from heronry_tools.errors import UserError, as_user_error
+from heronry_tools.errors import as_user_error
 
-_COMMANDS = ("plan_command", "manager_command", "demo.command", "dbc_command")
+_COMMANDS = ("plan_command", "demo.command", "manager_command", "table_command", "dbc_command")
 
 _EPILOG = """\
 examples:
@@ -41,9 +41,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     try:
         code: int = arguments.run(arguments)
-    except UserError as error:
-        print(f"heronry: {error}", file=sys.stderr)
-        return 2
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

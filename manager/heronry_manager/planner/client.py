@@ -35,11 +35,12 @@ from heronry_manager.planner.messages import (
     read_answer,
     request_line,
 )
+from heronry_wire.errors import HeronryError
 
 _CHUNK = 65536
 
 
-class PlannerError(RuntimeError):
+class PlannerError(HeronryError):
     """The planner's process cannot be used, or could not answer."""
 
 

@@ -2,7 +2,7 @@
 
     request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
                "running": {"autopilot": ["full", "nav"]}}            running: null where nothing is known to run
-    answers   {"ready": DIGEST}               once, at the start: the spec has been read
+    answers   {"ready": true}                 once, at the start: the spec has been read
               {"request": 7, "plan": TEXT}    the JSON text of a plan, as `heronry_dg.plan` writes it
               {"request": 7, "error": TEXT}   no plan, and why; request is null where it could not be read
 
@@ -36,8 +36,6 @@ class Request:
 @dataclass(frozen=True, slots=True)
 class Ready:
     """The process has read the spec and waits for requests."""
-
-    digest: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +73,8 @@ def request_line(request: Request) -> bytes:
 def answer_line(answer: Answer) -> bytes:
     """Write an answer."""
     match answer:
-        case Ready(digest):
-            return _line({"ready": digest})
+        case Ready():
+            return _line({"ready": True})
         case PlanText(number, text):
             return _line({"request": number, "plan": text})
         case Refusal(refused, reason):
@@ -121,8 +119,8 @@ def _placement(running: dict[str, list[str]] | None) -> Placement | None:
 def read_answer(line: bytes) -> Answer:
     """Read an answer; raises MessageError."""
     match _fields(line):
-        case {"ready": str(digest)}:
-            return Ready(digest)
+        case {"ready": True}:
+            return Ready()
         case {"request": int(number), "plan": str(text)}:
             return PlanText(number, text)
         case {"request": int() | None as refused, "error": str(reason)}:

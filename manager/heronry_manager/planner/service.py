@@ -38,7 +38,7 @@ def main() -> None:
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_read_lines, args=(sys.stdin.buffer, lines), daemon=True).start()
-    _send(answers, Ready(spec.digest))
+    _send(answers, Ready())
     while True:
         _send(answers, answer(spec, lines.get()))
 

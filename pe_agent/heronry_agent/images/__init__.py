@@ -17,6 +17,7 @@ import importlib
 from collections.abc import Mapping
 
 from heronry_agent.module import Module
+from heronry_wire.errors import HeronryError
 
 _HERE = "heronry_agent.images"
 
@@ -81,7 +82,7 @@ CATALOGUE: Mapping[str, str] = {
 }
 
 
-class UnknownImageError(LookupError):
+class UnknownImageError(HeronryError, LookupError):
     """No such image; the message says what to write instead."""
 
 
@@ -92,8 +93,8 @@ def find_image(name: str) -> type[Module]:
     is a `Module`.
     """
     target = CATALOGUE.get(name, name)
-    module_name, colon, class_name = target.partition(":")
-    if not colon:
+    module_name, _, class_name = target.partition(":")
+    if not class_name or not module_name or module_name.startswith("."):
         raise UnknownImageError(_not_in_catalogue(name))
     try:
         found = getattr(importlib.import_module(module_name), class_name, None)

@@ -40,7 +40,12 @@ class BusChoice:
 
 
 def choose(
-    spec: Spec, folder: Path, named: Mapping[str, tuple[str, str]], first: tuple[str, str, int | None] | None
+    spec: Spec,
+    folder: Path,
+    named: Mapping[str, tuple[str, str]],
+    first: tuple[str, str, int | None] | None,
+    *,
+    prefer_vcan: bool = True,
 ) -> dict[str, BusChoice]:
     """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
 
@@ -55,7 +60,7 @@ def choose(
             choices[name] = BusChoice(name, *first, is_ours=False)
         elif name in named:
             choices[name] = BusChoice(name, *named[name], bitrate=None, is_ours=False)
-        elif name == spec.manager.bus and has_interface("vcan0"):
+        elif name == spec.manager.bus and prefer_vcan and has_interface("vcan0"):
             choices[name] = BusChoice(name, "socketcan", "vcan0", None, is_ours=False)
         else:
             choices[name] = BusChoice(name, "softbus", str(folder / f"{name}.sock"), bus.bitrate, is_ours=True)

@@ -2,14 +2,10 @@
 
 import argparse
 import signal
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
-from typing import Any
 
-from heronry_dg.model import Spec
-from heronry_manager.events import to_line
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.command import DEFAULT_SECONDS
 from heronry_tools.demo.fleet import Fleet, run_folder
@@ -17,6 +13,7 @@ from heronry_tools.demo.run import Show
 from heronry_tools.demo.screen import screen
 from heronry_tools.demo.script import read_script
 from heronry_tools.errors import UserError
+from heronry_tools.event_printer import print_event
 from heronry_tools.spec_argument import load_spec, spec_path
 
 _AFTER_LAST_ACT_S = 5.0
@@ -35,18 +32,7 @@ def play(arguments: argparse.Namespace) -> int:
         fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder))
         choices = choose(spec, folder, _named(arguments.bus), _first(arguments))
         fleet.start_buses(choices)
-        return Show(spec, fleet, choices, _teller(spec, as_json=arguments.json)).run(acts, seconds, record)
-
-
-def _teller(spec: Spec, *, as_json: bool) -> Callable[[Mapping[str, Any]], None]:
-    if not as_json:
-        return screen(spec)
-
-    def tell(event: Mapping[str, Any]) -> None:
-        sys.stdout.write(to_line(event) + "\n")
-        sys.stdout.flush()
-
-    return tell
+        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)
 
 
 def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:

@@ -16,10 +16,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from heronry_wire.errors import HeronryError
+
 _PENDING_CONNECTIONS = 64
 
 
-class HubError(RuntimeError):
+class HubError(HeronryError):
     """A hub cannot run as asked; the message says why and what to do."""
 
 

@@ -10,6 +10,7 @@ What if: the hub is gone (the socket ends) or refuses this client: CanOperationE
 is stopped: offers time out, and a command does after some seconds.
 """
 
+import errno
 import select
 import socket
 import threading
@@ -51,7 +52,7 @@ class Link:
         deadline_s = deadline_after(timeout_s)
         with self._locked(timeout_s):
             if not self._wait_for_mailbox(deadline_s):
-                raise CanOperationError(f"{self._path}: the last frame is still waiting for the bus")
+                raise CanOperationError(f"{self._path}: the last frame is still waiting for the bus", errno.ENOBUFS)
             self._send(encode_frame(BusFrame(frame, dlc, time.monotonic_ns())))
             self._mailbox_full = True
 

@@ -1,0 +1,9 @@
+"""The one root of all errors that a caller, or in the end a user, can mend.
+
+Bad bytes are values, not errors. An error is for our own callers; its message is one sentence that says what is wrong,
+where, and what to do, fit to be shown as it is. Whatever is not a HeronryError is a defect of ours.
+"""
+
+
+class HeronryError(Exception):
+    """Something that the caller can mend; the message is for people."""

@@ -1,0 +1,39 @@
+"""A node's own transmit queue, ordered as the bus orders (design rule 13).
+
+SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would wait for all of them, and the timing
+analysis would be void. So every sender keeps its frames here and hands over one at a time.
+
+Frames of one identifier stay in their order. The queue is bounded: what does not fit is dropped, the least urgent and
+newest first, and counted; a bus that carries nothing must not fill the memory, and old data is worth less than none.
+"""
+
+from bisect import insort
+
+from heronry_wire.frame import Frame, arbitration_key
+
+CAPACITY = 512
+
+
+class TransmitQueue:
+    """Frames that wait, the most urgent first."""
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self.dropped = 0
+        self._capacity = capacity
+        self._frames: list[tuple[int, int, Frame]] = []  # the most urgent at the end
+        self._count = 0
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def push(self, frame: Frame) -> None:
+        """Add a frame; where the queue is full the least urgent one is dropped."""
+        self._count += 1
+        insort(self._frames, (-arbitration_key(frame), -self._count, frame))
+        if len(self._frames) > self._capacity:
+            del self._frames[0]
+            self.dropped += 1
+
+    def pop(self) -> Frame:
+        """Take the most urgent frame; raises IndexError where there is none."""
+        return self._frames.pop()[2]

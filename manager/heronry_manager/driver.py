@@ -1,0 +1,88 @@
+"""The manager's thin shell: one bus, one planner process, one select loop.
+
+Order of a turn: everything that has arrived (frames, answers of the planner) goes into the core before a deadline may
+pass, so that what this process slept through is not taken for silence of the others. Time is CLOCK_MONOTONIC.
+
+Ends: when the core says Stop, when `stop` is called (a signal), when the bus is lost, or, with `until_eof`, when
+standard input ends because whoever started the manager is gone.
+"""
+
+import os
+import select
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_manager.core import Emit, ManagerAction, ManagerCore, PlanFailed, PlanReady, RequestPlan, Stop
+from heronry_manager.planner.client import Planned, PlannerClient
+from heronry_wire.link import Link
+from heronry_wire.sansio import Received, Send, Tick
+
+
+class ManagerDriver:
+    """Runs a core on a link."""
+
+    def __init__(self, spec: Spec, link: Link, planner: PlannerClient, emit: Callable[[dict[str, Any]], None]) -> None:
+        """`emit` gets every event of the stream as it happens."""
+        self._spec, self._link, self._planner, self._emit = spec, link, planner, emit
+        self._core: ManagerCore | None = None
+        self._stop_reason: str | None = None
+        self._stopping = False
+
+    def stop(self) -> None:
+        """End the loop at its next turn; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self, node: int, term: int, *, until_eof: bool) -> str | None:
+        """Reign until stopped; gives the reason when the core stopped by itself. Raises LinkError."""
+        core = self._core = ManagerCore(self._spec, node, term, time.monotonic_ns())
+        readers: list[Any] = [self._link, self._planner]
+        if until_eof:
+            readers.append(sys.stdin)
+        while not self._stopping and self._stop_reason is None:
+            ready, _, _ = select.select(readers, [], [], self._wait_s(core))
+            if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
+                break
+            self._take_frames(core)
+            self._take_plans(core)
+            deadline_ns = core.next_deadline_ns()
+            now_ns = time.monotonic_ns()
+            if deadline_ns is not None and now_ns >= deadline_ns:
+                self._carry_out(core.step(now_ns, Tick()), now_ns)
+            self._link.pump(time.monotonic_ns())
+        return self._stop_reason
+
+    def _wait_s(self, core: ManagerCore) -> float | None:
+        deadlines = [d for d in (core.next_deadline_ns(), self._link.next_deadline_ns()) if d is not None]
+        return max(0, min(deadlines) - time.monotonic_ns()) / 1e9 if deadlines else None
+
+    def _take_frames(self, core: ManagerCore) -> None:
+        while frames := self._link.receive(time.monotonic_ns()):
+            for frame in frames:
+                now_ns = time.monotonic_ns()
+                self._carry_out(core.step(now_ns, Received(0, frame)), now_ns)
+
+    def _take_plans(self, core: ManagerCore) -> None:
+        for answer in self._planner.poll():
+            now_ns = time.monotonic_ns()
+            if isinstance(answer, Planned):
+                event: PlanReady | PlanFailed = PlanReady(answer.request, answer.plan)
+            else:
+                event = PlanFailed(answer.request, answer.reason)
+            self._carry_out(core.step(now_ns, event), now_ns)
+
+    def _carry_out(self, actions: list[ManagerAction], now_ns: int) -> None:
+        for action in actions:
+            match action:
+                case Send(frame=frame):
+                    self._link.send(frame, now_ns)
+                case RequestPlan():
+                    now = Situation(action.down, {}, action.phase)
+                    self._planner.request(action.request, now, action.running)
+                case Emit(event):
+                    self._emit(event)
+                case Stop(reason):
+                    self._stop_reason = reason

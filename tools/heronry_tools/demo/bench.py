@@ -1,0 +1,94 @@
+"""The four times of a reconfiguration, measured with real processes on a software bus.
+
+    python -m heronry_tools.demo.bench [--kills 30] [--spec big_blue]
+
+Kills one PE after the other with SIGKILL, waits for the system to run again, brings the PE back, waits for that too.
+*Detect* counts from the kill itself, the other three are the manager's own. Prints median, p99 and the longest.
+"""
+
+import argparse
+import itertools
+import json
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Collection, Iterator, Mapping
+from typing import IO, Any
+
+from heronry_tools.demo.buses import choose
+from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.spec_argument import load_spec, spec_path
+
+_NAMES = ("detect", "decide", "distribute", "activate")
+_SETTLED = ("reconfigured", "plan_unchanged")
+_PAUSE_S = 0.2
+
+
+def main() -> int:
+    """Run the benchmark; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Measure the four times of a reconfiguration with real processes.")
+    parser.add_argument("--kills", type=int, default=30, metavar="N", help="how many kills (default 30)")
+    parser.add_argument("--spec", default="big_blue", metavar="SPEC", help="default big_blue")
+    arguments = parser.parse_args()
+    times = measure(arguments.spec, arguments.kills)
+    machine = f"{platform.machine()}, Python {platform.python_version()}"
+    print(f"{arguments.spec}, {arguments.kills} kills, software bus; {machine}")
+    print(f"{'ms':<11}{'median':>9}{'p99':>9}{'longest':>9}")
+    for name, values in times.items():
+        print(f"{name:<11}{statistics.median(values):>9.1f}{_p99(values):>9.1f}{max(values):>9.1f}")
+    return 0
+
+
+def measure(spec_name: str, kills: int) -> dict[str, list[float]]:
+    """Give the times in milliseconds, by name, one per kill."""
+    spec = load_spec(spec_name)
+    folder = run_folder()
+    times: dict[str, list[float]] = {name: [] for name in (*_NAMES, "in all")}
+    with Fleet(spec, spec_path(spec_name), folder) as fleet:
+        fleet.start_buses(choose(spec, folder, {}, None, prefer_vcan=False))
+        events = _events(fleet.start_manager())
+        for pe in spec.pes:
+            fleet.start_pe(pe)
+        _wait(events, _SETTLED)
+        for number, pe in enumerate(itertools.islice(itertools.cycle(spec.pes), kills), start=1):
+            time.sleep(_PAUSE_S)
+            killed_ns = time.monotonic_ns()
+            fleet.kill_pe(pe)
+            lost = _wait(events, {"pe_lost"}, pe)
+            done = _wait(events, _SETTLED)
+            if done["event"] == "reconfigured":
+                _note(times, killed_ns, lost["t_ns"], done)
+            print(f"\r{number} of {kills} kills", end="", file=sys.stderr, flush=True)
+            fleet.start_pe(pe)
+            _wait(events, {"pe_joined"}, pe)
+            _wait(events, _SETTLED)
+    print(file=sys.stderr)
+    return times
+
+
+def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Mapping[str, Any]) -> None:
+    four = {**done["times_ns"], "detect": lost_ns - killed_ns}
+    for name in _NAMES:
+        times[name].append(four[name] / 1e6)
+    times["in all"].append((done["t_ns"] - killed_ns) / 1e6)
+
+
+def _events(stream: IO[bytes]) -> Iterator[dict[str, Any]]:
+    for line in stream:
+        yield json.loads(line)
+
+
+def _wait(events: Iterator[dict[str, Any]], kinds: Collection[str], pe: str | None = None) -> dict[str, Any]:
+    for one in events:
+        if one["event"] in kinds and pe in (None, one.get("pe")):
+            return one
+    raise SystemExit("the manager ended before the benchmark did")
+
+
+def _p99(values: list[float]) -> float:
+    return sorted(values)[min(len(values) - 1, int(0.99 * len(values)))]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
