@@ -130,6 +130,9 @@ def test_a_running_plan_needs_places_and_modes_alone() -> None:
     assert read_running('{"modules": {"a": {"pe": "p", "mode": "m", "inputs": 7}}}') == {"a": ("m", "p")}
 
 
+WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -145,13 +148,10 @@ def test_a_running_plan_needs_places_and_modes_alone() -> None:
         ('{"modules": {"a": {"mode": "m", "inputs": {}}}}', "modules.a has no 'pe'"),
         ('{"modules": {"a": {"pe": null, "mode": "m", "inputs": {}}}}', "modules.a: 'pe' is null and must be a string"),
         ('{"modules": {"a": {"pe": "p", "mode": "m"}}}', "modules.a has no 'inputs'"),
+        (WIRED % '{"producer": "b", "variable": "v"}', "modules.a.inputs[\"0.1\"] has no 'version'"),
         (
-            '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": {"producer": "b", "variable": "v"}}}}}',
-            "modules.a.inputs[\"0.1\"] has no 'version'",
-        ),
-        (
-            '{"modules": {"a": {"pe": "", "mode": "", "inputs": {"": {"producer": "", "variable": "", "version": true}}}}}',
-            "modules.a.inputs[\"\"]: 'version' is true and must be an integer",
+            WIRED % '{"producer": "b", "variable": "v", "version": true}',
+            "modules.a.inputs[\"0.1\"]: 'version' is true and must be an integer",
         ),
         ('{"modules": {}, "modules": {}}', '"modules" is given twice in one object'),
         ('{"modules": {"a\\nb": {}}}', '"a\\nb": {} holds characters that cannot be printed'),
