@@ -129,7 +129,17 @@ def _is_full(error: Exception) -> bool:
     return code in (errno.ENOBUFS, errno.EAGAIN)
 
 
+_REMEDIES = {
+    errno.EAFNOSUPPORT: "this kernel has no SocketCAN; load it, or run the command under tools/with-vcan",
+    errno.ENODEV: "there is no such interface; 'ip link' lists them",
+    errno.ENETDOWN: "the interface is down; 'ip link set up' brings it up",
+}
+
+
 def _sentence(error: BaseException) -> str:
-    """First line of an error, without a full stop."""
-    cause = error.__cause__ if isinstance(error.__cause__, OSError) and not str(error) else error
-    return str(cause).strip().splitlines()[0].rstrip(".") if str(cause).strip() else type(error).__name__
+    """What went wrong, in one line, with the remedy where it is known."""
+    code = getattr(error, "errno", None) or getattr(error, "error_code", None)
+    if code in _REMEDIES:
+        return _REMEDIES[code]
+    text = str(error).strip()
+    return text.splitlines()[0].rstrip(".") if text else type(error).__name__
