@@ -1,0 +1,79 @@
+"""Every module of the shipped specs has its image, and every image gives what the spec says it gives."""
+
+import re
+
+import pytest
+
+from agent.rig import Flight, best_modes
+from heronry_agent.images import CATALOGUE, UnknownImageError, find_image
+from heronry_agent.module import Module
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_wire.canaerospace import DataType, Datum, encode_data
+
+SPECS = {name: load(shipped_spec_path(name)) for name in shipped_spec_names()}
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_entry_is_a_module(name: str) -> None:
+    assert issubclass(find_image(name), Module)
+
+
+@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS.keys())
+def test_every_module_of_a_shipped_spec_has_an_image(spec: Spec) -> None:
+    assert {module.image for module in spec.modules.values()} <= CATALOGUE.keys()
+
+
+def test_no_image_is_without_a_user() -> None:
+    used = {module.image for spec in SPECS.values() for module in spec.modules.values()}
+    assert used == CATALOGUE.keys()
+
+
+def test_an_image_of_ones_own_is_imported() -> None:
+    assert find_image("heronry_agent.images.imaging:ImageArchive") is find_image("image_archive")
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("elevator_contol", "there is no image 'elevator_contol'; did you mean 'elevator_control'?"),
+        ("zzzzzz", "there is no image 'zzzzzz'; write package.module:Class for code of your own"),
+        ("no.such.thing:Here", "cannot import no.such.thing"),
+        (":Here", "there is no image ':Here'; write package.module:Class"),
+        ("..relative:Here", "there is no image '..relative:Here'; write package.module:Class"),
+        ("heronry_agent.images.imaging:Nothing", "has no class Nothing"),
+        ("heronry_agent.images.imaging:word", "has no class word"),
+        ("heronry_agent.images.mission:Stage", "has no class Stage"),
+    ],
+)
+def test_an_unknown_image_is_told_in_a_sentence(name: str, sentence: str) -> None:
+    with pytest.raises(UnknownImageError, match=re.escape(sentence)):
+        find_image(name)
+
+
+EVERY_MODE = [
+    pytest.param(spec, name, mode, id=f"{spec.name}-{name}-{mode}")
+    for spec in SPECS.values()
+    for name, module in spec.modules.items()
+    for mode in module.modes
+]
+
+
+@pytest.mark.parametrize(("spec", "name", "mode"), EVERY_MODE)
+def test_every_mode_gives_its_variables_in_values_that_the_wire_carries(spec: Spec, name: str, mode: str) -> None:
+    flight = Flight(spec, best_modes(spec) | {name: mode})
+    flight.fly(2)  # on the field, with every sensor alive
+    for variable, version in spec.modules[name].modes[mode].gives.items():
+        value, _, _ = flight.data[variable][version]
+        encode_data(1536, Datum(92, DataType[spec.variables[variable].type], 0, 0, value))
+
+
+@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS.keys())
+def test_no_image_minds_a_missing_input(spec: Spec) -> None:
+    """Each module alone, without any of its inputs: on a real PE that is what a first step may look like."""
+    for name, module in spec.modules.items():
+        for mode in module.modes:
+            flight = Flight(spec, {name: mode})
+            flight.fly(5)
+            assert [r for r in flight.reports if not r.startswith("device:")] == []
