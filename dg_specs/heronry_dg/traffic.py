@@ -9,7 +9,7 @@ Identifiers are the same on every bus. The standard ones belong to the best prod
 best criticality that a producer could serve, in any phase in which the function is wanted and over all modes.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
@@ -94,9 +94,10 @@ def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, orde
 def _criticality_ranks(spec: Spec) -> dict[str, int]:
     """Best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
+    feeders = _feeders(spec)
     for function in spec.functions.values():
         rank = _best_rank(spec, function)
-        for module in _contributors(spec, function):
+        for module in _contributors(function, feeders):
             ranks[module] = min(ranks[module], rank)
     return ranks
 
@@ -108,15 +109,31 @@ def _best_rank(spec: Spec, function: Function) -> int:
     return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)
 
 
-def _contributors(spec: Spec, function: Function) -> set[str]:
-    """Modules whose data could reach an output of a function, over all modes, those outputs included."""
+def _feeders(spec: Spec) -> dict[str, set[str]]:
+    """Find for each module whose data it could take, over all modes of both."""
+    givers: dict[tuple[str, int], list[str]] = {}
+    for module in spec.modules.values():
+        for mode in module.modes.values():
+            for datum in mode.gives.items():
+                givers.setdefault(datum, []).append(module.name)
+    return {
+        module.name: {
+            giver
+            for mode in module.modes.values()
+            for _, leaf in mode.leaves()
+            for version in range(leaf.best, leaf.worst + 1)
+            for giver in givers.get((leaf.variable, version), ())
+        }
+        for module in spec.modules.values()
+    }
+
+
+def _contributors(function: Function, feeders: Mapping[str, set[str]]) -> set[str]:
+    """Find the modules whose data could reach an output of a function, those outputs included."""
     found, frontier = set[str](), list(function.outputs)
     while frontier:
         name = frontier.pop()
         if name not in found:
             found.add(name)
-            for mode in spec.modules[name].modes.values():
-                for _, leaf in mode.leaves():
-                    givers = spec.producers(leaf.variable)
-                    frontier.extend(module.name for module, m in givers if leaf.accepts(m.gives[leaf.variable]))
+            frontier.extend(feeders[name])
     return found
