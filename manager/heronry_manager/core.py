@@ -406,7 +406,7 @@ class ManagerCore:
         self._reign = Reign.REIGNING
         self._request += 1
         self._waiting_for_plan, self._plan_again_ns = True, None
-        down = frozenset(f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)) | self._failed.keys()
+        down = frozenset((*(f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)), *self._failed))
         running = None
         if self._current is not None:
             running = {name: (r.mode, r.pe) for name, r in self._current.configuration.modules.items()}
