@@ -3,17 +3,25 @@
 A frame that was handed over is *in flight* until its echo comes back: the bus is opened with `receive_own_messages`,
 and the echo is known by its identifier and bytes (on one host SocketCAN marks everybody's frames as "not received").
 Only then does the next most urgent one follow, so that what becomes urgent meanwhile goes first. An echo that does not
-come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and counted.
+come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is given up and counted; if it comes after all,
+it is still known and taken out.
 
-A driver asked to send while the controller's own queue is full (ENOBUFS, a busy mailbox) is tried again a millisecond
-later. Anything else that goes wrong with the bus raises LinkError with one sentence: no agent flies on a dead link.
+What arrives is dated: its time-stamp is turned into the monotonic clock, so that whoever was stopped for a while does
+not take old frames for news. A back-end whose time-stamps are of another clock makes everything look old; the reader
+holds that against the time of its own last look.
+
+A back-end asked to send while the controller's own queue is full (ENOBUFS, a busy mailbox) is tried again a
+millisecond later. Anything else that goes wrong with the bus raises LinkError with one sentence: no agent flies on a
+dead link.
 
 Interfaces that cannot echo are driven without: there a frame counts as sent when `send` returns.
 """
 
 import errno
+import time
+from collections import deque
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import can
 
@@ -25,10 +33,18 @@ ECHO_TIMEOUT_NS = 100_000_000
 RETRY_NS = 1_000_000
 _ECHOING = ("socketcan", "softbus", "virtual")
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
+_LATE_ECHOES = 16  # how many frames given up are remembered
 
 
 class LinkError(HeronryError):
     """The bus cannot be used; the message is one sentence with a remedy where there is one."""
+
+
+class Arrival(NamedTuple):
+    """A frame and when it arrived, in ns of CLOCK_MONOTONIC."""
+
+    time_ns: int
+    frame: Frame
 
 
 class Link:
@@ -40,51 +56,47 @@ class Link:
         self.echoes_lost = 0
         self.queue = TransmitQueue()
         self._in_flight: Frame | None = None
+        self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._deadline_ns: int | None = None  # of the echo, or of the next try
-        try:
-            self._bus = can.Bus(**{**config, "receive_own_messages": True})
-        except (can.CanError, OSError, ValueError, ImportError) as error:
-            raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
+        self._bus = self._open(config)
         self._echoes = self._bus.channel_info.lower().startswith(_ECHOING)
 
     def fileno(self) -> int:
         """Descriptor that is readable when `receive` has something."""
-        return self._bus.fileno()
+        return self._fileno
 
     def send(self, frame: Frame, now_ns: int) -> None:
         """Queue a frame; it goes out when it is the most urgent one and the bus is free."""
         self.queue.push(frame)
         self.pump(now_ns)
 
-    def receive(self, now_ns: int) -> list[Frame]:
-        """Take what has arrived, without waiting; own echoes are taken out."""
-        frames = []
+    def receive(self, now_ns: int) -> list[Arrival]:
+        """Take what has arrived, without waiting, at most a burst; own echoes are taken out."""
+        arrivals = []
+        wall_ns = time.time_ns()
         try:
             for _ in range(_BURST):
                 message = self._bus.recv(0)
                 if message is None:
                     break
                 frame = _frame_of(message)
-                if frame == self._in_flight:
-                    self._in_flight = None
-                    self.pump(now_ns)
-                else:
-                    frames.append(frame)
+                if not self._is_echo(frame, now_ns):
+                    age_ns = max(0, wall_ns - int(message.timestamp * 1e9))
+                    arrivals.append(Arrival(now_ns - age_ns, frame))
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
-        return frames
+        return arrivals
 
     def pump(self, now_ns: int) -> None:
         """Hand over the next frame if none is in flight; also to be called when `next_deadline_ns` has come."""
+        if self._deadline_ns is not None and now_ns < self._deadline_ns:
+            return
         if self._in_flight is not None:
-            if self._deadline_ns is not None and now_ns < self._deadline_ns:
-                return
+            self._given_up.append(self._in_flight)
             self._in_flight = None
             self.echoes_lost += 1
-        elif self._deadline_ns is not None and now_ns < self._deadline_ns:
-            return
         self._deadline_ns = None
-        while len(self.queue) and self._hand_over(self.queue.pop(), now_ns):
+        while len(self.queue) and self._hand_over(self.queue.first(), now_ns):
             pass
 
     def next_deadline_ns(self) -> int | None:
@@ -95,8 +107,33 @@ class Link:
         """Close the bus."""
         self._bus.shutdown()
 
+    def _open(self, config: Mapping[str, Any]) -> can.BusABC:
+        try:
+            bus = can.Bus(**{**config, "receive_own_messages": True})
+        except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+            raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
+        try:
+            self._fileno = bus.fileno()
+        except NotImplementedError:
+            bus.shutdown()
+            raise LinkError(
+                f"{self.name} has no file descriptor to wait on; use socketcan, softbus, or another that has one"
+            ) from None
+        return bus
+
+    def _is_echo(self, frame: Frame, now_ns: int) -> bool:
+        """Tell whether a frame is one of our own, and let the next one follow."""
+        if frame == self._in_flight:
+            self._in_flight = self._deadline_ns = None
+            self.pump(now_ns)
+            return True
+        if frame in self._given_up:
+            self._given_up.remove(frame)
+            return True
+        return False
+
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:
-        """Send one frame; tells whether the next one may follow at once."""
+        """Send the first frame of the queue; tells whether another may follow at once."""
         message = can.Message(
             arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
         )
@@ -105,9 +142,9 @@ class Link:
         except (can.CanError, OSError) as error:
             if not _is_full(error):
                 raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
-            self.queue.push(frame)
             self._deadline_ns = now_ns + RETRY_NS
             return False
+        self.queue.pop()
         if self._echoes:
             self._in_flight, self._deadline_ns = frame, now_ns + ECHO_TIMEOUT_NS
         return not self._echoes
@@ -125,21 +162,13 @@ def _frame_of(message: can.Message) -> Frame:
 
 def _is_full(error: Exception) -> bool:
     """Tell whether a send failed only because the controller's queue is full."""
+    if isinstance(error, can.CanError) and error.error_code is None:
+        return "buffer full" in str(error)  # python-can 4.6 on SocketCAN, when its socket is not writable
     code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
     return code in (errno.ENOBUFS, errno.EAGAIN)
 
 
-_REMEDIES = {
-    errno.EAFNOSUPPORT: "this kernel has no SocketCAN; load it, or run the command under tools/with-vcan",
-    errno.ENODEV: "there is no such interface; 'ip link' lists them",
-    errno.ENETDOWN: "the interface is down; 'ip link set up' brings it up",
-}
-
-
 def _sentence(error: BaseException) -> str:
-    """What went wrong, in one line, with the remedy where it is known."""
-    code = getattr(error, "errno", None) or getattr(error, "error_code", None)
-    if code in _REMEDIES:
-        return _REMEDIES[code]
-    text = str(error).strip()
-    return text.splitlines()[0].rstrip(".") if text else type(error).__name__
+    """First line of an error, without a full stop."""
+    cause = error.__cause__ if isinstance(error.__cause__, OSError) and not str(error) else error
+    return str(cause).strip().splitlines()[0].rstrip(".") if str(cause).strip() else type(error).__name__

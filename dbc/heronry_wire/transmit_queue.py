@@ -34,6 +34,10 @@ class TransmitQueue:
             del self._frames[0]
             self.dropped += 1
 
+    def first(self) -> Frame:
+        """Look at the most urgent frame; raises IndexError where there is none."""
+        return self._frames[-1][2]
+
     def pop(self) -> Frame:
         """Take the most urgent frame; raises IndexError where there is none."""
         return self._frames.pop()[2]

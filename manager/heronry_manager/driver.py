@@ -60,8 +60,8 @@ class ManagerDriver:
         return max(0, min(deadlines) - time.monotonic_ns()) / 1e9 if deadlines else None
 
     def _take_frames(self, core: ManagerCore) -> None:
-        while frames := self._link.receive(time.monotonic_ns()):
-            for frame in frames:
+        while arrivals := self._link.receive(time.monotonic_ns()):
+            for _, frame in arrivals:
                 now_ns = time.monotonic_ns()
                 self._carry_out(core.step(now_ns, Received(0, frame)), now_ns)
 

@@ -1,0 +1,44 @@
+"""A node's own queue: the most urgent first, in order within an identifier, and never without bounds."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from heronry_wire.frame import Frame, arbitration_key
+from heronry_wire.transmit_queue import TransmitQueue
+
+frames = st.builds(Frame, st.integers(0, 5), st.binary(max_size=1))
+
+
+def drain(queue: TransmitQueue) -> list[Frame]:
+    return [queue.pop() for _ in range(len(queue))]
+
+
+@given(st.lists(frames, max_size=40))
+def test_frames_leave_as_the_bus_would_take_them_and_in_order_within_an_identifier(pushed: list[Frame]) -> None:
+    queue = TransmitQueue()
+    for frame in pushed:
+        queue.push(frame)
+    assert drain(queue) == sorted(pushed, key=arbitration_key)
+
+
+@given(st.lists(frames, min_size=1, max_size=40))
+def test_the_first_is_the_one_that_leaves_next(pushed: list[Frame]) -> None:
+    queue = TransmitQueue()
+    for frame in pushed:
+        queue.push(frame)
+    assert queue.first() == queue.pop()
+
+
+def test_what_does_not_fit_is_the_least_urgent_and_is_counted() -> None:
+    queue = TransmitQueue(capacity=2)
+    for can_id in (5, 7, 6):
+        queue.push(Frame(can_id, b""))
+    assert queue.dropped == 1
+    assert [frame.can_id for frame in drain(queue)] == [5, 6]
+
+
+def test_of_equally_urgent_frames_the_newest_does_not_fit() -> None:
+    queue = TransmitQueue(capacity=1)
+    queue.push(Frame(5, b"old"))
+    queue.push(Frame(5, b"new"))
+    assert drain(queue) == [Frame(5, b"old")]
