@@ -77,7 +77,7 @@ def verify(spec: Spec, now: Situation, configuration: Configuration) -> list[Vio
         _cycles,
         _pe_resources,
         _bus_resources,
-        _rules,
+        _placement_rules,
         _deadlines,
     ):
         found.extend(rule(case))
@@ -328,7 +328,7 @@ def _bus_resources(case: _Case) -> Iterator[Violation]:
 # Rule 8: placement rules
 
 
-def _rules(case: _Case) -> Iterator[Violation]:
+def _placement_rules(case: _Case) -> Iterator[Violation]:
     for group in case.spec.separate:
         running = [name for name in group if name in case.known.modules]
         for index, name in enumerate(running):

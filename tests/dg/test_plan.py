@@ -196,6 +196,20 @@ def test_one_of_our_own_plans_that_was_tampered_with(path: tuple[str, ...], valu
     assert str(refused.value).startswith(sentence)
 
 
+def test_a_module_that_the_spec_lacks_is_named() -> None:
+    document = json.loads(chute_plan().to_json())
+    document["modules"]["ghost"] = {"pe": "tail_pe", "mode": "only", "inputs": {}}
+    with pytest.raises(PlanError, match=r"^modules\.ghost: the spec has no such module$"):
+        read_plan(json.dumps(document), FIGURE_3)
+
+
+def test_an_illegal_plan_is_read_all_the_same() -> None:
+    document = json.loads(chute_plan().to_json())
+    del document["modules"]["pressure_driver"]
+    document["objective"]["cpu_millis"] -= 20
+    assert read_plan(json.dumps(document), FIGURE_3).objective.inputs == 1
+
+
 def test_limits_keep_their_exact_share() -> None:
     now = situation(FIGURE_3, limits=["bus:can0=33.3330001%", "pe:tail_pe=0%", "pe:sensor_pe=100%"])
     empty = Configuration()

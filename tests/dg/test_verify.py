@@ -305,6 +305,12 @@ def test_the_order_of_a_plan_does_not_matter() -> None:
     assert [violation.rule for violation in found] == ["1.module", "1.pe", "3.leaf"]
 
 
+def test_a_violation_as_a_person_reads_it() -> None:
+    spec = glider()
+    (violation,) = verify(spec, situation(spec, ["module:receiver"]), Configuration(FLYING))
+    assert str(violation) == "rule 1.failed, module receiver: it has failed and must not run"
+
+
 places, modes, leaves = ("ghost", "nose", "mid", "tail"), ("only", "full", "simple"), ("", "0", "1.0")
 words = st.sampled_from([*places, *modes, *leaves, *LOGGING, "position", "wind", "demand"])
 wires = st.builds(Wire, words, words, st.integers(-1, 9))

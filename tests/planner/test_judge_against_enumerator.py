@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.objective import score
+from heronry_dg.situation import survivors
+from heronry_dg.traffic import identifiers
 from heronry_dg.verify import verify
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import Case, features, random_case
@@ -82,6 +84,20 @@ def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> Non
             changed = mutated(rng, case, changed)
             violations = verify(case.spec, case.now, changed)
             assert (violations == []) == (canonical(changed) in known), violations
+
+
+@given(st.randoms(use_true_random=False))
+@settings(max_examples=100, deadline=None)
+def test_they_agree_on_what_faults_leave_and_on_who_is_urgent(rng: random.Random) -> None:
+    case = random_case(rng)
+    enumerator = Enumerator(case.spec, case.now)
+    left = survivors(case.spec, case.now)
+    assert list(left.pe_cpu_millis) == enumerator.pes_up
+    assert {name: list(left.hosts(module)) for name, module in case.spec.modules.items()} == enumerator.hosts
+    commanded = {ends: way for ends, way in enumerator.ways.items() if set(ends) <= set(enumerator.pes_up)}
+    assert left.routes == commanded
+    numbers = identifiers(case.spec)
+    assert sorted(numbers, key=numbers.__getitem__) == enumerator.urgency
 
 
 @given(st.randoms(use_true_random=False))
