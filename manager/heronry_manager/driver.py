@@ -18,8 +18,18 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import Emit, ManagerAction, ManagerCore, PlanFailed, PlanReady, RequestPlan, Stop
 from heronry_manager.planner.client import Planned, PlannerClient
+from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
 from heronry_wire.sansio import Received, Send, Tick
+
+# What the manager listens to: commands, EMCY and states, and the echoes of what it sends; no data, which is most of
+# the traffic. (A driver's filter holds back echoes too.)
+FILTERS = (
+    {"can_id": 0x0C0, "can_mask": 0x7C0, "extended": False},  # 192..255
+    {"can_id": 0x100, "can_mask": 0x7C0, "extended": False},  # 256..319
+    *({"can_id": heartbeat_id(node), "can_mask": 0x7FF, "extended": False} for node in MANAGER_NODES),
+)
+_BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 
 
 class ManagerDriver:
@@ -60,10 +70,13 @@ class ManagerDriver:
         return max(0, min(deadlines) - time.monotonic_ns()) / 1e9 if deadlines else None
 
     def _take_frames(self, core: ManagerCore) -> None:
-        while arrivals := self._link.receive(time.monotonic_ns()):
+        for _ in range(_BURSTS):
+            arrivals = self._link.receive(time.monotonic_ns())
             for _, frame in arrivals:
                 now_ns = time.monotonic_ns()
                 self._carry_out(core.step(now_ns, Received(0, frame)), now_ns)
+            if not arrivals:
+                return
 
     def _take_plans(self, core: ManagerCore) -> None:
         for answer in self._planner.poll():

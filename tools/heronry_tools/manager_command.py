@@ -50,7 +50,7 @@ def default_state_dir(spec_name: str) -> Path:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
-    from heronry_manager.driver import ManagerDriver  # noqa: PLC0415 - loads the planner's client and python-can
+    from heronry_manager.driver import FILTERS, ManagerDriver  # noqa: PLC0415 - loads the planner's client and python-can
     from heronry_manager.planner.client import PlannerClient  # noqa: PLC0415
     from heronry_manager.term_file import next_term  # noqa: PLC0415
     from heronry_tools.bus_flags import bus_config  # noqa: PLC0415
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     tell = print_event if arguments.json else screen(spec)
-    link = Link(bus_config(arguments))
+    link = Link({**bus_config(arguments), "can_filters": FILTERS})
     try:
         with PlannerClient(spec, spec_path(arguments.spec)) as planner:
             planner.wait_until_ready()
