@@ -257,14 +257,8 @@ def _is_demux(node: Node) -> bool:
     return isinstance(node, yaml_source.Mapping) and "demux" in node.entries
 
 
-def _kind_of(node: Node) -> str:
-    match node:
-        case yaml_source.Scalar():
-            return shown(node.value)
-        case yaml_source.Sequence():
-            return "a list"
-        case yaml_source.Mapping():
-            return "a map"
+def _kind_of(node: yaml_source.Scalar | yaml_source.Sequence) -> str:
+    return shown(node.value) if isinstance(node, yaml_source.Scalar) else "a list"
 
 
 def _nothing_at(place: Place) -> Node:

@@ -114,14 +114,6 @@ class Form(BaseModel):
             return {key: value for key, value in fields.items() if value is not None or key not in field_names(cls)}
         return fields
 
-    @classmethod
-    def known_fields(cls) -> frozenset[str]:
-        """Field names as the file has them."""
-        return _KNOWN_FIELDS.setdefault(cls, frozenset(field.alias or name for name, field in cls.model_fields.items()))
-
-
-_KNOWN_FIELDS: dict[type[Form], frozenset[str]] = {}
-
 
 @cache
 def field_names(form: type[Form]) -> tuple[str, ...]:
