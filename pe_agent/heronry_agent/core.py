@@ -238,11 +238,10 @@ class AgentCore:
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _echo(self, event: Received) -> None:
+        """Another PE's actuator was told something, which moves the world here too, or an output ran there."""
         heard = self.modules.heard_echo(event.frame)
-        if heard is None:
-            self._turn.count("malformed echo", event.frame.can_id)
-            return
-        self._turn.out.append(Heard(*heard))
+        if heard is not None:
+            self._turn.out.append(Heard(*heard))
         self._turn.out += self._gateway.up(event.port, event.frame)
 
     def _own_identifier(self, event: Received) -> None:

@@ -6,7 +6,8 @@ below all data, what an output does, and a simulated world follows it.
 
     byte 0  node-ID   1  FLOAT   2  index of the device in the spec   3  message code   4..7  the value
 
-A module that serves a function but drives no actuator is shown to run in the same place:
+A module that serves a function but drives no actuator, or tells its actuator what is no number (a display's words), is
+shown to run in the same place:
 
     byte 0  node-ID   1  USHORT  2  index of its mode                 3  message code   4..5  index of the module
 
@@ -43,25 +44,24 @@ class Publisher:
         """A frame goes out: the next one of its identifier has the next message code."""
         self._codes[frame.can_id] = (self._codes[frame.can_id] + 1) % 256
 
-    def output_echo(self, module: int, mode: int) -> Frame | None:
-        """Echo of a step of an output that drives no actuator; None where it cannot be told in one frame."""
+    def output_echo(self, module: int, mode: int) -> Frame:
+        """Echo of a step of an output, where no actuator's value shows it."""
         return self._own_echo(DataType.USHORT, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
-        """Echo of a value written to a device; None where it cannot be told in one frame."""
+        """Echo of a value written to a device; None where no number in one frame tells it."""
         position = self._index.device_index.get(device)
         if position is None or position > 255 or not isinstance(value, (int, float)):
             return None
-        return self._own_echo(DataType.FLOAT, position, value)
-
-    def _own_echo(self, data_type: DataType, position: int, value: float) -> Frame | None:
-        identifier = actuator_echo_id(self._index.node)
         try:
-            frame = encode_data(
-                identifier, Datum(self._index.node, data_type, position, self._codes[identifier], value)
-            )
+            return self._own_echo(DataType.FLOAT, position, value)
         except WireError:
             return None
+
+    def _own_echo(self, data_type: DataType, service_code: int, value: float) -> Frame:
+        identifier = actuator_echo_id(self._index.node)
+        datum = Datum(self._index.node, data_type, service_code, self._codes[identifier], value)
+        frame = encode_data(identifier, datum)
         self.sent(frame)
         return frame
 

@@ -24,7 +24,6 @@ from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import StartModule, StepFailed, StepModule, Stepped, StopModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
-from heronry_wire.identifiers import actuator_echo_id
 from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Send, require
@@ -82,7 +81,7 @@ class RunningModules:
             return
         running = self._running[event.module]
         for device, value in event.writes:
-            self._echo(self._publisher.echo(device, value))
+            self._echo(self._publisher.echo(device, value) or self._publisher.output_echo(event.module, running.mode))
         if running.entry.silent_output:
             self._echo(self._publisher.output_echo(event.module, running.mode))
         for element, detail in event.reports:
@@ -164,11 +163,8 @@ class RunningModules:
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame) for port in self._index.ports if mask >> port & 1]
 
-    def _echo(self, frame: Frame | None) -> None:
-        if frame is None:
-            self._turn.count("write without an echo", actuator_echo_id(self._index.node))
-        else:
-            self._turn.out.append(Send(self._index.uplink, frame))
+    def _echo(self, frame: Frame) -> None:
+        self._turn.out.append(Send(self._index.uplink, frame))
 
     def _report(self, running: _Running, element: str, detail: int) -> None:
         found = self._index.elements.get(element)
