@@ -1,13 +1,18 @@
 """A simulated CAN bus: priority arbitration, exact frame lengths, loss.
 
-A station offers its most urgent frame; while the bus is free the lowest arbitration key of all stations wins, takes the
-exact time of its bits (stuffing and intermission included), and is then received by every other station that listens.
-Several stations that start at the same instant arbitrate as real ones do: who lost tries again behind the winner.
+Every station hands over its frames by priority, so the frame that wins the bus is the most urgent of all that wait
+anywhere: one queue serves the whole bus. While the bus is free the winner is sent, takes the exact time of its bits
+(stuffing and intermission included), and is then received by every other station. What is offered at the very instant
+at which the bus falls free takes part in the arbitration of that instant.
 
 Faults: `loss` is the probability that a frame is destroyed and has to be sent again by its controller (what CAN does);
 `omission` that one receiver alone misses a frame which the others, and the sender, believe delivered (what CAN can
 do at the last bit but one: it is not an atomic broadcast); `doubled` that a receiver gets it twice, the other half of
-that flaw. A station that is cut off neither sends nor receives. A sender that dies in mid-frame destroys it.
+that flaw. `tamper` decides the same for one frame at a time. A station that is cut off neither sends nor receives, and
+sends later what it was given meanwhile. A station that leaves while it sends destroys that frame.
+
+Two stations that have the same identifier waiting when the bus falls free would destroy each other's frames: that is
+noted in `clashes`, and the one that was offered first is sent.
 
 Not modelled: bit errors inside a frame, error counters, bus-off.
 """
@@ -16,23 +21,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from random import Random
-from typing import Protocol
+from typing import NamedTuple
 
 from heronry_tools.simulator.clock import LATE, Clock
 from heronry_wire.frame import Frame, arbitration_key
+from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits
 
 _ERROR_FRAME_BITS = 31
+_NS_PER_S = 1_000_000_000
 
 
-class Listener(Protocol):
-    """Who receives frames."""
-
-    def receive(self, frame: Frame) -> None:
-        """Take a frame whose last bit has just been sent."""
-
-
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Faults:
     """Probabilities per frame, or per frame and receiver."""
 
@@ -41,18 +41,7 @@ class Faults:
     doubled: float = 0.0
 
 
-@dataclass(slots=True, eq=False)
-class Station:
-    """One node's controller on one bus, with its own queue ordered by priority."""
-
-    name: str
-    listener: Callable[[Frame], None]
-    queue: list[tuple[int, int, Frame]] = field(default_factory=list)
-    connected: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Sent:
+class Sent(NamedTuple):
     """A frame that went over a bus; `end_ns` is the end of its last bit."""
 
     end_ns: int
@@ -61,78 +50,162 @@ class Sent:
     frame: Frame
 
 
+class Clash(NamedTuple):
+    """Two stations had the same identifier waiting for the same arbitration."""
+
+    t_ns: int
+    bus: str
+    can_id: int
+    stations: tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Tampering:
+    """What becomes of one frame: how many copies are received, by one station alone or (None) by everybody."""
+
+    copies: int
+    receiver: str | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Station:
+    """One node's controller on one bus."""
+
+    name: str
+    port: int  # the bus, as this node counts its own
+    listener: Callable[[Received], None]
+    present: bool = True
+    cut_off: bool = False
+    stranded: list[Frame] = field(default_factory=list)  # offered while cut off
+
+
 class SimulatedBus:
     """One CAN segment."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
+        """`random` is drawn from only where `faults` asks for it."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
         self.busy_bits = 0  # sent so far
-        self.taps: list[Callable[[Sent], None]] = []  # who watches; cannot be seen by the stations
-        self.intercept: Callable[[Station, Frame], bool] | None = None  # True: this frame is lost to everybody
+        self.frames = 0
+        self.clashes: list[Clash] = []
+        self.taps: list[Callable[[Sent], None]] = []  # who watches; the stations cannot see them
+        self.tamper: Callable[[Sent], Tampering | None] | None = None
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
-        self._sending: tuple[Station, Frame] | None = None
+        self._waiting: list[tuple[int, int, Station, Frame]] = []  # by arbitration key, then as offered
+        self._busy = False
         self._arbitration_due = False
-        self._count = 0
+        self._offers = 0
 
-    def join(self, name: str, listener: Callable[[Frame], None]) -> Station:
+    def join(self, name: str, port: int, listener: Callable[[Received], None]) -> Station:
         """Connect a station."""
-        station = Station(name, listener)
+        station = Station(name, port, listener)
         self._stations.append(station)
         return station
 
     def leave(self, station: Station) -> None:
-        """Disconnect a station for good; what it was sending is destroyed."""
-        station.connected = False
-        station.queue.clear()
+        """Disconnect a station for good; what it had to say is lost."""
+        station.present = False
         self._stations.remove(station)
+
+    def cut(self, station: Station) -> None:
+        """Break the wire of a station."""
+        station.cut_off = True
+
+    def mend(self, station: Station) -> None:
+        """Mend the wire of a station."""
+        station.cut_off = False
+        stranded, station.stranded = station.stranded, []
+        for frame in stranded:
+            self.offer(station, frame)
 
     def offer(self, station: Station, frame: Frame) -> None:
         """Queue a frame at a station."""
-        self._count += 1
-        heappush(station.queue, (arbitration_key(frame), self._count, frame))
-        self._arbitrate_soon()
+        if not station.present:
+            return
+        self._offers += 1
+        heappush(self._waiting, (arbitration_key(frame), self._offers, station, frame))
+        if not self._busy and not self._arbitration_due:
+            self._arbitrate_soon()
 
     def _arbitrate_soon(self) -> None:
-        if self._sending is None and not self._arbitration_due:
-            self._arbitration_due = True
-            self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+        self._arbitration_due = True
+        self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
 
     def _arbitrate(self) -> None:
         self._arbitration_due = False
-        ready = [station for station in self._stations if station.queue and station.connected]
-        if self._sending is not None or not ready:
+        head = self._head()
+        if head is None:
             return
-        winner = min(ready, key=lambda station: station.queue[0][:2])
-        frame = winner.queue[0][2]
+        heappop(self._waiting)
+        self._note_clash(head)
+        _, _, sender, frame = head
         bits = exact_bits(frame)
         destroyed = self.faults.loss > 0 and self._random.random() < self.faults.loss
         if destroyed:
             bits += _ERROR_FRAME_BITS
-        else:
-            heappop(winner.queue)
+            heappush(self._waiting, head)
         self.busy_bits += bits
-        self._sending = (winner, frame)
+        self._busy = True
         self._clock.at(
-            self._clock.now_ns + bits * 1_000_000_000 // self.bitrate, lambda: self._end(winner, frame, destroyed)
+            self._clock.now_ns + bits * _NS_PER_S // self.bitrate, lambda: self._end(sender, frame, destroyed)
         )
 
+    def _head(self) -> tuple[int, int, Station, Frame] | None:
+        """Most urgent frame of a station that can send."""
+        while self._waiting:
+            head = self._waiting[0]
+            station = head[2]
+            if station.present and not station.cut_off:
+                return head
+            heappop(self._waiting)
+            if station.present:
+                station.stranded.append(head[3])
+        return None
+
+    def _note_clash(self, winner: tuple[int, int, Station, Frame]) -> None:
+        second = self._head()
+        if second is not None and second[0] == winner[0] and second[2] is not winner[2]:
+            names = (winner[2].name, second[2].name)
+            self.clashes.append(Clash(self._clock.now_ns, self.name, winner[3].can_id, names))
+
     def _end(self, sender: Station, frame: Frame, destroyed: bool) -> None:
-        self._sending = None
-        self._arbitrate_soon()
-        if destroyed or not sender.connected:
+        self._busy = False
+        if self._waiting:
+            self._arbitrate_soon()
+        if sender.cut_off and not destroyed:
+            sender.stranded.append(frame)
+        if destroyed or not sender.present or sender.cut_off:
             return
-        if self.intercept is not None and self.intercept(sender, frame):
-            return
+        self.frames += 1
         sent = Sent(self._clock.now_ns, self.name, sender.name, frame)
+        tampering = self.tamper(sent) if self.tamper is not None else None
         for tap in self.taps:
             tap(sent)
-        for station in tuple(self._stations):
-            if station is not sender and station.connected:
-                for _ in range(self._copies()):
-                    station.listener(frame)
+        if tampering is not None or self.faults.omission > 0 or self.faults.doubled > 0:
+            self._deliver_with_faults(sender, frame, tampering)
+            return
+        events: dict[int, Received] = {}
+        for station in self._stations.copy():
+            if station is sender or station.cut_off or not station.present:
+                continue
+            event = events.get(station.port)
+            if event is None:
+                event = events[station.port] = Received(station.port, frame)
+            station.listener(event)
 
-    def _copies(self) -> int:
+    def _deliver_with_faults(self, sender: Station, frame: Frame, tampering: Tampering | None) -> None:
+        for station in self._stations.copy():
+            if station is sender or station.cut_off:
+                continue
+            event = Received(station.port, frame)
+            for _ in range(self._copies(station, tampering)):
+                if station.present:
+                    station.listener(event)
+
+    def _copies(self, station: Station, tampering: Tampering | None) -> int:
+        if tampering is not None and tampering.receiver in (None, station.name):
+            return tampering.copies
         faults = self.faults
         if faults.omission > 0 and self._random.random() < faults.omission:
             return 0

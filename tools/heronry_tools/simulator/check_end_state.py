@@ -1,0 +1,64 @@
+"""What must hold once nothing more is done to the aircraft: judged by the truth, the planner, and what is heard.
+
+- Every healthy PE says that it is ACTIVE, all of one epoch, within its heartbeat. Healthy are those that run and can
+  reach the manager's bus.
+- Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
+  for the true situation serves.
+
+Both are asked again and again while a run settles, and count at its end.
+"""
+
+from collections.abc import Iterator
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, survivors
+from heronry_tools.simulator.check_epochs import LastState
+from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.violation import Violation
+from heronry_tools.witness import Witness
+from heronry_wire.identifiers import state_id
+from heronry_wire.management import PeState
+
+_PATIENCE_BEATS = 3
+
+
+def end_state(
+    spec: Spec, truth: Situation, now_ns: int, last: dict[tuple[str, int], LastState], witness: Witness
+) -> list[Violation]:
+    """Give what is wrong now; nothing is, once a run has settled."""
+    stories = [*_unsettled(spec, truth, now_ns, last), *_unserved(spec, truth, now_ns, witness)]
+    return [Violation(now_ns, rule, story) for rule, story in stories]
+
+
+def _unsettled(
+    spec: Spec, truth: Situation, now_ns: int, last: dict[tuple[str, int], LastState]
+) -> Iterator[tuple[str, str]]:
+    epochs = set()
+    for pe in survivors(spec, truth).pe_cpu_millis:
+        seen = last.get((spec.manager.bus, state_id(spec.pes[pe].node_id)))
+        longest_ns = max(spec.buses[bus].heartbeat_ns for bus in spec.pes[pe].buses)
+        if seen is None or now_ns - seen.t_ns > _PATIENCE_BEATS * longest_ns:
+            yield "active", f"{pe} is healthy, and silent"
+        elif seen.page.state is not PeState.ACTIVE:
+            yield "active", f"{pe} is {seen.page.state.name} in epoch {seen.page.epoch}"
+        else:
+            epochs.add(seen.page.epoch)
+    if len(epochs) > 1:
+        yield "active", f"the healthy PEs are in epochs {sorted(epochs)}"
+
+
+def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> Iterator[tuple[str, str]]:
+    possible = best_plan(spec, truth, None)
+    for index, criticality in enumerate(CRITICAL_CLASSES):
+        functions = [f for f in spec.functions.values() if f.criticality_in(truth.phase) == criticality]
+        heard = [f.name for f in functions if witness.served(f.name, now_ns)]
+        worth = sum(spec.functions[name].priority_in(truth.phase) for name in heard)
+        if worth < possible.objective.critical[index]:
+            silent = [name for name in _served(possible) if name not in heard and name in {f.name for f in functions}]
+            yield "served", f"class {criticality}: {', '.join(silent)} could be served, and is not heard"
+
+
+def _served(plan: Plan) -> list[str]:
+    return [name for name, report in plan.functions.items() if report.served]

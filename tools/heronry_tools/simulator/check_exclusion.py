@@ -1,0 +1,61 @@
+"""Break before make, judged from outside: nothing exclusive ever has two drivers.
+
+A *thing* is a DEMUX, or an identifier on one bus; its holder is the module and PE that drove it last, or the node that
+sent it last. A holder may lose its thing to another one, and may get it back from a later epoch. It must not drive it
+again after another one took over within the same epoch: then both believed to hold it. Modules that drive in turn are
+caught at the second turn, at the latest, whatever their rates are.
+
+The epoch is the newest one whose activation was heard on the manager's bus.
+"""
+
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.frame import Malformed
+from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
+
+_Thing = tuple[str, str | int]
+_Holder = tuple[str, str]
+
+
+class ExclusionCheck:
+    """Follows who drives what."""
+
+    def __init__(self, demux_of: dict[str, str]) -> None:
+        """`demux_of` gives the DEMUX of each branch."""
+        self.violations: list[Violation] = []
+        self._demux_of = demux_of
+        self._epoch = 0
+        self._holders: dict[_Thing, _Holder] = {}
+        self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the epoch in which another one took over
+
+    def commanded(self, message: ManagementMessage | Malformed) -> None:
+        """A manager was heard: it may have activated an epoch."""
+        if not isinstance(message, Activate | Lease) or message.step is Step.PREPARED:
+            return
+        if is_newer(message.epoch, self._epoch):
+            self._epoch = message.epoch
+
+    def driven(self, driven: Driven) -> None:
+        """A branch of a DEMUX drives it."""
+        demux = self._demux_of[driven.module]
+        self._follow(driven.t_ns, ("DEMUX", demux), (driven.module, driven.pe))
+
+    def published(self, sent: Sent) -> None:
+        """A data frame was sent."""
+        thing = (sent.bus, sent.frame.can_id)
+        if self._holders.get(thing) != (sent.sender, ""):
+            self._follow(sent.end_ns, thing, (sent.sender, ""))
+
+    def _follow(self, t_ns: int, thing: _Thing, holder: _Holder) -> None:
+        before = self._holders.get(thing)
+        if before == holder:
+            return
+        self._holders[thing] = holder
+        if before is not None:
+            self._lost[thing, before] = self._epoch
+        if before is not None and self._lost.pop((thing, holder), None) == self._epoch:
+            who = " on ".join(filter(None, holder))
+            rival = " on ".join(filter(None, before))
+            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._epoch}"
+            self.violations.append(Violation(t_ns, "exclusion", story))

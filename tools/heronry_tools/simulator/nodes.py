@@ -1,0 +1,207 @@
+"""The drivers of the simulator: a core, its stations on the buses, its deadline on the virtual clock.
+
+What a real driver does with a socket and a timer, these do with a `Station` and the `Clock`; the cores and the modules
+are the ones that fly. Every call of a core is followed by its `validate`.
+
+A PE lives on a clock of its own, ahead of virtual time by `ahead_ns`: no two processors of an aircraft were switched on
+at the same moment, and how their periods lie to each other decides much. A module computes in no time at all.
+
+A node that has been stopped is silent at once, whatever it had queued. Nothing of it survives; who comes back is new.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from heronry_agent.bench import Bench
+from heronry_agent.core import AgentCore
+from heronry_agent.host import Answer, ModuleHost
+from heronry_agent.vocabulary import Action, Event, StepModule
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_manager.core import Emit, ManagerAction, ManagerCore, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_tools.simulator.bus import SimulatedBus
+from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.planning import best_plan
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Send, Tick, require
+
+_NEVER_NS = 1 << 63
+_MOST_RINGS_AT_ONCE = 1000
+
+
+class Driven(NamedTuple):
+    """A branch of a DEMUX was stepped: it drives what its rivals drive."""
+
+    t_ns: int
+    pe: str
+    module: str
+
+
+class Alarm:
+    """One deadline on the virtual clock that moves; an alarm that has been overtaken rings for nobody."""
+
+    def __init__(self, clock: Clock, ring: Callable[[], None]) -> None:
+        """`ring` is called at the deadline, which is forgotten then."""
+        self._clock, self._ring = clock, ring
+        self._due_ns = _NEVER_NS
+        self._last_ns, self._rings = -1, 0  # at one instant
+
+    def set(self, due_ns: int) -> None:
+        """Ring no later than this; an earlier deadline stays."""
+        if due_ns < self._due_ns:
+            self._due_ns = due_ns
+            self._clock.at(due_ns, self._fall_due)
+
+    def stop(self) -> None:
+        """Ring no more."""
+        self._due_ns = -1
+
+    def _fall_due(self) -> None:
+        now_ns = self._clock.now_ns
+        if not 0 <= self._due_ns <= now_ns:
+            return
+        self._due_ns = _NEVER_NS
+        self._rings = self._rings + 1 if now_ns == self._last_ns else 1
+        self._last_ns = now_ns
+        require(self._rings <= _MOST_RINGS_AT_ONCE, f"a core wants to be called at {now_ns} ns again and again")
+        self._ring()
+
+
+class SimulatedPe:
+    """One PE from its start to its end."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        table: PeTable,
+        buses: Mapping[str, SimulatedBus],
+        *,
+        incarnation: int,
+        ahead_ns: int,
+        drive: Callable[[Driven], None],
+    ) -> None:
+        """Join the buses and start; `drive` is told of every step of a DEMUX branch."""
+        self.name = table.name
+        self.bench = Bench(ahead_ns)
+        self._clock, self._ahead_ns, self._drive = clock, ahead_ns, drive
+        self._host = ModuleHost(table, self.bench)
+        missing = frozenset(self._host.missing_images)
+        self.core = AgentCore(table, incarnation, clock.now_ns + ahead_ns, missing_images=missing)
+        self._branches = {module.index: module.name for module in table.modules if module.demux}
+        self._stations = [
+            (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
+        ]
+        self._alarm = Alarm(clock, self._wake)
+        self._alarm.set(self.core.next_deadline_ns() - ahead_ns)
+
+    def stop(self) -> None:
+        """Die."""
+        self._alarm.stop()
+        for bus, station in self._stations:
+            bus.leave(station)
+
+    def cut(self) -> None:
+        """Break every wire of this PE; it lives on."""
+        for bus, station in self._stations:
+            bus.cut(station)
+
+    def mend(self) -> None:
+        """Mend every wire of this PE."""
+        for bus, station in self._stations:
+            bus.mend(station)
+
+    def _wake(self) -> None:
+        due_ns = self.core.next_deadline_ns() - self._ahead_ns
+        if due_ns > self._clock.now_ns:
+            self._alarm.set(due_ns)
+        else:
+            self._take(Tick())
+
+    def _take(self, event: Event) -> None:
+        now_ns = self._clock.now_ns + self._ahead_ns
+        events: list[Event] = [event]
+        for one in events:  # grows while it is worked off: modules answer at once
+            for action in self.core.step(now_ns, one):
+                answer = self._do(now_ns, action)
+                if answer is not None:
+                    events.append(answer)
+            self.core.validate()
+        self._alarm.set(self.core.next_deadline_ns() - self._ahead_ns)
+
+    def _do(self, now_ns: int, action: Action) -> Answer | None:
+        match action:
+            case Send(port, frame):
+                bus, station = self._stations[port]
+                bus.offer(station, frame)
+            case StepModule():
+                if action.module in self._branches:
+                    self._drive(Driven(self._clock.now_ns, self.name, self._branches[action.module]))
+            case _:
+                pass
+        return self._host.carry_out(action, now_ns)
+
+
+class SimulatedManager:
+    """One manager from its start to its end."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        spec: Spec,
+        bus: SimulatedBus,
+        *,
+        node: int,
+        term: int,
+        decide_ns: Callable[[], int],
+        tell: Callable[[dict[str, Any]], None],
+    ) -> None:
+        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
+        self._clock, self._spec, self._bus = clock, spec, bus
+        self._decide_ns, self._tell = decide_ns, tell
+        self._running = True
+        self.stopped: str | None = None  # why the core wanted to end
+        self.core = ManagerCore(spec, node, term, clock.now_ns)
+        self._station = bus.join(f"manager {node}", 0, self._take)
+        self._alarm = Alarm(clock, self._wake)
+        self._set_alarm()
+
+    def stop(self) -> None:
+        """Die."""
+        self._running = False
+        self._alarm.stop()
+        self._bus.leave(self._station)
+
+    def _set_alarm(self) -> None:
+        due_ns = self.core.next_deadline_ns()
+        if due_ns is not None:
+            self._alarm.set(due_ns)
+
+    def _wake(self) -> None:
+        due_ns = self.core.next_deadline_ns()
+        if due_ns is not None and due_ns <= self._clock.now_ns:
+            self._take(Tick())
+        else:
+            self._set_alarm()
+
+    def _take(self, event: ManagerEvent) -> None:
+        if not self._running:
+            return
+        for action in self.core.step(self._clock.now_ns, event):
+            self._do(action)
+        self.core.validate()
+        if self._running:
+            self._set_alarm()
+
+    def _do(self, action: ManagerAction) -> None:
+        match action:
+            case Send(_, frame):
+                self._bus.offer(self._station, frame)
+            case RequestPlan():
+                now = Situation(action.down, {}, action.phase)
+                ready = PlanReady(action.request, best_plan(self._spec, now, action.running))
+                self._clock.at(self._clock.now_ns + self._decide_ns(), lambda: self._take(ready))
+            case Emit(event):
+                self._tell(event)
+            case Stop(reason):
+                self.stopped = reason
+                self.stop()

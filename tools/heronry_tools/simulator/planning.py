@@ -1,0 +1,34 @@
+"""Plans for simulated managers, and the same for the judge of a run: what could be served, if all were known.
+
+Thousands of runs ask few different questions, so an answer is kept for as long as the process lives. A plan depends on
+the spec, the situation and what runs, and on nothing else; keeping it changes no run. Every plan has passed the judge,
+as it has in flight.
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.planner.exact import plan
+from heronry_wire.sansio import require
+
+_Key = tuple[str, frozenset[str], str | None, frozenset[tuple[str, tuple[str, str]]] | None]
+_KNOWN: dict[_Key, Plan] = {}
+
+
+def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
+    """Give the best legal plan; raises InvariantError where the judge refuses the planner's own."""
+    key = (spec.digest, now.down, now.phase, None if running is None else frozenset(running.items()))
+    known = _KNOWN.get(key)
+    if known is None:
+        known = plan(spec, now, running)
+        refusals = verify(spec, now, known.configuration)
+        require(not refusals, f"the planner's plan for {sorted(now.down)} is not legal: {refusals[:1]}")
+        _KNOWN[key] = known
+    return known
+
+
+def plans_known() -> int:
+    """Count the questions that have been answered in this process."""
+    return len(_KNOWN)

@@ -1,0 +1,232 @@
+"""One run: an aircraft of simulated nodes, what is done to it, and what is seen of it.
+
+Everything that is random (start-up times, clocks, how long a plan takes, loss) is drawn from one seed, so a spec, a
+seed and the list of what is done give the same frames, bit for bit; `digest` tells.
+
+What is done to the aircraft is known here and nowhere else: `truth` is the situation as it really is. The cores must
+find it out. Whoever judges the run (`checks`) is told the truth, and sees the frames and what is driven, and no core.
+"""
+
+import hashlib
+import struct
+from collections.abc import Callable
+from random import Random
+from typing import Any
+
+from heronry_agent.bench import Failure
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_manager.compilation import Compiler
+from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus
+from heronry_tools.simulator.checks import Checks
+from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
+from heronry_tools.simulator.violation import Violation
+from heronry_tools.witness import Witness
+from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.pe_table import PeTable
+
+MS = 1_000_000
+PERFECT = Faults()
+DEFAULT_DECIDE_NS = 30 * MS
+
+DEFAULT_SETTLE_NS = 20_000 * MS
+
+_LOOK_NS = 100 * MS
+_STAYS_WELL_NS = 400 * MS
+_LATEST_START_NS = 200 * MS
+_CLOCKS_APART_NS = 1_000 * MS
+_HEAD = struct.Struct("<qBBH")
+_TABLES: dict[str, dict[str, PeTable]] = {}  # by digest of the spec: they are the same in every run
+
+
+class Simulation:
+    """One run, up to where it has been run."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        seed: int = 0,
+        *,
+        faults: Faults = PERFECT,
+        decide_ns: int = DEFAULT_DECIDE_NS,
+        keep_trace: bool = False,
+    ) -> None:
+        """Switch everything on, each node at its own moment in the first 200 ms.
+
+        decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
+        """
+        self.spec, self.seed = spec, seed
+        self.clock = Clock()
+        self.events: list[dict[str, Any]] = []
+        self.trace: list[Sent] = []
+        self.checks = Checks(spec)
+        self.pes: dict[str, SimulatedPe] = {}
+        self.manager: SimulatedManager | None = None
+        self._random = Random(seed)
+        self._decide_ns = decide_ns
+        self._down: set[str] = set()
+        self._cut: set[str] = set()
+        self._incarnations = dict.fromkeys(spec.pes, 0)
+        self._terms = 0
+        self._hash = hashlib.sha256()
+        self._unhashed = bytearray()
+        self._numbers: dict[str, int] = {}  # of buses and nodes, for the digest
+        self.buses = {
+            name: SimulatedBus(name, bus.bitrate, self.clock, Random(f"{seed}/{name}"), faults)
+            for name, bus in spec.buses.items()
+        }
+        self._tap(keep_trace=keep_trace)
+        self._switch_on()
+
+    @property
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.clock.now_ns
+
+    @property
+    def truth(self) -> Situation:
+        """The situation as it is; a PE that is cut off counts as down."""
+        return Situation(frozenset(self._down | self._cut), {}, self.spec.initial_phase())
+
+    def at(self, when_ns: int, what: Callable[[], None]) -> None:
+        """Let something be done at a time."""
+        self.clock.at(when_ns, what)
+
+    def run_until(self, end_ns: int) -> None:
+        """Let time pass up to and including `end_ns`."""
+        self.clock.run_until(end_ns)
+
+    def run_for(self, duration_ns: int) -> None:
+        """Let time pass."""
+        self.clock.run_until(self.clock.now_ns + duration_ns)
+
+    def digest(self) -> str:
+        """Digest of every frame so far, with its time, bus and sender: 16 hexadecimal digits."""
+        self._hash.update(self._unhashed)
+        self._unhashed.clear()
+        return self._hash.hexdigest()[:16]
+
+    @property
+    def witness(self) -> Witness:
+        """What is heard of the functions on the manager's bus."""
+        return self.checks.witness
+
+    def broken(self) -> list[Violation]:
+        """Give what must never have been, so far."""
+        return self.checks.broken([clash for bus in self.buses.values() for clash in bus.clashes])
+
+    def unsettled(self) -> list[Violation]:
+        """Give what must not be once the aircraft has been left alone for a while."""
+        return self.checks.unsettled(self.truth, self.now_ns)
+
+    def settle(self, limit_ns: int = DEFAULT_SETTLE_NS) -> list[Violation]:
+        """Leave the aircraft alone until all is well and stays so, or for `limit_ns`; gives every violation."""
+        end_ns, well_since_ns = self.now_ns + limit_ns, None
+        while self.now_ns < end_ns:
+            self.run_for(_LOOK_NS)
+            if self.unsettled():
+                well_since_ns = None
+            elif well_since_ns is None:
+                well_since_ns = self.now_ns
+            elif self.now_ns - well_since_ns >= _STAYS_WELL_NS:
+                break
+        return self.broken() + self.unsettled()
+
+    def events_of(self, kind: str) -> list[dict[str, Any]]:
+        """Events of the managers, of one kind."""
+        return [event for event in self.events if event["event"] == kind]
+
+    # What is done to the aircraft
+
+    def kill(self, pe: str) -> None:
+        """Let a PE die now; one that is dead stays so."""
+        dead = self.pes.pop(pe, None)
+        if dead is not None:
+            dead.stop()
+            self._down.add(f"pe:{pe}")
+
+    def restore(self, pe: str) -> None:
+        """Start a PE that is not running: a new incarnation, on a clock of its own."""
+        if pe in self.pes:
+            return
+        self._incarnations[pe] += 1
+        self._down.discard(f"pe:{pe}")
+        self._cut.discard(f"pe:{pe}")
+        self.pes[pe] = SimulatedPe(
+            self.clock,
+            self._tables()[pe],
+            self.buses,
+            incarnation=self._incarnations[pe] % 256,
+            ahead_ns=self._random.randrange(_CLOCKS_APART_NS),
+            drive=self.checks.driven,
+        )
+
+    def cut(self, pe: str) -> None:
+        """Break the wires of a PE that lives on."""
+        self.pes[pe].cut()
+        self._cut.add(f"pe:{pe}")
+
+    def mend(self, pe: str) -> None:
+        """Mend them."""
+        if pe in self.pes:
+            self.pes[pe].mend()
+        self._cut.discard(f"pe:{pe}")
+
+    def fail_device(self, device: str, how: Failure) -> None:
+        """Let a device fail; whether anybody notices is for the monitors."""
+        pe = self.pes[self.spec.devices[device].pe]
+        pe.bench.fail(device, how, self.clock.now_ns)
+        self.failed(f"device:{device}")
+
+    def failed(self, element: str) -> None:
+        """Take note that an element has failed for good."""
+        self._down.add(element)
+
+    def start_manager(self, node: int = FIRST_MANAGER) -> None:
+        """Start a manager, with a term higher than any before."""
+        self._terms += 1
+        self.manager = SimulatedManager(
+            self.clock,
+            self.spec,
+            self.buses[self.spec.manager.bus],
+            node=node,
+            term=self._terms,
+            decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
+            tell=self.events.append,
+        )
+
+    def kill_manager(self) -> None:
+        """Let the manager die now."""
+        if self.manager is not None:
+            self.manager.stop()
+            self.manager = None
+
+    # How it is put together
+
+    def _switch_on(self) -> None:
+        self.at(self._random.randrange(_LATEST_START_NS), self.start_manager)
+        for pe in self.spec.pes:
+            self._down.add(f"pe:{pe}")
+            self.at(self._random.randrange(_LATEST_START_NS), lambda pe=pe: self.restore(pe))  # type: ignore[misc]
+
+    def _tables(self) -> dict[str, PeTable]:
+        tables = _TABLES.get(self.spec.digest)
+        if tables is None:
+            compiler = Compiler(self.spec)
+            tables = _TABLES[self.spec.digest] = {pe: compiler.table(pe) for pe in self.spec.pes}
+        return tables
+
+    def _tap(self, *, keep_trace: bool) -> None:
+        for bus in self.buses.values():
+            bus.taps.append(self._hash_frame)
+            bus.taps.append(self.checks.see)
+            if keep_trace:
+                bus.taps.append(self.trace.append)
+
+    def _hash_frame(self, sent: Sent) -> None:
+        numbers = self._numbers
+        bus = numbers.setdefault(sent.bus, len(numbers))
+        sender = numbers.setdefault(sent.sender, len(numbers))
+        self._unhashed += _HEAD.pack(sent.end_ns, bus, sender, sent.frame.can_id)
+        self._unhashed += sent.frame.data

@@ -1,0 +1,14 @@
+"""What a checker has to say."""
+
+from typing import NamedTuple
+
+
+class Violation(NamedTuple):
+    """Something that must not be, and when it was seen."""
+
+    t_ns: int
+    rule: str  # exclusion, clash, digest, epoch, served, active
+    story: str
+
+    def __str__(self) -> str:
+        return f"{self.t_ns / 1e9:.6f} s  {self.rule}: {self.story}"
