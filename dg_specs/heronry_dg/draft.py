@@ -161,7 +161,7 @@ class _DraftReader:
             self._findings.add(body.place, f"{subject} must be a map, not {_kind_of(body)}")
             return ModuleElement(name, entry.place, body, None)
         fields = body.entries if isinstance(body, yaml_source.Mapping) else {}
-        modes = fields.get("modes")
+        modes = fields["modes"] if "modes" in fields and not yaml_source.is_nothing(fields["modes"].node) else None
         own = {key: value for key, value in fields.items() if key != "modes" and key not in _MODE_FIELDS}
         mode_fields = {key: value for key, value in fields.items() if key in _MODE_FIELDS}
         known = (*field_names(schema.ModuleForm), *_MODE_FIELDS, "modes")
@@ -248,8 +248,8 @@ def _translated(error: Any) -> tuple[str, str]:
     """Sentence and hint for an error of pydantic's own types."""
     wanted, hint = _WANTED.get(error["type"], ("something else", ""))
     wanted = wanted.format_map(error.get("ctx", {}))
-    if error["type"] == "string_pattern_mismatch":
-        hint = _NAME_HINT if error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$" else hint
+    if error["type"] == "string_pattern_mismatch" and error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$":
+        wanted, hint = "a name", _NAME_HINT
     return f"must be {wanted}, not {shown(error['input'])}", hint
 
 

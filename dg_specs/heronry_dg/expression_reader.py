@@ -47,7 +47,7 @@ class ExpressionReader:
         self._findings = findings
         self._gates: dict[tuple[str, bool], Reading | None] = {}  # by name, and whether below an OR or a XOR
         self._leaves_left = MOST_LEAVES_OF_ALL
-        self._names = (*draft.variables, *draft.demuxes, *draft.shorthands)
+        self._names = dict.fromkeys((*draft.variables, *draft.demuxes, *draft.shorthands))
         self._read_named_gates()
 
     def shorthands(self) -> dict[str, Expression]:
@@ -60,12 +60,12 @@ class ExpressionReader:
         reading = self._expression(node, below_choice=False)
         if reading is None:
             return None
+        within_limit = self._leaves_left >= 0
         self._leaves_left -= len(reading.places)
-        if self._leaves_left < 0:
+        if within_limit and self._leaves_left < 0:
             sentence = f"all modes together have more than {MOST_LEAVES_OF_ALL} inputs"
             self._findings.add(node.place, sentence, "named gates are written out anew by each module that names them")
-            return None
-        return reading
+        return reading if self._leaves_left >= 0 else None
 
     def _read_named_gates(self) -> None:
         names = self._draft.shorthands
@@ -102,20 +102,20 @@ class ExpressionReader:
     def _reference(self, place: Place, text: str, below_choice: bool) -> Reading | None:
         """Read a name: a variable with or without versions, or a gate."""
         match = self._matched(place, text)
-        if match is None or match["name"] in self._draft.variables:
-            return self._leaf(place, match, None, below_choice) if match else None
+        if match is None:
+            return None
         name = match["name"]
-        if name not in self._draft.demuxes and name not in self._draft.shorthands:
+        if name in self._draft.variables:
+            return self._leaf(place, match, None, below_choice)
+        if name not in self._names:
             self._findings.unknown(place, "variable or gate", name, self._names)
             return None
         if match["version"]:
             self._findings.add(place, f"'{name}' is a gate and has no versions", f"write {name} alone")
             return None
-        return (
-            self._demux_leaf(place, name)
-            if name in self._draft.demuxes
-            else self._named_gate(place, name, below_choice)
-        )
+        if name in self._draft.demuxes:
+            return self._demux_leaf(place, name)
+        return self._named_gate(place, name, below_choice)
 
     def _matched(self, place: Place, text: str) -> re.Match[str] | None:
         match = _REFERENCE.fullmatch(text)
@@ -134,10 +134,12 @@ class ExpressionReader:
             self._findings.add(var.place, "'var' must be the name of a variable", "write {var: NAME, worth: [...]}")
             return None
         match = self._matched(var.place, var.value)
-        if match is not None and match["name"] not in self._draft.variables:
+        if match is None:
+            return None
+        if match["name"] not in self._draft.variables:
             self._findings.unknown(var.place, "variable", match["name"], self._draft.variables.keys())
             return None
-        return self._leaf(var.place, match, worth, below_choice) if match else None
+        return self._leaf(var.place, match, worth, below_choice)
 
     def _leaf(self, place: Place, match: re.Match[str], worth: Node | None, below_choice: bool) -> Reading | None:
         variable = self._draft.variables[match["name"]].form

@@ -65,7 +65,7 @@ class _ReferenceRules:
                 self._findings.add(_value_place(pe, "node_id"), sentence, "give every PE its own")
             self._names(pe, "buses", form.buses, "bus", self._draft.buses)
             for index, bus in enumerate(form.buses):
-                if not network.join(f"pe:{pe.name}", f"bus:{bus}"):
+                if bus in self._draft.buses and not network.join(f"pe:{pe.name}", f"bus:{bus}"):
                     sentence = f"bus '{bus}' gives pe '{pe.name}' a second route to where its other buses lead"
                     hint = "buses form a forest: between two PEs there is at most one route"
                     self._findings.add(_value_place(pe, "buses", index), sentence, hint)

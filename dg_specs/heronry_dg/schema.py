@@ -25,7 +25,7 @@ from pydantic import (
 
 from heronry_dg import quantities
 from heronry_dg.findings import shown
-from heronry_dg.model import Criticality
+from heronry_dg.model import CRITICALITIES, Criticality
 from heronry_dg.quantities import UnfitError
 from heronry_wire.canaerospace import DataType
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
@@ -39,6 +39,11 @@ MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their
 
 def _number_schema(description: str) -> WithJsonSchema:
     return WithJsonSchema({"type": "number", "minimum": 0, "description": description})
+
+
+def _by_phase_schema(one: dict[str, Any]) -> WithJsonSchema:
+    by_phase = {"type": "object", "additionalProperties": one, "required": [DEFAULT_PHASE]}
+    return WithJsonSchema({"anyOf": [one, by_phase]})
 
 
 def _different(names: list[str]) -> list[str]:
@@ -97,8 +102,18 @@ PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\
 Checkpoint = Annotated[
     bool | int | str, PlainValidator(_checkpoint), WithJsonSchema({"type": ["boolean", "integer", "string"]})
 ]
-CriticalityByPhase = Annotated[dict[str, Criticality], BeforeValidator(_for_all_phases), AfterValidator(_with_default)]
-PriorityByPhase = Annotated[dict[str, Points], BeforeValidator(_for_all_phases), AfterValidator(_with_default)]
+CriticalityByPhase = Annotated[
+    dict[str, Criticality],
+    BeforeValidator(_for_all_phases),
+    AfterValidator(_with_default),
+    _by_phase_schema({"enum": list(CRITICALITIES)}),
+]
+PriorityByPhase = Annotated[
+    dict[str, Points],
+    BeforeValidator(_for_all_phases),
+    AfterValidator(_with_default),
+    _by_phase_schema({"type": "integer", "minimum": 0, "maximum": MOST_POINTS}),
+]
 DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_type in DataType]})]
 
 

@@ -19,7 +19,7 @@ def test_a_sound_spec_is_no_reason_to_complain() -> None:
 
 HEADER = [
     ({"dg": "»2"}, "'dg' of the spec must be 1, not 2"),
-    ({"name": "»9lives"}, "'name' of the spec must be"),
+    ({"name": "»9lives"}, "'name' of the spec must be a name, not '9lives' (use a letter"),
     ({"»nmae": "x"}, "the spec has no field 'nmae' (did you mean 'name'?)"),
     ({"»xyz": "x"}, "the spec has no field 'xyz' (it may have buses,"),
     ({"buses": "»[can0]"}, "'buses' must be a map, not a list"),
@@ -137,6 +137,7 @@ MODULES = [
     ("{driver: {cpu: 0.1, ram: 1, rate_hz: »0}}", "'rate_hz' of module 'driver' must be more than 0, not 0"),
     ("{driver: {cpu: 0.1, ram: 1, rate_hz: »0.0001}}", "must not be finer than a millihertz"),
     (f"{{driver: {{»cpu: 1, modes: {{a: {{{RUNS}}}}}}}}}", "module 'driver' has both 'modes' and a 'cpu' of its own"),
+    ("{»driver: {modes: , cpu: 1}}", "module 'driver' lacks 'ram' and 'rate_hz'"),
     ("{driver: {modes: »{}}}", "module 'driver' lists no mode"),
     ("{driver: {modes: »fast}}", "'modes' of module 'driver' must be a map, not 'fast'"),
     ("{driver: {modes: {»fast: {cpu: 1}}}}", "mode 'fast' of module 'driver' lacks 'ram' and 'rate_hz'"),

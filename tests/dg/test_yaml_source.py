@@ -239,8 +239,8 @@ def test_control_characters_in_a_name_are_escaped_in_the_message() -> None:
     assert "no module or DEMUX is named 'a\\x1b[31mb'" in said
 
 
-def test_a_spec_of_five_thousand_modules_in_a_ring_is_refused_with_a_short_sentence() -> None:
-    ring = 5000
+def test_a_ring_of_two_thousand_modules_is_refused_with_a_short_sentence() -> None:
+    ring = 2000
     variables = "".join(f"  v{i}: {{type: FLOAT}}\n" for i in range(ring))
     body = "cpu: 0.1, ram: 1, rate_hz: 1"
     modules = "".join(f"  m{i}: {{needs: v{i}, gives: {{v{(i + 1) % ring}: 1}}, {body}}}\n" for i in range(ring))
