@@ -70,19 +70,6 @@ class Candidates:
         return tuple(Source(module, version, tuple(modes)) for (module, version), modes in found.items())
 
 
-def holds_unwired(expression: Expression) -> bool:
-    """Tell whether a gate holds with nothing wired below it (0-of-n, or an AND of such)."""
-    match expression:
-        case Leaf() | Xor():
-            return False
-        case And(inputs):
-            return all(holds_unwired(child) for child in inputs)
-        case Or(k, inputs):
-            return sum(holds_unwired(child) for child in inputs) >= k
-        case _:
-            assert_never(expression)
-
-
 def candidates(spec: Spec, now: Situation) -> Candidates:
     """Work out what may run in a situation."""
     left = survivors(spec, now)

@@ -92,6 +92,11 @@ class PlannerClient:
         """Return the descriptor that is readable when `poll` has something to do."""
         return self._selector.fileno()
 
+    @property
+    def process_id(self) -> int | None:
+        """Process that the next answer comes from; None while there is none."""
+        return None if self._process is None else self._process.process_id
+
     def request(self, number: int, now: Situation, running: Placement | None) -> None:
         """Ask for a plan; the answer comes from `poll` and carries the number."""
         self._waiting.append(Request(number, now, running))
@@ -210,6 +215,7 @@ class _Process:
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
+        self.process_id = self._process.pid
         self._requests = self._process.stdin
         self.answers = self._process.stdout
 

@@ -17,7 +17,7 @@ from heronry_dg.objective import Placement, score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
-from heronry_dg.traffic import hops
+from heronry_dg.traffic import Hop, hops
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.deadlines import deadline_conflicts
 from heronry_manager.planner.levels import Level, level_groups, merged
@@ -26,6 +26,10 @@ from heronry_manager.planner.publishing import Publishing
 from heronry_manager.planner.wiring import Wiring
 
 DEFAULT_EFFORT = 60.0  # deterministic seconds, near real ones on a desktop computer of 2020
+
+
+class PlannerDefectError(RuntimeError):
+    """The planner has caught itself in an error of its own; the message says in which."""
 
 
 def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
@@ -51,6 +55,7 @@ class Search:
         self._possible = possible
         self._effort = effort
         self._times = times
+        self._forbidden: set[frozenset[Hop]] = set()
         self._model = CpModel()
         self._placing = Placing(self._model, possible)
         self._wiring = Wiring(self._model, possible, self._placing)
@@ -96,13 +101,22 @@ class Search:
             found = self._configuration(solver)
             conflicts = deadline_conflicts(self._times, hops(self._possible.left, found))
             for messages in conflicts:
-                self._publishing.forbid_together(messages)
+                self._forbid(messages)
             if conflicts:
                 continue
             self._take(found, list(solver.response_proto.solution), goal)
             if status == OPTIMAL:
                 return True
         return False
+
+    def _forbid(self, messages: frozenset[Hop]) -> None:
+        """Cut off what misses a deadline; a cut that did not hold would be found again for ever."""
+        if messages in self._forbidden:
+            raise PlannerDefectError(
+                f"these were forbidden together and are planned again: {sorted(map(str, messages))}"
+            )
+        self._forbidden.add(messages)
+        self._publishing.forbid_together(messages)
 
     def _hint(self) -> None:
         """Start the search from the best configuration so far."""

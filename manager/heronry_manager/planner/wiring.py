@@ -6,8 +6,8 @@ is true and below which nothing is wired when it is false; `_offer` builds an in
 and returns the literals of which exactly one is then true. A leaf with one possible source needs no variable at all:
 its wire is the literal that demands it.
 
-A gate that holds with nothing wired below it (0-of-n) always holds, so it counts as held wherever it stands; the
-loader keeps such gates out of a XOR.
+A gate that holds with nothing wired below it (0-of-n) may then be said to hold or not: that is the same configuration,
+and saying that it holds never hurts, since the loader keeps such gates out of a XOR.
 
 *Purpose* (semantics.md rule 5): a module that serves no function by itself must be wired to by a module that serves.
 Where modules could support each other in a circle, ranks make the support well-founded: each module is ranked above
@@ -20,7 +20,7 @@ from typing import assert_never
 from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
-from heronry_manager.planner.candidates import Candidates, Source, holds_unwired
+from heronry_manager.planner.candidates import Candidates, Source
 from heronry_manager.planner.placing import Placing
 
 Link = tuple[str, str, str]  # consumer, producer, variable
@@ -65,15 +65,9 @@ class Wiring:
         if k == len(inputs):
             self._require_all(inputs, where, above)
             return
-        held: list[IntVar] = []
-        for index, child in enumerate(inputs):
-            if holds_unwired(child):
-                self._require(child, _below(where, index), above)
-                k -= 1
-            else:
-                held.extend(self._offer(child, _below(where, index), above))
+        offers = [self._offer(child, _below(where, i), above) for i, child in enumerate(inputs)]
         if k > 0:
-            self._model.add(LinearExpr.sum(held) >= k * above)
+            self._model.add(LinearExpr.sum([held for offer in offers for held in offer]) >= k * above)
 
     def _offer(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
         if isinstance(gate, Leaf):

@@ -1,0 +1,173 @@
+"""The planner's process: warm, asked over pipes, never silent, gone with its client."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.objective import placement
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation, situation
+from heronry_manager.planner.client import Failed, Planned, PlannerClient, PlannerError
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.messages import (
+    MessageError,
+    PlanText,
+    Ready,
+    Refusal,
+    Request,
+    answer_line,
+    read_answer,
+    read_request,
+    request_line,
+)
+from heronry_manager.planner.service import answer
+
+FILE = Path(str(shipped_spec_path("elevator_and_chute")))
+
+
+@pytest.fixture(scope="module")
+def spec() -> Spec:
+    return load(FILE)
+
+
+@pytest.fixture(scope="module")
+def client(spec: Spec) -> Iterator[PlannerClient]:
+    with PlannerClient(spec, FILE) as started:
+        yield started
+
+
+def answers(client: PlannerClient, count: int) -> list[Planned | Failed]:
+    """Wait as an event loop would."""
+    found: list[Planned | Failed] = []
+    while len(found) < count:
+        assert select.select([client.fileno()], [], [], 60)[0], "the planner's process says nothing"
+        found.extend(client.poll())
+    return found
+
+
+def test_an_answer_is_the_plan_that_this_process_would_make(spec: Spec, client: PlannerClient) -> None:
+    now = situation(spec, ["device:gps"], ["bus:can0=40%"])
+    running = placement(plan(spec, situation(spec)).configuration)
+    client.wait_until_ready()
+    assert client.ask(now, running) == plan(spec, now, running)
+
+
+def test_requests_are_answered_in_their_order_each_with_its_number(spec: Spec, client: PlannerClient) -> None:
+    for number, down in ((7, "device:gps"), (8, "device:barometer"), (9, "pe:tail_pe")):
+        client.request(number, situation(spec, [down]), None)
+    found = answers(client, 3)
+    assert [answer.request for answer in found] == [7, 8, 9]
+    assert [a.plan.now.down for a in found if isinstance(a, Planned)] == [
+        {"device:gps"},
+        {"device:barometer"},
+        {"pe:tail_pe"},
+    ]
+
+
+def test_a_blocking_question_does_not_take_the_answer_of_another_one(spec: Spec, client: PlannerClient) -> None:
+    client.request(1, situation(spec), None)
+    with pytest.raises(PlannerError, match="under way"):
+        client.ask(situation(spec))
+    assert [answer.request for answer in answers(client, 1)] == [1]
+
+
+def test_what_was_cancelled_is_not_answered_and_the_next_request_is(spec: Spec, client: PlannerClient) -> None:
+    fileno = client.fileno()
+    client.request(1, situation(spec), None)
+    client.request(2, situation(spec), None)
+    client.cancel()
+    client.request(3, situation(spec), None)
+    assert [answer.request for answer in answers(client, 1)] == [3]
+    assert client.fileno() == fileno
+
+
+def test_a_request_inside_a_process_that_dies_fails_and_the_waiting_one_is_answered(
+    spec: Spec, client: PlannerClient
+) -> None:
+    client.wait_until_ready()
+    client.request(1, situation(spec), None)
+    client.request(2, situation(spec), None)
+    assert client.process_id is not None
+    os.kill(client.process_id, signal.SIGKILL)
+    first, second = answers(client, 2)
+    assert first in (Failed(1, "the planner's process ended (exit code -9)"), Planned(1, plan(spec, situation(spec))))
+    assert isinstance(second, Planned)
+    assert second.request == 2
+
+
+def test_a_question_that_cannot_be_answered_is_answered_with_the_reason(spec: Spec, client: PlannerClient) -> None:
+    client.request(4, Situation(down=frozenset({"pe:nowhere"})), None)
+    (failed,) = answers(client, 1)
+    assert isinstance(failed, Failed)
+    assert failed.request == 4
+    assert "no pe is named 'nowhere'" in failed.reason
+
+
+def test_a_spec_that_has_changed_since_it_was_loaded_is_not_planned_with(spec: Spec, tmp_path: Path) -> None:
+    changed = tmp_path / "changed.dg.yaml"
+    changed.write_bytes(FILE.read_bytes() + b"# changed\n")
+    with pytest.raises(PlannerError, match="has changed since it was loaded"):
+        PlannerClient(spec, changed)
+
+
+def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:
+    """The client is another process, killed with a request under way; the service must close our pipe by ending."""
+    ours, theirs = os.pipe()
+    code = (
+        "import os, pathlib\n"
+        "from heronry_dg.loader import load\n"
+        "from heronry_dg.situation import situation\n"
+        "from heronry_manager.planner.client import PlannerClient\n"
+        f"file = pathlib.Path({str(FILE)!r})\n"
+        "spec = load(file)\n"
+        "client = PlannerClient(spec, file)\n"
+        "client.wait_until_ready()\n"
+        "client.request(1, situation(spec), None)\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    # The service inherits standard error, so the pipe stays open as long as it lives.
+    with subprocess.Popen([sys.executable, "-c", code], stderr=theirs) as started:
+        os.close(theirs)
+        assert started.wait(60) == -signal.SIGKILL
+    assert select.select([ours], [], [], 60)[0], "the service outlives its client"
+    assert os.read(ours, 1) == b""
+    os.close(ours)
+
+
+def test_requests_and_answers_survive_their_way(spec: Spec) -> None:
+    request = Request(3, situation(spec, ["device:gps"], ["bus:can0=33.3%"]), {"gps_driver": ("only", "sensor_pe")})
+    assert read_request(request_line(request), spec) == request
+    for said in (Ready(), PlanText(3, '{\n"a": "ä"}\n'), Refusal(None, "no"), Refusal(3, "no")):
+        assert read_answer(answer_line(said)) == said
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"",
+        b"[]",
+        b"\xff",
+        b'{"request": 1}',
+        b'{"request": 1, "down": ["pe:x"], "limits": {}, "phase": null, "running": null}',
+        b'{"request": 1, "down": [], "limits": {"bus:can0": "a"}, "phase": null, "running": null}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": "x", "running": null}',
+        b'{"request": 1, "down": [], "limits": {}, "phase": null, "running": {"gps_driver": "only"}}',
+    ],
+)
+def test_a_line_that_is_no_request_is_refused(spec: Spec, line: bytes) -> None:
+    refusal = answer(spec, line)
+    assert isinstance(refusal, Refusal)
+    assert "not a" in refusal.reason
+
+
+def test_a_line_that_is_no_answer_is_an_error() -> None:
+    with pytest.raises(MessageError):
+        read_answer(b'{"plan": 3}')
