@@ -181,6 +181,14 @@ class ManagerCore:
             now_ns, "manager_started", spec=spec.name, spec_digest=spec.digest, node=node, term=term, bus=self._bus.name
         )
 
+    def hears(self, identifier: int) -> bool:
+        """Tell whether frames of an identifier mean anything here; a driver may keep all others to itself."""
+        return (
+            identifier in self._pe_of_state_id
+            or identifier in self._pe_of_emcy_id
+            or identifier in self._manager_lease_ids
+        )
+
     def step(self, now_ns: int, event: ManagerEvent) -> list[ManagerAction]:
         """Take one event at `now_ns`; returns what is to be done, in order."""
         match event:
@@ -209,12 +217,12 @@ class ManagerCore:
 
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
-        story = "; ".join(self._recent)
-        if self._next is not None:
-            require(self._next.stage is Stage.PREPARING, f"an epoch being prepared has left PREPARING: {story}")
-            require(self._next.epoch == self._highest_epoch, f"an epoch number was used twice: {story}")
-        if self._current is not None:
-            require(self._current.stage is not Stage.PREPARING, f"the current epoch was never activated: {story}")
+        next_, current, recent = self._next, self._current, self._recent
+        if next_ is not None:
+            require(next_.stage is Stage.PREPARING, "an epoch being prepared has left PREPARING: {}", recent)
+            require(next_.epoch == self._highest_epoch, "an epoch number was used twice: {}", recent)
+        if current is not None:
+            require(current.stage is not Stage.PREPARING, "the current epoch was never activated: {}", recent)
 
     # Frames
 
@@ -320,7 +328,8 @@ class ManagerCore:
                 self._fail(now_ns, pe, "it does not acknowledge")
         if now_ns >= self._beat_ns:
             self._beat(now_ns)
-        if self._plan_again_ns is not None and now_ns >= self._plan_again_ns:
+        first = self._reign is Reign.STARTING and not self._health.starting()
+        if first or (self._plan_again_ns is not None and now_ns >= self._plan_again_ns):
             self._ask_for_plan(now_ns)
 
     def _beat(self, now_ns: int) -> None:

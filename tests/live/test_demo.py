@@ -1,0 +1,167 @@
+"""The demo with real processes on a software bus: what is killed, what is heard on the bus, and what is left behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.situation import situation
+from heronry_manager.planner.exact import plan
+from heronry_tools.witness import Witness
+from heronry_wire.frame import Malformed, parse_log_line
+
+pytestmark = pytest.mark.live
+BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
+PES = list(load(BIG_BLUE).pes)
+HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+
+
+def demo(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*HERONRY, "demo", *arguments], capture_output=True, text=True, timeout=90, check=False)
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def processes_named(folder: str) -> list[str]:
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except OSError:
+                continue
+            if folder in command:
+                found.append(command)
+    return found
+
+
+@pytest.fixture
+def nothing_left() -> Iterator[None]:
+    yield
+    assert processes_named("heronry-demo-") == []
+    assert list(Path("/tmp").glob("heronry-demo-*")) == []
+
+
+@pytest.mark.parametrize("pe", PES)
+def test_after_the_kill_of_any_pe_what_a_plan_can_serve_is_heard_on_the_bus(
+    pe: str, tmp_path: Path, nothing_left: None
+) -> None:
+    log = tmp_path / "flight.log"
+    ran = demo("--kill", f"pe:{pe}@1", "--for", "3", "--json", "--record", str(log))
+    assert ran.returncode == 0, ran.stderr
+    spec = load(BIG_BLUE)
+    oracle = plan(spec, situation(spec, [f"pe:{pe}"]), None)
+    served = {name for name, f in oracle.functions.items() if f.served}
+    critical = {n for n in served if spec.functions[n].criticality_in(spec.initial_phase()) != "E"}
+    heard = heard_at_the_end(log)
+    assert critical - heard == set()
+
+
+def heard_at_the_end(log: Path) -> set[str]:
+    spec, witness, last_ns = load(BIG_BLUE), Witness(load(BIG_BLUE)), 0
+    for line in log.read_text().splitlines():
+        logged = parse_log_line(line)
+        assert not isinstance(logged, Malformed)
+        if logged.channel == "can0":
+            witness.see(logged.time_ns, logged.frame)
+            last_ns = max(last_ns, logged.time_ns)
+    assert witness.rivals == []
+    return {name for name in spec.functions if witness.served(name, last_ns)}
+
+
+def test_two_kills_within_one_heartbeat_and_a_return(nothing_left: None) -> None:
+    ran = demo("--kill", "pe:nav@1", "--kill", "pe:tail_a@1.01", "--restore", "pe:nav@2.5", "--for", "5", "--json")
+    assert ran.returncode == 0, ran.stderr
+    events = events_of(ran.stdout)
+    lost = [one["pe"] for one in events if one["event"] == "pe_lost"]
+    assert sorted(lost) == ["nav", "tail_a"]
+    assert "nav" in [one["pe"] for one in events if one["event"] == "pe_joined"][len(PES) :]
+    last = [one for one in events if one["event"] == "plan_ready"][-1]["plan"]
+    assert last["down"] == ["pe:tail_a"]
+
+
+def test_a_kill_during_a_reconfiguration(nothing_left: None) -> None:
+    """The second PE dies about when the first one has been declared: its epoch is abandoned or replaced."""
+    ran = demo("--kill", "pe:flight@1", "--kill", "pe:tail_b@1.09", "--for", "4", "--json")
+    assert ran.returncode == 0, ran.stderr
+    last = [one for one in events_of(ran.stdout) if one["event"] == "plan_ready"][-1]["plan"]
+    assert last["down"] == ["pe:flight", "pe:tail_b"]
+
+
+def test_the_story_names_the_kill_the_four_times_and_the_return(nothing_left: None) -> None:
+    ran = demo("elevator_and_chute", "--kill", "pe:sensor_pe@0.5", "--restore", "pe:sensor_pe@1.5", "--for", "3.5")
+    assert ran.returncode == 0, ran.stderr
+    for expected in ("KILL sensor_pe", "is lost", "detect", "decide", "distribute", "activate", "RESTORE", "joins"):
+        assert expected in ran.stdout
+    assert "software bus" in ran.stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_leaves_nothing(number: signal.Signals, nothing_left: None) -> None:
+    with started_demo() as process:
+        wait_for(process, "reconfigured")
+        process.send_signal(number)
+        assert process.wait(timeout=20) == 130
+        assert process.stderr is not None
+        assert process.stderr.read() == b""
+
+
+def test_a_demo_that_is_killed_takes_its_processes_along() -> None:
+    with started_demo() as process:
+        wait_for(process, "reconfigured")
+        folder = f"heronry-demo-{process.pid}"
+        assert processes_named(folder)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    while processes_named(folder):
+        time.sleep(0.05)
+    assert demo("elevator_and_chute", "--for", "0.5", "--json").returncode == 0  # sweeps the folder away
+    assert not Path(f"/tmp/{folder}").exists()
+
+
+class started_demo:  # noqa: N801 - reads as a verb
+    def __enter__(self) -> "subprocess.Popen[bytes]":
+        command = [*HERONRY, "demo", "elevator_and_chute", "--json", "--for", "60"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        return self.process
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+def wait_for(process: "subprocess.Popen[bytes]", kind: str) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if json.loads(line)["event"] == kind:
+            return
+    raise AssertionError(f"the demo ended before '{kind}'")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--kill", "pe:nvv@1"], "did you mean 'nav'"),
+        (["--kill", "nav"], "write it as pe:NAME@SECONDS"),
+        (["nope"], "neither a file nor a shipped spec"),
+        (["-i", "socketcan", "-c", "can7"], "can7"),
+        (["-i", "softbus"], "needs a channel"),
+        (["--bus", "radoi=vcan1"], "no such bus"),
+        (["--record", "/no/such/folder/flight.log"], "No such file or directory"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, nothing_left: None) -> None:
+    ran = demo(*arguments)
+    assert ran.returncode == 2
+    assert sentence in ran.stderr
+    assert len(ran.stderr.strip().splitlines()) == 1
