@@ -89,8 +89,8 @@ def _rate_gyros(around: Surroundings) -> tuple[int, ...]:
     """Pitch and roll rate in 0.001 deg/s: noisier than those of the inertial unit, and never quite zero."""
     pitch_rate, roll_rate = around.body_rates_deg_per_s
     return (
-        round(1000.0 * around.with_noise(pitch_rate + 0.15, 0.3, "q")),
-        round(1000.0 * around.with_noise(roll_rate - 0.1, 0.3, "p")),
+        round(1000.0 * around.with_noise(pitch_rate + 0.05, 0.3, "q")),
+        round(1000.0 * around.with_noise(roll_rate - 0.04, 0.3, "p")),
     )
 
 
@@ -98,8 +98,8 @@ def _horizon(around: Surroundings) -> tuple[int, ...]:
     """Contrast between warm ground and cold sky, along and across, in counts."""
     along, across = (math.sin(math.radians(angle)) for angle in around.attitude_deg)
     return (
-        round(HORIZON_COUNTS * around.with_noise(along, 0.03, "x")),
-        round(HORIZON_COUNTS * around.with_noise(across, 0.03, "y")),
+        round(HORIZON_COUNTS * around.with_noise(along, 0.06, "x")),
+        round(HORIZON_COUNTS * around.with_noise(across, 0.06, "y")),
     )
 
 

@@ -2,25 +2,27 @@
 
 Gyros are quick and drift; accelerometers know where down is, on average, and shake. The complementary filter turns the
 angle with the gyros and pulls it slowly towards what the accelerometers say. Without accelerometers the only pull is
-towards level flight, on which a glider is most of the time: the drift stays bounded, and a long turn is forgotten. The
-horizon sensor knows no drift at all, and is coarse.
+towards the best glide with level wings, which is how a glider flies most of the time: the drift stays bounded, and a
+long turn is forgotten. The horizon sensor knows no drift at all, and is coarse.
 
 Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive; a nose that points
 up feels gravity forward, a right wing that hangs low feels it to the left.
 
-A restart: the fused filter starts from the accelerometers; gyros alone start from level, and need their pull to forget
-the error, which is why that version is the worse one.
+A restart: the fused filter starts from the accelerometers; gyros alone start from the best glide, and need their pull
+to forget the error, which is why that version is the worse one.
 """
 
 import math
 from collections.abc import Mapping
 
+from heronry_agent.images.control import BEST_GLIDE_PITCH_DEG
 from heronry_agent.images.reading import held, number, numbers
 from heronry_agent.module import Context, Inputs, Module, Value
 
 _NS_PER_S = 1_000_000_000
 _GRAVITY_PULL_S = 2.0
-_LEVEL_PULL_S = 12.0
+_GLIDE_PULL_S = 25.0
+_GLIDE_DEG = (BEST_GLIDE_PITCH_DEG, 0.0)
 _HORIZON_LAG_S = 0.3
 _HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
 
@@ -31,13 +33,13 @@ class AttitudeFilter(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._period_s = ctx.period_ns / _NS_PER_S
-        self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else (0.0, 0.0)
+        self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Turn with the gyros, pull towards the reference; nothing is published before there is a first attitude."""
         rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
-        reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else (0.0, 0.0)
-        pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _LEVEL_PULL_S
+        reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
+        pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S
         if self._angles_deg is None:
             self._angles_deg = reference_deg
         elif rates[0] is not None and rates[1] is not None:

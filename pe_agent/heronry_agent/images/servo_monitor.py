@@ -31,7 +31,7 @@ from heronry_agent.module import Context, Inputs, Module, Value
 _NS_PER_S = 1_000_000_000
 _TOLERANCE_DEG = 2.5
 _DELAY_NS = 500_000_000
-_TIME_TO_SWITCH_NS = 1_500_000_000
+_TIME_TO_SWITCH_NS = 3_000_000_000
 _FOLLOWING_NS = 3_000_000_000  # longer than a swinging command needs to pass a stuck surface by
 _LAG_S = 0.1
 _DETAIL_PER_DEG = 10

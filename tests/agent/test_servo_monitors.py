@@ -1,0 +1,195 @@
+"""The servo monitors: a servo that sticks is named, its healthy twin is not, and a sensor does not cost two servos."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.rig import Rig
+from heronry_agent.bench import Bench
+from heronry_agent.module import Datum
+
+RATE_HZ = 40
+
+
+def swing(tick: int) -> float:
+    """A command that moves as the glide's does: some degrees, every 8 seconds."""
+    return 8.0 * math.sin(math.tau * tick / RATE_HZ / 8.0)
+
+
+@dataclass
+class Tail:
+    """Two servos, one surface, one angle sensor, one monitor, and a manager that has chosen the `working` servo.
+
+    The manager puts the other servo to work a second after it was told that this one has failed.
+    """
+
+    image: str
+    bench: Bench = field(default_factory=lambda: Bench(0))
+    working: int = 1
+    tick: int = 0
+    health: int = 0
+    manager_acts: bool = True
+    told_at: int | None = None
+
+    def __post_init__(self) -> None:
+        self.restart_monitor()
+
+    def restart_monitor(self) -> None:
+        self.rig = Rig(self.image, rate_hz=RATE_HZ)
+
+    def fly(self, seconds: float, command: Callable[[int], float] = swing) -> None:
+        for _ in range(round(seconds * RATE_HZ)):
+            now_ns = self.tick * 1_000_000_000 // RATE_HZ
+            angle = command(self.tick)
+            self.bench.write(f"elevator_servo_{self.working}", angle, now_ns)
+            data = {"elevator_demand": Datum(angle, 1, 0), "elevator_servo_command": Datum(angle, self.working, 0)}
+            measured = self.bench.read("elevator_angle_sensor", now_ns)
+            if measured is not None:
+                data["elevator_angle"] = Datum(measured, 1, 0)
+            (self.health,) = self.rig.feed(data).values()
+            self.tick += 1
+            self._manage()
+
+    def _manage(self) -> None:
+        if self.told_at is None and self.reported[-1:] == [f"device:elevator_servo_{self.working}"]:
+            self.told_at = self.tick
+        elif self.told_at is not None and self.manager_acts and self.tick == self.told_at + RATE_HZ:
+            self.working, self.told_at = 3 - self.working, None
+
+    def fail(self, device: str) -> None:
+        self.bench.fail(device, "stuck", self.tick * 1_000_000_000 // RATE_HZ)
+
+    @property
+    def reported(self) -> list[str]:
+        return self.rig.host.reported
+
+
+BOTH = pytest.mark.parametrize("image", ["servo_monitor", "elevator_monitor"])
+
+
+@BOTH
+def test_a_healthy_servo_is_left_in_peace(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(60)
+    assert (tail.reported, tail.health) == ([], 0)
+
+
+@BOTH
+def test_a_stuck_servo_is_reported_within_seconds(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(10)
+    tail.fail("elevator_servo_1")
+    tail.fly(4.5)
+    assert (tail.reported, tail.health) == (["device:elevator_servo_1"], 1)
+
+
+@BOTH
+@given(after_s=st.floats(0, 20))
+def test_whenever_it_sticks_it_is_reported_before_a_swing_is_over(image: str, after_s: float) -> None:
+    tail = Tail(image)
+    tail.fly(after_s)
+    tail.fail("elevator_servo_1")
+    tail.fly(8)
+    assert tail.reported == ["device:elevator_servo_1"]
+
+
+@BOTH
+def test_the_detail_tells_the_difference_in_tenths_of_a_degree(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(3, lambda _: 0.0)
+    tail.fail("elevator_servo_1")
+    tail.fly(3, lambda _: 12.0)
+    ((_, detail),) = tail.rig.host.reports
+    assert detail == pytest.approx(120, abs=3)
+
+
+@BOTH
+def test_the_surface_may_stand_anywhere_when_the_monitor_starts(image: str) -> None:
+    tail = Tail(image)
+    tail.bench.write("elevator_servo_2", -20.0, 0)
+    tail.tick = RATE_HZ
+    tail.fly(20, lambda _: 20.0)
+    assert tail.reported == []
+
+
+@BOTH
+def test_once_the_other_servo_works_all_is_well_again(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(10)
+    tail.fail("elevator_servo_1")
+    tail.fly(60)
+    assert tail.working == 2
+    assert tail.reported == ["device:elevator_servo_1"]
+
+
+@BOTH
+def test_the_second_servo_is_reported_when_it_sticks_later(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(10)
+    tail.fail("elevator_servo_1")
+    tail.fly(25)
+    tail.fail("elevator_servo_2")
+    tail.fly(10)
+    assert (tail.reported, tail.health) == (["device:elevator_servo_1", "device:elevator_servo_2"], 2)
+
+
+@BOTH
+def test_a_stuck_angle_sensor_costs_one_servo_and_never_both(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(10)
+    tail.fail("elevator_angle_sensor")
+    tail.fly(60)
+    assert (tail.reported, tail.health) == (["device:elevator_servo_1", "device:elevator_angle_sensor"], 3)
+
+
+@BOTH
+def test_nobody_is_reported_twice_while_the_manager_has_no_better_idea(image: str) -> None:
+    tail = Tail(image, manager_acts=False)
+    tail.fail("elevator_servo_1")
+    tail.fly(60, lambda tick: swing(tick) + 10.0)
+    assert tail.reported.count("device:elevator_servo_1") == 1
+    assert "device:elevator_servo_2" not in tail.reported
+
+
+@BOTH
+def test_without_an_angle_or_a_command_there_is_no_judgement(image: str) -> None:
+    tail = Tail(image)
+    tail.fly(10)
+    tail.bench.fail("elevator_angle_sensor", "dead", 0)
+    tail.fail("elevator_servo_1")
+    tail.fly(20)
+    assert tail.rig.step() in ({"servo_health": 0}, {"servo_failure": 0})
+    assert tail.reported == []
+
+
+def test_told_which_servo_works_the_monitor_blames_the_second_one_after_its_own_restart() -> None:
+    tail = Tail("elevator_monitor", working=2)
+    tail.fly(10)
+    tail.restart_monitor()
+    tail.fail("elevator_servo_2")
+    tail.fly(8)
+    assert tail.reported == ["device:elevator_servo_2"]
+
+
+def test_not_told_the_paper_s_monitor_starts_with_the_primary_and_then_doubts_the_sensor() -> None:
+    """What its file says of a spare that works while nobody told it: both servos are never given up."""
+    tail = Tail("servo_monitor", working=2, manager_acts=False)
+    tail.fly(10)
+    tail.fail("elevator_servo_2")
+    tail.fly(40)
+    assert tail.reported == ["device:elevator_servo_1", "device:elevator_angle_sensor"]
+
+
+def test_a_servo_that_was_repaired_and_follows_again_is_forgiven() -> None:
+    tail = Tail("elevator_monitor")
+    tail.fail("elevator_servo_1")
+    tail.fly(8)
+    assert (tail.working, tail.health) == (2, 1)
+    tail.bench.heal("elevator_servo_1")
+    tail.working = 1
+    tail.fly(10)
+    assert tail.health == 0
