@@ -2,7 +2,8 @@
 
 Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the
 pairs (producing module, variable) of the spec. The bytes are variable-length integers (seven bits a byte, least
-significant group first), in ascending order of index, so that equal slices have equal bytes and equal digests:
+significant group first), in ascending order of index, so that equal slices have equal bytes and equal digests. There is
+one way to write a slice; bytes that go another (an index twice, a longer number) are none:
 
     number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer
@@ -17,8 +18,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from heronry_wire.errors import HeronryError
-
-EMPTY_DIGEST = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +74,10 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
     forward = {reader.number(): (reader.number(), reader.number()) for _ in range(reader.number())}
     if reader.left():
         raise SliceError(f"{reader.left()} bytes too many")
-    return Slice(tuple(modules), remote, publish, forward)
+    decoded = Slice(tuple(modules), remote, publish, forward)
+    if decoded.encode() != body or len({module.module for module in modules}) != len(modules):
+        raise SliceError("an index is out of order or there twice, or a number is longer than it needs to be")
+    return decoded
 
 
 def slice_digest(spec_digest: str, body: bytes) -> int:

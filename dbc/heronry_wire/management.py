@@ -20,8 +20,9 @@ Two phases, numbered
     already taken is not taken again.
 
 Numbers
-    An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 and only rises. A digest is 24 bits.
-    All numbers are big-endian, but for EMCY, whose head is CiA 301's and little-endian.
+    An epoch is compared modulo 2^16 (`is_newer`), 0 is "none". A term is 1..4095 (PREPARE has no room for more) and
+    only rises; one outside is malformed. A digest is 24 bits. All numbers are big-endian, but for EMCY, whose head is
+    CiA 301's and little-endian.
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
@@ -209,9 +210,10 @@ class SliceBody:
 
     def encode(self) -> bytes:
         """Payload of SLICE with index 1 or more."""
-        return SLICE_BODY.pack(
-            self.node, self.epoch_low, self.index, int.from_bytes(self.body.ljust(SLICE_BYTES_PER_FRAME, b"\0"), "big")
-        )
+        if self.index == 0 or len(self.body) > SLICE_BYTES_PER_FRAME:
+            raise ValueError(f"SLICE {self.index} has {len(self.body)} bytes; send 5 at a time, from index 1 on")
+        number = int.from_bytes(self.body.ljust(SLICE_BYTES_PER_FRAME, b"\0"), "big")
+        return SLICE_BODY.pack(self.node, self.epoch_low, self.index, number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,9 +311,9 @@ ManagementMessage = Lease | Alive | Prepare | SliceHead | SliceBody | Activate |
 
 
 def is_newer(epoch: int, than: int) -> bool:
-    """Tell whether an epoch is newer than another, modulo 2^16; any epoch is newer than none."""
-    if than == NO_EPOCH:
-        return epoch != NO_EPOCH
+    """Tell whether an epoch is newer than another, modulo 2^16; any is newer than none, and none than nothing."""
+    if NO_EPOCH in (epoch, than):
+        return epoch != than and than == NO_EPOCH
     return 0 < (epoch - than) % 0x10000 < 0x8000
 
 
@@ -325,7 +327,10 @@ def decode_command(command: int, data: bytes) -> ManagementMessage | Malformed:
     decoder = _DECODERS.get(command)
     if decoder is None:
         return Malformed(f"management command {command} is not assigned")
-    return decoder(data)
+    message = decoder(data)
+    if not isinstance(message, SliceHead | SliceBody | Malformed) and not 0 < message.term <= MAX_TERM:
+        return Malformed(f"term {message.term} is outside 1..{MAX_TERM}")
+    return message
 
 
 def _lease(data: bytes) -> Lease | Malformed:

@@ -11,13 +11,20 @@ module, variable), counted in the order of `Spec.sources`. A *port* is one of th
 """
 
 import json
+import math
+import re
+import reprlib
+from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from heronry_wire.errors import HeronryError
+from heronry_wire.identifiers import PE_NODES, Use, classify
 
 FORMAT = 1
+_REMEDY = "write the table anew with 'heronry table'"
+_SHA_256 = re.compile("[0-9a-f]{64}")
 
 
 class TableError(HeronryError, ValueError):
@@ -128,9 +135,9 @@ class PeTable:
         try:
             raw = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise TableError(f"the table is not JSON ({error}); write it anew with 'heronry table'") from None
+            raise TableError(f"the table is not JSON ({error}); {_REMEDY}") from None
         if not isinstance(raw, dict) or raw.get("format") != FORMAT:
-            raise TableError(f"the table is not of format {FORMAT}; write it anew with 'heronry table'")
+            raise TableError(f"the table is not of format {FORMAT}; {_REMEDY}")
         table: PeTable = _read(PeTable, raw, "table")
         _check(table)
         return table
@@ -141,23 +148,45 @@ class PeTable:
 
 
 def _check(table: PeTable) -> None:
-    if not 92 <= table.node_id <= 125:
-        raise TableError(f"node_id {table.node_id} is not a PE's; PEs have 92 to 125")
+    for fault in _faults(table):
+        raise TableError(f"{fault}; {_REMEDY}")
+
+
+def _faults(table: PeTable) -> Iterator[str]:
+    """What the numbers of a table contradict; the types are right already."""
+    if table.node_id not in PE_NODES:
+        yield f"node_id {table.node_id} is not a PE's; PEs have {PE_NODES[0]} to {PE_NODES[-1]}"
     if not 0 <= table.uplink < len(table.ports):
-        raise TableError(f"uplink {table.uplink} names no port; there are {len(table.ports)}")
+        yield f"uplink {table.uplink} names no port; there are {len(table.ports)}"
+    if _SHA_256.fullmatch(table.spec_digest) is None:
+        yield f"spec_digest {table.spec_digest:.70} is not a SHA-256 in hexadecimal"
+    for source in table.sources:
+        if classify(source.identifier).use not in (Use.STANDARD_DATA, Use.ALLOCATED_DATA):
+            yield f"{source.variable} of {source.module} has identifier {source.identifier}, which is not for data"
+    if len({module.index for module in table.modules}) != len(table.modules):
+        yield "two modules have one index"
+    numbered = dict(enumerate(table.module_names))
     for module in table.modules:
+        if numbered.get(module.index) != module.name:
+            yield f"module {module.name} is not number {module.index} of module_names"
         for mode in module.modes:
-            unknown = [v for v in (*mode.gives, *(leaf.variable for leaf in mode.leaves)) if v not in table.variables]
-            if unknown:
-                raise TableError(f"module {module.name} names the unknown variable {unknown[0]}")
-            if mode.rate_mhz <= 0:
-                raise TableError(f"module {module.name} has the rate {mode.rate_mhz} mHz; it must be positive")
+            yield from _mode_faults(f"module {module.name}", mode, table.variables)
+
+
+def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> Iterator[str]:
+    for variable in (*mode.gives, *(leaf.variable for leaf in mode.leaves)):
+        if variable not in variables:
+            yield f"{module} names the unknown variable {variable}"
+    if mode.rate_mhz <= 0:
+        yield f"{module} has the rate {mode.rate_mhz} mHz, which must be positive"
+    if mode.cpu_millis < 0:
+        yield f"{module} takes {mode.cpu_millis} thousandths of a core, which must not be negative"
 
 
 def _read(kind: Any, raw: Any, where: str) -> Any:
     """Read plain JSON data as `kind`, strictly; raises TableError with the place."""
     origin, arguments = get_origin(kind), get_args(kind)
-    if is_dataclass(kind) and isinstance(kind, type):
+    if is_dataclass(kind) and isinstance(raw, dict):
         return _read_record(kind, raw, where)
     if origin is tuple and isinstance(raw, list):
         return tuple(_read(arguments[0], item, f"{where}[{i}]") for i, item in enumerate(raw))
@@ -171,16 +200,16 @@ def _read(kind: Any, raw: Any, where: str) -> Any:
                 return _read(option, raw, where)
             except TableError:
                 continue
-    if kind is type(None) and raw is None:
-        return None
-    if isinstance(kind, type) and kind in (int, float, str, bool) and type(raw) is kind:
+    if kind in (int, str, bool, type(None)) and type(raw) is kind:
         return raw
-    raise TableError(f"{where} holds {raw!r:.60}, which does not fit; write the table anew with 'heronry table'")
+    if kind is float and type(raw) is float and math.isfinite(raw):
+        return raw
+    raise TableError(f"{where} holds {reprlib.repr(raw)}, which does not fit; {_REMEDY}")
 
 
-def _read_record(kind: Any, raw: Any, where: str) -> Any:
+def _read_record(kind: Any, raw: dict[str, Any], where: str) -> Any:
     names = {f.name for f in fields(kind)}
-    if not isinstance(raw, dict) or set(raw) != names:
-        odd = sorted(set(raw) ^ names) if isinstance(raw, dict) else [type(raw).__name__]
-        raise TableError(f"{where} has missing or unknown keys: {', '.join(map(str, odd))}")
+    odd = sorted(set(raw) ^ names)
+    if odd:
+        raise TableError(f"{where} misses or should not have {', '.join(f'{key:.40}' for key in odd[:5])}; {_REMEDY}")
     return kind(**{f.name: _read(f.type, raw[f.name], f"{where}.{f.name}") for f in fields(kind)})

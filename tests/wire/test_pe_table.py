@@ -1,0 +1,194 @@
+"""PE tables: what the manager compiles is what an agent reads, and anything else is one sentence."""
+
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_manager.compilation import Compiler
+from heronry_wire.pe_table import PeTable, TableError
+
+Json = Any
+Path = tuple[str | int, ...]
+
+WRONG_NUMBERS: tuple[Json, ...] = (True, 1.5, "1", None, [1], {})
+
+
+@cache
+def compiled() -> tuple[PeTable, ...]:
+    """Tables of all PEs of both shipped specs."""
+    specs = [load(shipped_spec_path(name)) for name in shipped_spec_names()]
+    return tuple(Compiler(spec).table(pe) for spec in specs for pe in spec.pes)
+
+
+@cache
+def small_text() -> str:
+    """The shortest of them: what is changed below."""
+    return min((table.to_json() for table in compiled()), key=len)
+
+
+def places(value: Json, path: Path = ()) -> Iterator[Path]:
+    """Where every value of a JSON document is."""
+    yield path
+    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, child in children:
+        yield from places(child, (*path, key))
+
+
+def changed(path: Path, value: Json) -> str:
+    """Text of the small table with another value at one place."""
+    document = json.loads(small_text())
+    if not path:
+        return json.dumps(value)
+    parent = document
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[path[-1]] = value
+    return json.dumps(document)
+
+
+def refused(text: str) -> str:
+    with pytest.raises(TableError) as caught:
+        PeTable.from_json(text)
+    sentence = str(caught.value)
+    assert sentence.endswith("; write the table anew with 'heronry table'")
+    assert "\n" not in sentence
+    assert len(sentence) < 500
+    return sentence
+
+
+def test_every_table_of_the_shipped_specs_survives_its_text() -> None:
+    assert len(compiled()) == 12
+    for table in compiled():
+        text = table.to_json()
+        assert PeTable.from_json(text) == table
+        assert "\n" not in text
+
+
+def test_the_number_of_leaves_is_that_of_the_spec() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    table = Compiler(spec).table("nav")
+    names = list(spec.modules)
+    for (module, mode), count in table.leaf_counts().items():
+        entry = spec.modules[names[module]]
+        assert count == len(list(list(entry.modes.values())[mode].leaves()))
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(st.data(), json_values)
+def test_a_change_anywhere_gives_a_table_or_an_error(data: st.DataObject, value: Json) -> None:
+    path = data.draw(st.sampled_from(list(places(json.loads(small_text())))))
+    text = changed(path, value)
+    try:
+        table = PeTable.from_json(text)
+    except TableError:
+        refused(text)
+    else:
+        assert PeTable.from_json(table.to_json()) == table
+
+
+@given(st.data())
+def test_a_key_more_or_less_anywhere_is_an_error(data: st.DataObject) -> None:
+    document = json.loads(small_text())
+    path = data.draw(st.sampled_from([p for p in places(document) if p and isinstance(p[-1], str)]))
+    assume(path[:-1] != ("variables",) and "gives" not in path[:-1])  # keys that are names
+    parent = document
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[f"{path[-1]}_"] = parent[path[-1]]
+    refused(json.dumps(document))
+    del parent[path[-1]]
+    refused(json.dumps(document))
+
+
+@given(st.text())
+def test_any_text_is_an_error(text: str) -> None:
+    refused(text)
+
+
+@given(st.data())
+def test_a_table_cut_short_is_an_error(data: st.DataObject) -> None:
+    refused(small_text()[: data.draw(st.integers(0, len(small_text()) - 1))])
+
+
+def test_every_number_is_checked_for_its_type() -> None:
+    numbers = [p for p in places(json.loads(small_text())) if type(value_at(p)) is int]
+    assert len(numbers) > 50
+    for path in numbers:
+        if path[-1] != "initial":  # which may be of any type a variable has
+            for wrong in WRONG_NUMBERS:
+                assert "holds" in refused(changed(path, wrong)) or path == ("format",)
+
+
+def value_at(path: Path) -> Json:
+    value = json.loads(small_text())
+    for key in path:
+        value = value[key]
+    return value
+
+
+def test_deep_nesting_is_an_error_at_every_depth() -> None:
+    for depth in [*range(1, 30), *range(800, 1100), 100_000]:
+        nested = "[" * depth + "]" * depth
+        refused(nested)
+        refused(small_text().replace('"gps_altitude":1', f'"gps_altitude":{nested}'))  # itself deep in the table
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "9" * 5000])
+def test_numbers_that_are_none_are_errors(number: str) -> None:
+    refused(number)
+    refused(small_text().replace('"initial":null', f'"initial":{number}', 1))
+
+
+@pytest.mark.parametrize("initial", [0, 1.5, "X", [1, 2], None])
+def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> None:
+    name = next(iter(value_at(("variables",))))
+    table = PeTable.from_json(changed(("variables", name, "initial"), initial))
+    assert table.variables[name].initial == (tuple(initial) if isinstance(initial, list) else initial)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "sentence"),
+    [
+        (("format",), 2, "not of format 1"),
+        (("format",), True, "table.format holds True"),
+        (("node_id",), 91, "node_id 91 is not a PE's"),
+        (("node_id",), 126, "node_id 126 is not a PE's"),
+        (("uplink",), 1, "uplink 1 names no port; there are 1"),
+        (("uplink",), -1, "uplink -1 names no port"),
+        (("ports",), [], "uplink 0 names no port; there are 0"),
+        (("spec_digest",), "zz" * 32, "is not a SHA-256"),
+        (("spec_digest",), "ab", "spec_digest ab is not a SHA-256"),
+        (("without_manager",), "panic", "table.without_manager holds 'panic'"),
+        (("devices", 0, "kind"), "toaster", "table.devices[0].kind holds 'toaster'"),
+        (("sources", 0, "identifier"), 200, "has identifier 200, which is not for data"),
+        (("sources", 0, "identifier"), 5000, "has identifier 5000"),
+        (("modules", 0, "index"), -1, "is not number -1 of module_names"),
+        (("modules", 0, "index"), 10**9, "is not number 1000000000 of module_names"),
+        (("modules", 0, "modes", 0, "rate_mhz"), 0, "has the rate 0 mHz"),
+        (("modules", 0, "modes", 0, "cpu_millis"), -1, "takes -1 thousandths"),
+        (("modules", 0, "modes", 0, "gives"), {"ghost": 1}, "names the unknown variable ghost"),
+        (("modules", 0), [], "table.modules[0] holds []"),
+        ((), {"format": 1}, "table misses or should not have cpu_millis, devices"),
+        ((), [], "not of format 1"),
+    ],
+)
+def test_an_error_names_its_place(path: Path, value: Json, sentence: str) -> None:
+    assert sentence in refused(changed(path, value))
+
+
+def test_two_modules_have_two_indices() -> None:
+    modules = value_at(("modules",))
+    assert "two modules have one index" in refused(changed(("modules",), [modules[0], modules[0]]))
