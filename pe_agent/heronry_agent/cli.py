@@ -1,0 +1,151 @@
+"""The command `pe-agent`: the agent of one PE, from its table, on its buses.
+
+Exit codes: 0 stopped in order, 1 ended by itself (a bus lost, its node-ID taken), 2 a wrong command line or table.
+Whatever ends it is one sentence on standard error.
+"""
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from can.cli import add_bus_arguments
+
+from heronry_agent.bench import Bench
+from heronry_agent.core import AgentCore
+from heronry_agent.driver import AgentDriver, hears_own_id
+from heronry_agent.host import ModuleHost
+from heronry_agent.incarnation import next_incarnation
+from heronry_agent.ports import PortError, bus_configs
+from heronry_agent.vocabulary import Note
+from heronry_wire.errors import HeronryError
+from heronry_wire.link import Link
+from heronry_wire.pe_table import PeTable, TableError
+
+_LISTEN_PERIODS = 2
+
+_EPILOG = """\
+examples:
+  pe-agent --table nav.table -i socketcan -c can0
+  pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
+  pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
+  pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
+
+'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
+can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTERM; a PE that just vanishes is no harm.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return _run(arguments)
+    except (TableError, PortError) as error:
+        return _complain(error, 2)
+    except HeronryError as error:
+        return _complain(error, 1)
+    except KeyboardInterrupt:
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pe-agent",
+        description="Run the modules that the manager gives this processing element, and report to it.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--table", type=Path, required=True, metavar="FILE", help="what 'heronry table' wrote for it")
+    parser.add_argument(
+        "--bus",
+        action="append",
+        default=[],
+        metavar="NAME=[INTERFACE:]CHANNEL",
+        help="a bus of the table on this channel; once for each bus of a gateway",
+    )
+    parser.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where the boot count is kept (default: drawn from the clock)"
+    )
+    parser.add_argument(
+        "--bench-origin",
+        type=int,
+        metavar="NS",
+        help="when the simulated flight took off, in ns of the monotonic clock (default: now)",
+    )
+    parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
+    talk = parser.add_mutually_exclusive_group()
+    talk.add_argument("-q", "--quiet", action="store_true", help="say only what ends the agent")
+    talk.add_argument("-v", "--verbose", action="store_true", help="say at the end what was not understood or late")
+    add_bus_arguments(parser, group_title="the bus toward the manager")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    table = _read_table(arguments.table)
+    configs = bus_configs(table, arguments, arguments.bus)
+    tell = _silent if arguments.quiet else _print_note
+    origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
+    host = ModuleHost(table, Bench(origin_ns))
+    for image, reason in host.missing_images.items():
+        tell(Note("image", f"{image} cannot be run here: {reason}"))
+    with ExitStack() as undo:
+        links = []
+        for config in configs:
+            links.append(Link(config))
+            undo.callback(links[-1].close)
+        if hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns):
+            sentence = f"another node on the bus has node-ID {table.node_id}; give one of them another in the spec"
+            return _complain(sentence, 1)
+        incarnation = next_incarnation(arguments.state_dir, table.node_id)
+        core = AgentCore(table, incarnation, time.monotonic_ns(), missing_images=frozenset(host.missing_images))
+        driver = AgentDriver(core, host, links, tell)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: driver.stop())
+        driver.run(until_eof=arguments.until_eof)
+        if arguments.verbose:
+            _print_counts(core, links, table)
+    return 0
+
+
+def _read_table(file: Path) -> PeTable:
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise TableError(f"{file}: {reason}; write the table with 'heronry table'") from error
+    try:
+        return PeTable.from_json(text)
+    except TableError as error:
+        raise TableError(f"{file}: {error}") from error
+
+
+def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> None:
+    for (what, where), times in sorted(core.counts.items()):
+        _print_note(Note("count", f"{what} ({where}): {times}"))
+    for module, times in sorted(core.modules.schedule.overruns.items()):
+        if times:
+            _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+    for link in links:
+        lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}"
+        _print_note(Note("count", f"{link.name}: {lost}"))
+
+
+def _silent(note: Note) -> None:
+    """Say nothing."""
+
+
+def _print_note(note: Note) -> None:
+    print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
+
+
+def _complain(what: object, code: int) -> int:
+    print(f"pe-agent: {what}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

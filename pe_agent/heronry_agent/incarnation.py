@@ -1,0 +1,54 @@
+"""The boot count of a PE, 0..255: how everybody else knows that it has restarted, even within one heartbeat period.
+
+Kept in a folder it goes up by one with each start: the file is replaced as a whole and fsynced before the agent speaks,
+so a crash at any byte leaves the old number or the new one. Without a folder, or where the file does not hold a number,
+it is drawn from the clock, and one restart in 256 looks like none.
+"""
+
+import os
+import time
+from pathlib import Path
+
+from heronry_wire.errors import HeronryError
+
+_INCARNATIONS = 256
+_NS_PER_MS = 1_000_000
+
+
+class IncarnationError(HeronryError):
+    """The boot count cannot be kept; the message is one sentence with the remedy."""
+
+
+def next_incarnation(folder: Path | None, node: int) -> int:
+    """Give the number of this start, and keep it where there is a folder; raises IncarnationError."""
+    if folder is None:
+        return _drawn()
+    file = folder / f"pe-{node}.incarnation"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = file.read_text(errors="replace").strip() if file.exists() else ""
+        incarnation = (int(text) + 1) % _INCARNATIONS if text.isascii() and text.isdecimal() else _drawn()
+        _replace(file, f"{incarnation}\n")
+    except OSError as error:
+        raise IncarnationError(
+            f"{error.filename or file}: {error.strerror}; name a folder that can be written with --state-dir"
+        ) from error
+    return incarnation
+
+
+def _drawn() -> int:
+    return time.time_ns() // _NS_PER_MS % _INCARNATIONS
+
+
+def _replace(file: Path, text: str) -> None:
+    draft = file.with_suffix(".new")
+    with draft.open("w") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.replace(file)
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
