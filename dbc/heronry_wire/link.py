@@ -34,6 +34,11 @@ RETRY_NS = 1_000_000
 _ECHOING = ("socketcan", "softbus", "virtual")
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
+_REMEDIES = {
+    errno.EAFNOSUPPORT: "this kernel has no CAN: use a software bus, or run under tools/with-vcan",
+    errno.ENODEV: "there is no such interface: 'ip link' lists those there are",
+    errno.ENETDOWN: "the interface is down: 'ip link set NAME up' brings it up",
+}
 
 
 class LinkError(HeronryError):
@@ -110,7 +115,11 @@ class Link:
     def _open(self, config: Mapping[str, Any]) -> can.BusABC:
         try:
             bus = can.Bus(**{**config, "receive_own_messages": True})
-        except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+        except can.CanInterfaceNotImplementedError as error:
+            if "interface" in config:
+                raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
+            raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
+        except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
             raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
         try:
             self._fileno = bus.fileno()
@@ -169,6 +178,9 @@ def _is_full(error: Exception) -> bool:
 
 
 def _sentence(error: BaseException) -> str:
-    """First line of an error, without a full stop."""
+    """First line of an error, without a full stop, or what to do where we know better."""
+    code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
+    if code in _REMEDIES:
+        return _REMEDIES[code]
     cause = error.__cause__ if isinstance(error.__cause__, OSError) and not str(error) else error
     return str(cause).strip().splitlines()[0].rstrip(".") if str(cause).strip() else type(error).__name__

@@ -141,7 +141,7 @@ def test_a_full_controller_is_tried_again_in_the_same_order(stubborn: Link, refu
 
 def test_any_other_refusal_is_the_end_of_the_link(stubborn: Link) -> None:
     Stubborn.current.refusals = [can.CanOperationError("Network is down", errno.ENETDOWN)]
-    with pytest.raises(LinkError, match="Network is down"):
+    with pytest.raises(LinkError, match="the interface is down"):
         stubborn.send(Frame(5, b""), 0)
 
 
@@ -162,3 +162,19 @@ def test_a_time_stamp_of_another_clock_makes_a_frame_old_and_never_newer_than_no
     old, new = stubborn.receive(1_000)
     assert old.time_ns < 0
     assert new.time_ns == 1_000
+
+
+def test_no_interface_at_all_says_how_to_name_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(can.util, "CONFIG_FILES", [])
+    monkeypatch.delenv("CAN_INTERFACE", raising=False)
+    with pytest.raises(LinkError, match="give -i INTERFACE"):
+        Link({})
+
+
+def test_a_back_end_that_breaks_while_it_is_opened_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(**_: object) -> can.BusABC:
+        raise NameError("a name of its library is not defined")
+
+    monkeypatch.setattr(can, "Bus", broken)
+    with pytest.raises(LinkError, match="kvaser 0 cannot be opened: a name of its library is not defined"):
+        Link({"interface": "kvaser", "channel": "0"})
