@@ -261,7 +261,7 @@ class ManagerCore:
         elif known is not None and known.compiled.digest == page.digest:
             seen.configured = True
             self._exclusion.reported(pe, known.placed)
-            known.reported(pe, page.state)
+            known.reported(pe, page.state, now_ns)
         elif self._epochs:
             self._fail(now_ns, pe, f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded")
 
@@ -479,7 +479,7 @@ class ManagerCore:
         node = self._spec.pes[pe].node_id
         runs = known.compiled.slice_digests[node] if known is not None and seen.configured else None
         return Participant(
-            pe=pe, node=node, retry_ns=self._health.period_ns(pe) // 2, awaited=pe in self._wired, runs_digest=runs
+            pe=pe, node=node, period_ns=self._health.period_ns(pe), awaited=pe in self._wired, runs_digest=runs
         )
 
     # Epochs

@@ -7,9 +7,9 @@
     DONE        every awaited PE is ACTIVE
     ABANDONED   given up before ACTIVATE: the number is never used again
 
-A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged: a lost frame costs
-one `retry`, a doubled one nothing. A PE that has not answered in `patience` retries is reported in `overdue`; the core
-fails it and plans around it. After the first ACTIVATE there is no way back, only on to a newer epoch.
+A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
+half a heartbeat period, then half as often each time: a lost frame costs little, a doubled one nothing, and a slow PE
+is not flooded. One that owes an answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way back, only on to a newer epoch.
 
 *Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
 waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
@@ -33,7 +33,8 @@ from heronry_wire.management import (
     Step,
 )
 
-PATIENCE_RETRIES = 8
+PATIENCE_PERIODS = 25  # heartbeat periods of the PE; one that is silent altogether is declared down long before
+_SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
 _LONGEST_BURST = 8  # bodies sent at once by a driver whose timer was late
 
@@ -49,13 +50,23 @@ class Stage(Enum):
     ABANDONED = "abandoned"
 
 
+_STEP_OF = {
+    Stage.PREPARING: Step.PREPARED,
+    Stage.BREAKING: Step.BREAK,
+    Stage.HOLDING: Step.GO,
+    Stage.GOING: Step.GO_ALL,
+    Stage.DONE: Step.GO_ALL,
+    Stage.ABANDONED: Step.PREPARED,
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Participant:
     """A PE counted on when the epoch was opened."""
 
     pe: str
     node: int
-    retry_ns: int
+    period_ns: int  # of its heartbeat
     awaited: bool
     runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
 
@@ -65,10 +76,22 @@ class _Progress:
     who: Participant
     staged: bool = False
     step: Step = Step.PREPARED  # the furthest that its state frames have shown
-    partial: bool = False
     wants_body: bool = False
+    since_ns: int = 0  # when it was first asked for what it now owes
     asked_ns: int = 0
     asked_times: int = 0
+
+    def again_ns(self) -> int:
+        """When to ask again: half a period after the first time, later and later after that."""
+        return self.asked_ns + self.who.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY) // 2
+
+    def owes(self, now_ns: int) -> None:
+        """It has answered: from now on it owes the next thing."""
+        self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Tell whether it has been asked for the same thing for too long."""
+        return now_ns >= self.since_ns + PATIENCE_PERIODS * self.who.period_ns
 
 
 @dataclass(slots=True)
@@ -105,19 +128,15 @@ class Reconfiguration:
         self._bodies: deque[SliceBody] = deque()
         self._next_body_ns = self.started_ns
         self._body_gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
-        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
+        self._send_prepare()
         for progress in self._progress.values():
+            progress.owes(self.started_ns)
             self._ask(progress, self.started_ns)
 
     @property
     def step(self) -> Step:
         """Step that LEASE repeats."""
-        return {
-            Stage.BREAKING: Step.BREAK,
-            Stage.HOLDING: Step.GO,
-            Stage.GOING: Step.GO_ALL,
-            Stage.DONE: Step.GO_ALL,
-        }.get(self.stage, Step.PREPARED)
+        return _STEP_OF[self.stage]
 
     @property
     def open(self) -> bool:
@@ -130,12 +149,13 @@ class Reconfiguration:
         if progress is None or not self.open:
             return
         if has_staged and not progress.staged:
-            progress.staged, progress.asked_times = True, 0
+            progress.staged = True
+            progress.owes(now_ns)
         elif wants_body and not progress.staged and not progress.wants_body:
             progress.wants_body = True
             self._queue_body(progress.who, now_ns)
 
-    def reported(self, pe: str, state: PeState) -> None:
+    def reported(self, pe: str, state: PeState, now_ns: int) -> None:
         """Page 0 of a PE names this epoch: it has taken a step."""
         progress = self._progress.get(pe)
         if progress is None or state is PeState.UNCONFIGURED:
@@ -143,7 +163,8 @@ class Reconfiguration:
         progress.staged = True
         reached = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO_ALL}[state]
         if reached > progress.step:
-            progress.step, progress.asked_times = reached, 0
+            progress.step = reached
+            progress.owes(now_ns)
 
     def drop(self, pe: str) -> None:
         """A PE is no longer counted on: wait for it no more."""
@@ -172,6 +193,8 @@ class Reconfiguration:
         self.times.staged_ns = self.times.activated_ns = now_ns
         self.must_break = must_break & self._progress.keys()
         self.held_until_ns = held_until_ns
+        for progress in self._progress.values():
+            progress.owes(now_ns)
         if self.must_break:
             self.stage = Stage.BREAKING
             self._send_step()
@@ -181,6 +204,8 @@ class Reconfiguration:
     def go(self, now_ns: int) -> None:
         """Everything exclusive is free but what a silent PE may still hold: start the rest."""
         held = self.held_until_ns is not None and now_ns < self.held_until_ns
+        for progress in self._progress.values():
+            progress.owes(now_ns)
         self.stage = Stage.HOLDING if held else Stage.GOING
         self._send_step()
 
@@ -196,25 +221,24 @@ class Reconfiguration:
     def tick(self, now_ns: int) -> list[str]:
         """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
         self._pace_bodies(now_ns)
-        overdue = []
-        step_again = False
-        for pe, progress in self._progress.items():
-            if not self._waits_for(progress) or now_ns < progress.asked_ns + progress.who.retry_ns:
-                continue
-            if progress.asked_times >= PATIENCE_RETRIES:
-                overdue.append(pe)
-            elif not progress.staged:
-                self._ask(progress, now_ns)
-            else:
-                step_again = True
-                progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
-        if step_again:
+        waiting = {pe: progress for pe, progress in self._progress.items() if self._waits_for(progress)}
+        overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
+        again = [p for pe, p in waiting.items() if pe not in overdue and now_ns >= p.again_ns()]
+        if any(not progress.staged for progress in again):
+            self._send_prepare()
+        if any(progress.staged for progress in again):
             self._send_step()
+        for progress in again:
+            if progress.staged:
+                progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
+            else:
+                self._ask(progress, now_ns)
         return overdue
 
     def next_deadline_ns(self) -> int | None:
         """When `tick` has something to do."""
-        deadlines = [p.asked_ns + p.who.retry_ns for p in self._progress.values() if self._waits_for(p)]
+        wanted = self.step
+        deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
         if self._bodies:
             deadlines.append(self._next_body_ns)
         if self.stage is Stage.HOLDING and self.held_until_ns is not None:
@@ -233,12 +257,12 @@ class Reconfiguration:
         """Send the head of a slice, and its body again if it was asked for before."""
         who = progress.who
         body, digest = self.compiled.slices[who.node], self.compiled.slice_digests[who.node]
-        if progress.asked_times:
-            self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
         self.outbox.append(SliceHead(who.node, self.epoch & 0xFF, len(body), digest))
         if progress.wants_body:
             self._queue_body(who, now_ns)
-        progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
+        else:
+            progress.asked_ns = now_ns
+        progress.asked_times += 1
 
     def _queue_body(self, who: Participant, now_ns: int) -> None:
         queued = {(frame.node, frame.index) for frame in self._bodies}
@@ -255,6 +279,9 @@ class Reconfiguration:
         while self._bodies and now_ns >= self._next_body_ns:
             self.outbox.append(self._bodies.popleft())
             self._next_body_ns += self._body_gap_ns
+
+    def _send_prepare(self) -> None:
+        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
 
     def _send_step(self) -> None:
         self.outbox.append(Activate(self.term, self.epoch, self.step, self.compiled.digest))
