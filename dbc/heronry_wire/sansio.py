@@ -35,7 +35,11 @@ class InvariantError(AssertionError):
     """A core found itself in a state that must not be; the message tells what and the recent events."""
 
 
-def require(condition: bool, story: str) -> None:
-    """Check an invariant, with `python -O` too; raises InvariantError with the story."""
+def require(condition: bool, story: str, *facts: object) -> None:
+    """Check an invariant, with `python -O` too; raises InvariantError with the story.
+
+    The facts take the places of `{}` in the story; nothing is written out while all is well, since cores are checked
+    after every step.
+    """
     if not condition:
-        raise InvariantError(story)
+        raise InvariantError(story.format(*facts))

@@ -86,6 +86,10 @@ class AgentCore:
         """What was not understood or not obeyed, by what it was and identifier (or module)."""
         return self._turn.counts
 
+    def hears(self, identifier: int) -> bool:
+        """Tell whether frames of an identifier mean anything here now; a driver may keep all others to itself."""
+        return identifier in self._handlers
+
     def step(self, now_ns: int, event: Event) -> list[Action]:
         """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
         turn = self._turn

@@ -125,8 +125,8 @@ class RunningModules:
         """Check that what runs here is what the reconfiguration says; raises InvariantError."""
         modes = {module: running.mode for module, running in self._running.items()}
         live = self._reconfiguration.live
-        require(modes == live, f"modules {modes} run, and {live} should")
-        require(self.schedule.modules == modes.keys(), f"scheduled {self.schedule.modules}, running {modes}")
+        require(modes == live, "modules {} run, and {} should", modes, live)
+        require(self.schedule.modules == modes.keys(), "scheduled {}, running {}", self.schedule.modules, modes)
 
     def _start(self, module: int, mode: int) -> None:
         entry = self._index.modules[module]

@@ -9,6 +9,7 @@ before has answered, so that a chain of modules on one PE passes a value on with
 """
 
 from collections import Counter
+from collections.abc import KeysView
 from dataclasses import dataclass
 
 from heronry_agent.vocabulary import NEVER_NS
@@ -54,9 +55,9 @@ class Schedule:
         return self._next_ns if self._busy is None else NEVER_NS
 
     @property
-    def modules(self) -> frozenset[int]:
+    def modules(self) -> KeysView[int]:
         """Modules that have releases."""
-        return frozenset(self._grids)
+        return self._grids.keys()
 
     def start(self, module: int, rate_mhz: int, now_ns: int) -> None:
         """Begin a grid; its first release is now."""
