@@ -1,7 +1,8 @@
 """The drivers of the simulator: a core, its stations on the buses, its deadline on the virtual clock.
 
 What a real driver does with a socket and a timer, these do with a `Station` and the `Clock`; the cores and the modules
-are the ones that fly. Every call of a core is followed by its `validate`.
+are the ones that fly. Every call that makes a core do something is followed by its `validate`; what a call breaks that
+does nothing shows with the next one, a beat later at most.
 
 A PE lives on a clock of its own, ahead of virtual time by `ahead_ns`: no two processors of an aircraft were switched on
 at the same moment, and how their periods lie to each other decides much. A module computes in no time at all.
@@ -15,15 +16,16 @@ from typing import Any, NamedTuple
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
-from heronry_agent.vocabulary import Action, Event, StepModule
+from heronry_agent.vocabulary import Action, StepModule
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import Emit, ManagerAction, ManagerCore, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.world import Window
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Send, Tick, require
+from heronry_wire.sansio import Received, Send, Tick, require
 
 _NEVER_NS = 1 << 63
 _MOST_RINGS_AT_ONCE = 1000
@@ -63,7 +65,7 @@ class Alarm:
         self._due_ns = _NEVER_NS
         self._rings = self._rings + 1 if now_ns == self._last_ns else 1
         self._last_ns = now_ns
-        require(self._rings <= _MOST_RINGS_AT_ONCE, f"a core wants to be called at {now_ns} ns again and again")
+        require(self._rings <= _MOST_RINGS_AT_ONCE, "a core wants to be called at {} ns again and again", now_ns)
         self._ring()
 
 
@@ -78,18 +80,18 @@ class SimulatedPe:
         *,
         incarnation: int,
         ahead_ns: int,
+        world: Bench,
         drive: Callable[[Driven], None],
     ) -> None:
         """Join the buses and start; `drive` is told of every step of a DEMUX branch."""
         self.name = table.name
-        self.bench = Bench(ahead_ns)
         self._clock, self._ahead_ns, self._drive = clock, ahead_ns, drive
-        self._host = ModuleHost(table, self.bench)
+        self._host = ModuleHost(table, Window(world, ahead_ns))
         missing = frozenset(self._host.missing_images)
         self.core = AgentCore(table, incarnation, clock.now_ns + ahead_ns, missing_images=missing)
         self._branches = {module.index: module.name for module in table.modules if module.demux}
         self._stations = [
-            (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
+            (buses[port.bus], buses[port.bus].join(table.name, i, self._receive)) for i, port in enumerate(table.ports)
         ]
         self._alarm = Alarm(clock, self._wake)
         self._alarm.set(self.core.next_deadline_ns() - ahead_ns)
@@ -110,23 +112,31 @@ class SimulatedPe:
         for bus, station in self._stations:
             bus.mend(station)
 
+    def _receive(self, event: Received) -> None:
+        core = self.core
+        if core.hears(event.frame.can_id):
+            now_ns = self._clock.now_ns + self._ahead_ns
+            actions = core.step(now_ns, event)
+            if actions:
+                self._carry_out(now_ns, actions)
+            self._alarm.set(core.next_deadline_ns() - self._ahead_ns)
+
     def _wake(self) -> None:
         due_ns = self.core.next_deadline_ns() - self._ahead_ns
         if due_ns > self._clock.now_ns:
             self._alarm.set(due_ns)
         else:
-            self._take(Tick())
+            now_ns = self._clock.now_ns + self._ahead_ns
+            self._carry_out(now_ns, self.core.step(now_ns, Tick()))
+            self._alarm.set(self.core.next_deadline_ns() - self._ahead_ns)
 
-    def _take(self, event: Event) -> None:
-        now_ns = self._clock.now_ns + self._ahead_ns
-        events: list[Event] = [event]
-        for one in events:  # grows while it is worked off: modules answer at once
-            for action in self.core.step(now_ns, one):
-                answer = self._do(now_ns, action)
-                if answer is not None:
-                    events.append(answer)
-            self.core.validate()
-        self._alarm.set(self.core.next_deadline_ns() - self._ahead_ns)
+    def _carry_out(self, now_ns: int, actions: list[Action]) -> None:
+        """Do what the core asks for, and what it asks for when its modules have answered."""
+        self.core.validate()
+        for action in actions:
+            answer = self._do(now_ns, action)
+            if answer is not None:
+                self._carry_out(now_ns, self.core.step(now_ns, answer))
 
     def _do(self, now_ns: int, action: Action) -> Answer | None:
         match action:
@@ -161,7 +171,7 @@ class SimulatedManager:
         self._running = True
         self.stopped: str | None = None  # why the core wanted to end
         self.core = ManagerCore(spec, node, term, clock.now_ns)
-        self._station = bus.join(f"manager {node}", 0, self._take)
+        self._station = bus.join(f"manager {node}", 0, self._receive)
         self._alarm = Alarm(clock, self._wake)
         self._set_alarm()
 
@@ -170,6 +180,10 @@ class SimulatedManager:
         self._running = False
         self._alarm.stop()
         self._bus.leave(self._station)
+
+    def _receive(self, event: Received) -> None:
+        if self.core.hears(event.frame.can_id):
+            self._take(event)
 
     def _set_alarm(self) -> None:
         due_ns = self.core.next_deadline_ns()

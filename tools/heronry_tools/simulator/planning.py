@@ -24,7 +24,7 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     if known is None:
         known = plan(spec, now, running)
         refusals = verify(spec, now, known.configuration)
-        require(not refusals, f"the planner's plan for {sorted(now.down)} is not legal: {refusals[:1]}")
+        require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
         _KNOWN[key] = known
     return known
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from heronry_agent.bench import Failure
+from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
@@ -58,6 +58,7 @@ class Simulation:
         """
         self.spec, self.seed = spec, seed
         self.clock = Clock()
+        self.world = Bench(0)
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
         self.checks = Checks(spec)
@@ -159,6 +160,7 @@ class Simulation:
             self.buses,
             incarnation=self._incarnations[pe] % 256,
             ahead_ns=self._random.randrange(_CLOCKS_APART_NS),
+            world=self.world,
             drive=self.checks.driven,
         )
 
@@ -175,8 +177,7 @@ class Simulation:
 
     def fail_device(self, device: str, how: Failure) -> None:
         """Let a device fail; whether anybody notices is for the monitors."""
-        pe = self.pes[self.spec.devices[device].pe]
-        pe.bench.fail(device, how, self.clock.now_ns)
+        self.world.fail(device, how, self.clock.now_ns)
         self.failed(f"device:{device}")
 
     def failed(self, element: str) -> None:
