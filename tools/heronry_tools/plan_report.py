@@ -12,7 +12,7 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Survivors, survivors
 
-_BAR = 10  # characters
+_BAR = 5  # characters; wide tables must fit narrow terminals
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,18 +69,20 @@ def _tables(spec: Spec, plan: Plan) -> Iterator[Table]:
     left = survivors(spec, plan.now)
     yield Table(("function", "class", "priority", "mode", "value", ""), list(_function_rows(spec, plan)))
     yield Table(("PE", "CPU", "RAM", "flash", "modules"), list(_pe_rows(spec, plan, left)))
-    yield Table(("bus", "data", "of what data may take"), list(_bus_rows(plan, left)))
+    yield Table(("bus", "data, of what is left for it", "of the bit rate"), list(_bus_rows(plan, left)))
 
 
 def _function_rows(spec: Spec, plan: Plan) -> Iterator[Sequence[Cell]]:
     for name, report in plan.functions.items():
         function = spec.functions[name]
-        rank, priority = function.criticality_in(plan.now.phase), str(function.priority_in(plan.now.phase))
+        rank, priority = function.criticality_in(plan.now.phase), function.priority_in(plan.now.phase)
         if report.served:
             output = next(module for module in function.outputs if module in plan.configuration.modules)
-            yield name, rank, priority, report.mode or "", str(report.value), f"served by {output}"
+            yield name, rank, str(priority), report.mode or "", str(report.value), f"served by {output}"
+        elif priority == 0:
+            yield name, rank, "0", "-", "-", "not wanted"
         else:
-            yield name, rank, priority, "-", "-", Bad(f"NOT SERVED: {report.why_not}")
+            yield name, rank, str(priority), "-", "-", Bad(f"NOT SERVED: {report.why_not}")
 
 
 def _pe_rows(spec: Spec, plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]]:
@@ -97,9 +99,9 @@ def _pe_rows(spec: Spec, plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]
         ]
         yield (
             name,
-            _bar(used.cpu_millis, cpu, f"{used.cpu_millis / 1000:.3f} of {cpu / 1000:.3f}"),
-            _bar(used.ram, pe.ram, f"{_bytes(used.ram)} of {_bytes(pe.ram)}"),
-            _bar(used.flash, pe.flash, f"{_bytes(used.flash)} of {_bytes(pe.flash)}"),
+            _bar(used.cpu_millis, cpu, f"{used.cpu_millis / 1000:g}/{cpu / 1000:g}"),
+            _bar(used.ram, pe.ram, _bytes(used.ram, pe.ram)),
+            _bytes(used.flash, pe.flash),
             modules[0] if modules else "",
         )
         for module in modules[1:]:
@@ -109,22 +111,22 @@ def _pe_rows(spec: Spec, plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]
 def _bus_rows(plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]]:
     for name, used in plan.buses.items():
         if name not in left.bus_mbit_per_s:
-            yield name, "-", Bad("is down")
+            yield name, Bad("is down"), "-"
             continue
         capacity = left.bus_mbit_per_s[name] // 1000
-        of_bus = f"{used.bits_per_s} bit/s ({used.load:.2%} of the bit rate)"
-        yield name, of_bus, _bar(used.bits_per_s, capacity, f"{used.bits_per_s} of {capacity} bit/s")
+        share = _bar(used.bits_per_s, capacity, f"{used.bits_per_s}/{capacity} bit/s")
+        yield name, share, f"{used.load:.2%}"
 
 
 def _bar(used: int, capacity: int, text: str) -> Bar:
     return Bar(used / capacity if capacity else 0.0, text)
 
 
-def _bytes(count: int) -> str:
-    for unit, size in (("MiB", 1 << 20), ("KiB", 1 << 10)):
-        if count >= size:
-            return f"{count / size:.4g} {unit}"
-    return f"{count} B"
+def _bytes(used: int, capacity: int) -> str:
+    for unit, size in (("M", 1 << 20), ("K", 1 << 10)):
+        if capacity >= size:
+            return f"{used / size:.3g}/{capacity / size:.4g}{unit}"
+    return f"{used}/{capacity}"
 
 
 def _plain(table: Table) -> Iterator[str]:
@@ -156,7 +158,8 @@ def _filled(share: float) -> int:
 def _print_rich(headline: str, tables: Sequence[Table]) -> bool:
     """Print with rich; False where it is not installed."""
     try:
-        from rich.console import Console  # noqa: PLC0415 - an extra
+        from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - an extra
+        from rich.console import Console  # noqa: PLC0415
         from rich.table import Table as RichTable  # noqa: PLC0415
         from rich.text import Text  # noqa: PLC0415
     except ImportError:
@@ -176,7 +179,9 @@ def _print_rich(headline: str, tables: Sequence[Table]) -> bool:
     console = Console()
     console.print(Text(headline))
     for table in tables:
-        rich_table = RichTable(*table.columns)
+        rich_table = RichTable(box=SIMPLE_HEAD, pad_edge=False)
+        for column in table.columns:
+            rich_table.add_column(column, overflow="fold")
         for row in table.rows:
             rich_table.add_row(*map(rendered, row))
         console.print(rich_table)

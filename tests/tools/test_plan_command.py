@@ -1,0 +1,137 @@
+"""`heronry plan` and `heronry verify` as a user meets them: tables, JSON, exit codes, one sentence for a mistake."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from heronry_tools.cli import main
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(list(arguments))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_a_plan_is_shown_with_what_is_served_where_it_runs_and_what_it_costs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, out, err = run(capsys, "plan", "elevator_and_chute", "--down", "device:gps")
+    lines = out.splitlines()
+    assert (code, err) == (0, "")
+    assert lines[0] == "elevator_and_chute, down: device:gps"
+    assert lines[1].startswith("the best there is: critical A 100, B 80, C 0, D 20; utility 20000; inputs 2;")
+    assert "elevator          A      100       only  100    served by servo_driver_1" in lines
+    assert any(line.startswith("sensor_pe") and "pressure_driver" in line for line in lines)
+    assert any(line.strip() == "low_quality_altitude" for line in lines)
+    assert any(line.startswith("can0") and "1350/700000 bit/s" in line for line in lines)
+
+
+def test_what_is_not_served_says_why(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--down", "pe:tail_pe")
+    elevator = next(line for line in out.splitlines() if line.startswith("elevator "))
+    assert "NOT SERVED: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is down" in elevator
+    assert any(line.startswith("tail_pe") and line.endswith("is down") for line in out.splitlines())
+
+
+SMALL = """
+dg: 1
+name: small
+buses: {can0: {bitrate: 125000}}
+pes: {only_one: {node_id: 92, buses: [can0], cpu: 1, ram: 10KiB, flash: 10KiB}}
+variables: {}
+modules:
+  first: {cpu: 0.6, ram: 1KiB, rate_hz: 10}
+  second: {cpu: 0.6, ram: 1KiB, rate_hz: 10}
+  giant: {cpu: 2, ram: 1KiB, rate_hz: 10}
+functions:
+  first: {output: first, criticality: A}
+  second: {output: second}
+  giant: {output: giant}
+"""
+
+
+def test_what_never_fits_is_told_from_what_others_have_pushed_out(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "small.dg.yaml"
+    file.write_text(SMALL)
+    _, out, _ = run(capsys, "plan", str(file), "--json")
+    functions = json.loads(out)["functions"]
+    assert functions["first"]["served"]
+    assert functions["second"]["why_not"] == "it could run alone, but what is served outranks it and leaves no room"
+    assert functions["giant"]["why_not"] == "the PEs and buses that are up cannot fit it, even alone"
+
+
+def test_a_plan_written_as_json_is_legal_where_it_was_made_and_not_elsewhere(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--down", "device:gps", "--json")
+    plan = tmp_path / "plan.json"
+    plan.write_text(out)
+    assert run(capsys, "verify", "elevator_and_chute", str(plan)) == (0, "legal: no rule is broken\n", "")
+    code, out, _ = run(capsys, "verify", "elevator_and_chute", str(plan), "--down", "device:barometer")
+    assert code == 1
+    assert out == "rule 1.device_down, module pressure_driver: its device barometer is down\n"
+    code, out, _ = run(capsys, "verify", "elevator_and_chute", str(plan), "--limit", "pe:sensor_pe=10%")
+    assert code == 1
+    assert out.startswith("rule 7.cpu, pe sensor_pe: ")
+
+
+def test_a_plan_may_come_from_standard_input(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO('{"modules": {}}'))
+    assert run(capsys, "verify", "elevator_and_chute", "-")[0] == 0
+
+
+def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--json")
+    now = tmp_path / "now.json"
+    now.write_text(out)
+    arguments = ("plan", "elevator_and_chute", "--down", "device:elevator_servo_1", "--running", str(now), "--json")
+    _, out, _ = run(capsys, *arguments)
+    assert json.loads(out)["objective"]["changes"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("plan", "nothing"), "'nothing' is neither a file nor a shipped spec"),
+        (("plan", "missing.dg.yaml"), "missing.dg.yaml:1:1: the file cannot be read: No such file or directory"),
+        (("plan", "elevator_and_chute", "--down", "pe:tail"), "no pe is named 'tail'; did you mean 'tail_pe'?"),
+        (("plan", "elevator_and_chute", "--down", "tail_pe"), "'tail_pe' is not an element; write KIND:NAME"),
+        (("plan", "elevator_and_chute", "--limit", "bus:can0=140%"), "more than the capacity there is"),
+        (("plan", "elevator_and_chute", "--phase", "glide"), "no phase is named 'glide'"),
+        (("plan", "elevator_and_chute", "--running", "missing.json"), "missing.json: No such file or directory"),
+        (("verify", "elevator_and_chute", "missing.json"), "missing.json: No such file or directory"),
+        (("verify", "elevator_and_chute", "{}"), "'modules'"),
+        (("verify", "elevator_and_chute", "[1]"), "must be an object"),
+        (("verify", "elevator_and_chute", "\xff"), "is not UTF-8 text"),
+        (("verify", "elevator_and_chute", '{"modules": {}, "down": ["pe:tail"]}'), "did you mean 'tail_pe'"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], sentence: str
+) -> None:
+    *others, last = arguments
+    if arguments[0] == "verify" and last != "missing.json":
+        file = tmp_path / "plan.json"
+        file.write_bytes(last.encode("latin-1"))
+        last = str(file)
+    code, out, err = run(capsys, *others, last)
+    assert (code, out) == (2, "")
+    assert err.startswith("heronry: ")
+    assert err.count("\n") == 1
+    assert sentence in err
+
+
+@pytest.mark.parametrize("command", ["plan", "verify"])
+def test_help_teaches_by_example(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    with pytest.raises(SystemExit) as leaving:
+        main([command, "--help"])
+    assert leaving.value.code == 0
+    assert "examples:" in capsys.readouterr().out
