@@ -75,6 +75,10 @@ class Link:
         self.queue.push(frame)
         self.pump(now_ns)
 
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back what waits under these identifiers; what is in flight stays there."""
+        self.queue.withdraw(identifiers)
+
     def receive(self, now_ns: int) -> list[Arrival]:
         """Take what has arrived, without waiting, at most a burst; own echoes are taken out."""
         arrivals = []

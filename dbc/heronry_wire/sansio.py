@@ -31,6 +31,17 @@ class Send:
     frame: Frame
 
 
+@dataclass(frozen=True, slots=True)
+class Withdraw:
+    """Take back the frames that still wait in this node's queues under these identifiers: they must not be sent now.
+
+    Another node may be about to send under them, and what this one says next (that it has stopped) is more urgent than
+    data, so it would overtake them. A frame already handed to the controller is ahead of everything said later.
+    """
+
+    identifiers: frozenset[int]
+
+
 class InvariantError(AssertionError):
     """A core found itself in a state that must not be; the message tells what and the recent events."""
 

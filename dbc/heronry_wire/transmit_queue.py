@@ -34,6 +34,10 @@ class TransmitQueue:
             del self._frames[0]
             self.dropped += 1
 
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back every 11-bit frame with one of these identifiers."""
+        self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
+
     def first(self) -> Frame:
         """Look at the most urgent frame; raises IndexError where there is none."""
         return self._frames[-1][2]

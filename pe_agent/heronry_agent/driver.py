@@ -27,7 +27,7 @@ from heronry_agent.vocabulary import Action, Note, StartFailed, StepFailed, Step
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Received, Send, Tick, Withdraw
 
 _NS_PER_S = 1_000_000_000
 
@@ -113,6 +113,9 @@ class AgentDriver:
         match action:
             case Send(port, frame):
                 self._links[port].send(frame, time.monotonic_ns())
+            case Withdraw(identifiers):
+                for link in self._links:
+                    link.withdraw(identifiers)
             case Note():
                 self._tell(action)
             case _:

@@ -22,6 +22,7 @@ from heronry_agent.running_modules import RunningModules
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
+from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import FIRST_PE, MANAGER_NODES, Command, management_id
 from heronry_wire.management import (
@@ -41,7 +42,7 @@ from heronry_wire.management import (
     Step,
     decode_command,
 )
-from heronry_wire.sansio import Received
+from heronry_wire.sansio import Received, Withdraw
 
 _BROADCAST = 0
 
@@ -169,6 +170,14 @@ class Obedience:
         if moves.rewire:
             self.gateway.rewire(target.slice.forward)
             self.turn.rewired = True
+            self._withdraw(running.slice, target.slice)
         self.turn.wants_page_0 = True
         self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.reconfiguration.state.name}")
         return None
+
+    def _withdraw(self, before: Slice, after: Slice) -> None:
+        """Take back the data that this PE has not sent yet and no longer is the one to send."""
+        gone = {*before.publish, *before.forward} - {*after.publish, *after.forward}
+        if gone:
+            sources = self.index.table.sources
+            self.turn.out.append(Withdraw(frozenset(sources[source].identifier for source in gone)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Received, Send, Tick, Withdraw
 
 NEVER_NS = 1 << 63
 """A deadline that does not come."""
@@ -91,4 +91,4 @@ class Note:
 
 
 Event = Received | Tick | Stepped | StepFailed | StartFailed
-Action = Send | StartModule | StopModule | StepModule | Heard | Note
+Action = Send | Withdraw | StartModule | StopModule | StepModule | Heard | Note

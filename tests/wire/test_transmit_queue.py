@@ -42,3 +42,12 @@ def test_of_equally_urgent_frames_the_newest_does_not_fit() -> None:
     queue.push(Frame(5, b"old"))
     queue.push(Frame(5, b"new"))
     assert drain(queue) == [Frame(5, b"old")]
+
+
+def test_what_is_withdrawn_leaves_no_more_and_the_rest_stays_in_order() -> None:
+    queue = TransmitQueue()
+    for can_id in (7, 5, 7, 6):
+        queue.push(Frame(can_id, b""))
+    queue.push(Frame(7, b"", extended=True))
+    queue.withdraw(frozenset({7, 9}))
+    assert [(frame.can_id, frame.extended) for frame in drain(queue)] == [(7, True), (5, False), (6, False)]

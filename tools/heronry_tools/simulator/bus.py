@@ -19,7 +19,7 @@ Not modelled: bit errors inside a frame, error counters, bus-off.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from random import Random
 from typing import NamedTuple
 
@@ -127,6 +127,12 @@ class SimulatedBus:
         heappush(self._waiting, (arbitration_key(frame), self._offers, station, frame))
         if not self._busy and not self._arbitration_due:
             self._arbitrate_soon()
+
+    def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
+        """Take back what waits at a station under these identifiers; what is being sent is sent."""
+        self._waiting = [one for one in self._waiting if one[2] is not station or one[3].can_id not in identifiers]
+        heapify(self._waiting)
+        station.stranded = [frame for frame in station.stranded if frame.can_id not in identifiers]
 
     def _arbitrate_soon(self) -> None:
         self._arbitration_due = True

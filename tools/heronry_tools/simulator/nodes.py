@@ -25,7 +25,7 @@ from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.world import Window
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, Tick, require
+from heronry_wire.sansio import Received, Send, Tick, Withdraw, require
 
 _NEVER_NS = 1 << 63
 _MOST_RINGS_AT_ONCE = 1000
@@ -143,6 +143,9 @@ class SimulatedPe:
             case Send(port, frame):
                 bus, station = self._stations[port]
                 bus.offer(station, frame)
+            case Withdraw(identifiers):
+                for bus, station in self._stations:
+                    bus.withdraw(station, identifiers)
             case StepModule():
                 if action.module in self._branches:
                     self._drive(Driven(self._clock.now_ns, self.name, self._branches[action.module]))
