@@ -10,7 +10,7 @@ one way to write a slice; bytes that go another (an index twice, a longer number
     number of sources published, then for each: source, bit mask of this PE's buses
     number of sources forwarded (gateways), then for each: source, node-ID of its producer, bit mask of buses to
 
-The digest covers the spec's digest too: a PE that holds another spec's table stages nothing.
+The slice of a PE that has nothing to do is no bytes at all: its head says everything. The digest covers the spec's digest too: a PE that holds another spec's table stages nothing.
 """
 
 import hashlib
@@ -39,7 +39,9 @@ class Slice:
     forward: Mapping[int, tuple[int, int]] = field(default_factory=dict)  # source -> (producer's node-ID, bus mask)
 
     def encode(self) -> bytes:
-        """Encode; equal slices give equal bytes."""
+        """Encode; equal slices give equal bytes, and the empty one gives none."""
+        if self == Slice():
+            return b""
         numbers = [len(self.modules)]
         for module in sorted(self.modules, key=lambda m: m.module):
             numbers += [module.module, module.mode]
@@ -61,6 +63,8 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
 
     Raises SliceError.
     """
+    if not body:
+        return Slice()
     reader = _Reader(body)
     modules = []
     for _ in range(reader.number()):
@@ -76,7 +80,7 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
         raise SliceError(f"{reader.left()} bytes too many")
     decoded = Slice(tuple(modules), remote, publish, forward)
     if decoded.encode() != body or len({module.module for module in modules}) != len(modules):
-        raise SliceError("an index is out of order or there twice, or a number is longer than it needs to be")
+        raise SliceError("an index is out of order or there twice, or the bytes are more than needed")
     return decoded
 
 

@@ -22,9 +22,7 @@ class SliceReader:
         self._missing_images = missing_images
 
     def read(self, body: bytes, digest: int) -> Slice | Reason:
-        """Decode and check the bytes of a slice that was announced with this digest; no bytes are the empty slice."""
-        if not body:
-            return Slice()
+        """Decode and check the bytes of a slice that was announced with this digest."""
         if slice_digest(self._index.table.spec_digest, body) != digest:
             return Reason.DIGEST
         try:

@@ -122,9 +122,18 @@ def test_the_slice_that_already_runs_is_staged_without_its_body() -> None:
 def test_an_empty_slice_stops_everything() -> None:
     pe = OnePe()
     pe.configure(FLYING, 7)
-    pe.command(Prepare(1, 8, 555), SliceHead(NODE, 8, 0, 0), Activate(1, 8, Step.GO_ALL, 555))
+    pe.command(*slice_messages(Slice(), 8, 555), Activate(1, 8, Step.GO_ALL, 555))
     assert pe.running == {}
     assert pe.ask()[0].state is PeState.ACTIVE
+
+
+def test_an_empty_slice_of_another_spec_stops_nothing() -> None:
+    pe = OnePe()
+    pe.configure(FLYING, 7)
+    head = SliceHead(NODE, 8, 0, slice_digest("11" * 32, b""))
+    pe.command(Prepare(1, 8, 555), head, Activate(1, 8, Step.GO_ALL, 555))
+    assert last_page_1(pe).reason is Reason.DIGEST
+    assert pe.running != {}
 
 
 def test_what_is_staged_is_answered_again_and_stays_what_it_is() -> None:

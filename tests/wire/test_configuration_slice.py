@@ -64,9 +64,15 @@ def test_a_slice_byte_for_byte() -> None:
     assert decode_slice(body, LEAVES) == wanted
 
 
-def test_a_pe_that_runs_nothing_has_four_empty_lists() -> None:
-    assert Slice().encode() == bytes(4)
-    assert decode_slice(bytes(4), LEAVES) == Slice()
+def test_a_pe_that_has_nothing_to_do_is_sent_no_bytes() -> None:
+    assert Slice().encode() == b""
+    assert decode_slice(b"", LEAVES) == Slice()
+
+
+def test_a_gateway_that_runs_nothing_may_still_forward() -> None:
+    gateway = Slice(forward={3: (92, 2)})
+    assert gateway.encode() == bytes.fromhex("00 00 00 01 03 5C 02")
+    assert decode_slice(gateway.encode(), LEAVES) == gateway
 
 
 @given(slices)
@@ -112,13 +118,14 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "the bytes end"),
+        ("00", "the bytes end"),
         ("01 07 00 01", "the bytes end"),
         ("01 02 00 00 00 00", "module 2 mode 0 is not in this table"),
         ("01 01 02 00 00 00", "module 1 mode 2 is not in this table"),
         ("00 00 00 00 00", "1 bytes too many"),
+        ("00 00 00 00", "more than needed"),
         ("80808080808000 00 00 00", "a number does not"),
-        ("8000 00 00 00", "longer than it needs to be"),
+        ("8000 00 00 00", "more than needed"),
         ("02 01 01 00 00 00 00 00 00", "out of order or there twice"),
         ("02 00 00 00 00 00 00 00", "out of order or there twice"),
         ("02 01 01 00 01 00 00 00 00 00 00", "out of order or there twice"),
