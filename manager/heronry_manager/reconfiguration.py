@@ -9,7 +9,8 @@
 
 A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
 half a heartbeat period, then half as often each time: a lost frame costs little, a doubled one nothing, and a slow PE
-is not flooded. One that owes an answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way back, only on to a newer epoch.
+is not flooded. One that owes an answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After
+the first ACTIVATE there is no way back, only on to a newer epoch.
 
 *Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
 waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.

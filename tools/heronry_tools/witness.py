@@ -16,6 +16,7 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 
 PATIENCE_PERIODS = 3
+PATIENCE_NS = 100_000_000
 _ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
 
 
@@ -56,7 +57,7 @@ class Witness:
         self._devices = list(spec.devices)
         self._module_of_device = {m.device: m.name for m in spec.modules.values() if m.device is not None}
         self._watched = {
-            name: _Watched(function, PATIENCE_PERIODS * _slowest_period_ns(spec.modules[m] for m in function.outputs))
+            name: _Watched(function, _patience_ns(spec.modules[module] for module in function.outputs))
             for name, function in spec.functions.items()
         }
         self._functions_of: dict[str, list[_Watched]] = {}
@@ -121,5 +122,6 @@ class Witness:
         watched.last = output
 
 
-def _slowest_period_ns(modules: Iterable[Module]) -> int:
-    return max(10**12 // mode.rate_mhz for module in modules for mode in module.modes.values())
+def _patience_ns(modules: Iterable[Module]) -> int:
+    slowest_ns = max(10**12 // mode.rate_mhz for module in modules for mode in module.modes.values())
+    return PATIENCE_PERIODS * slowest_ns + PATIENCE_NS

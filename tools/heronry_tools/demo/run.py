@@ -26,6 +26,7 @@ from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
 
 LONGEST_START_S = 20.0
+LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
 _LOOK_S = 0.1  # how often the witness is asked for outages
 
 Tell = Callable[[Mapping[str, Any]], None]
@@ -140,8 +141,10 @@ class Show:
     def _look(self) -> None:
         now_ns = time.monotonic_ns()
         for outage in self._witness.outages(now_ns):
-            key = (outage.function, outage.from_ns, outage.to_ns is None)
-            if key not in self._told and self._start_ns is not None and outage.from_ns >= self._start_ns:
+            over = outage.to_ns is not None
+            lasts = now_ns - outage.from_ns >= LONG_SILENCE_NS
+            key = (outage.function, outage.from_ns, over)
+            if (over or lasts) and key not in self._told and self._start_ns is not None:
                 self._told.add(key)
                 self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
 

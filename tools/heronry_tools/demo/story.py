@@ -91,13 +91,10 @@ class Story:
         four = "  ".join(
             f"{name} {times[name] / 1e6:.1f} ms" for name in ("detect", "decide", "distribute", "activate")
         )
-        served = sum(1 for f in self._plan["functions"].values() if f["served"])
-        wanted = sum(1 for f in self.spec.functions.values() if f.priority_in(self._plan["phase"]) > 0)
-        yield Line(
-            f"epoch {event['epoch']} runs: {len(self._plan['modules'])} modules, "
-            f"{served} functions served of {wanted} wanted ({'; '.join(event['causes'][-2:])})",
-            "good",
-        )
+        wanted = [f.name for f in self.spec.functions.values() if f.priority_in(self._plan["phase"]) > 0]
+        served = sum(1 for name in wanted if self._plan["functions"][name]["served"])
+        counts = f"{len(self._plan['modules'])} modules, {served} of {len(wanted)} wanted functions served"
+        yield Line(f"epoch {event['epoch']} runs: {counts} ({_why(event['causes'])})", "good")
         yield Line(four)
         if before:
             yield from _moves(before, self._plan)
@@ -113,13 +110,14 @@ class Story:
             yield Line(f"  {pe:<10} {100 * used // capacity:>3} % CPU  {names or '-'}", "quiet")
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        """A gap is worth a line once it is over; one that has lasted is told before that."""
         criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
         name = f"{event['function']} (class {criticality})"
-        if event["to_ns"] is None:
-            yield Line(f"{name} is silent on the bus", "bad")
-        else:
+        if event["to_ns"] is not None:
             gap_ms = (event["to_ns"] - event["from_ns"]) / 1e6
-            yield Line(f"{name} is back on the bus after {gap_ms:.0f} ms of silence")
+            yield Line(f"{name} is heard again on the bus, after {gap_ms:.0f} ms of silence")
+        elif self._plan["functions"][event["function"]]["served"]:
+            yield Line(f"{name} has not been heard for {(event['t_ns'] - event['from_ns']) / 1e6:.0f} ms", "bad")
 
     def _summary(self, event: Mapping[str, Any]) -> Iterator[Line]:
         yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
@@ -130,6 +128,10 @@ class Story:
                 yield Line(f"not served: {name}: {function['why_not']}")
         for rivals in event["rivals"]:
             yield Line(f"two drivers at once: {rivals}", "bad")
+
+
+def _why(causes: list[str]) -> str:
+    return causes[0] if len(causes) == 1 else f"{causes[0]}, and {len(causes) - 1} more"
 
 
 def _moves(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[Line]:

@@ -17,7 +17,7 @@ from heronry_dg.situation import Situation, survivors
 from heronry_tools.simulator.check_epochs import LastState
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.violation import Violation
-from heronry_tools.witness import Witness
+from heronry_tools.witness import PATIENCE_PERIODS, Witness
 from heronry_wire.identifiers import state_id
 from heronry_wire.management import PeState
 
@@ -30,6 +30,14 @@ def end_state(
     """Give what is wrong now; nothing is, once a run has settled."""
     stories = [*_unsettled(spec, truth, now_ns, last), *_unserved(spec, truth, now_ns, witness)]
     return [Violation(now_ns, rule, story) for rule, story in stories]
+
+
+def unnoticed_ns(spec: Spec) -> int:
+    """Longest time for which a PE or a function can be silent before anybody takes it for silent."""
+    beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
+    outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
+    slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())
+    return beats_ns + (PATIENCE_PERIODS + 1) * slowest_ns
 
 
 def _unsettled(

@@ -18,6 +18,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
 from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus
+from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
@@ -33,7 +34,6 @@ DEFAULT_DECIDE_NS = 30 * MS
 DEFAULT_SETTLE_NS = 20_000 * MS
 
 _LOOK_NS = 100 * MS
-_STAYS_WELL_NS = 400 * MS
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 _HEAD = struct.Struct("<qBBH")
@@ -122,15 +122,19 @@ class Simulation:
         return self.checks.unsettled(self.truth, self.now_ns)
 
     def settle(self, limit_ns: int = DEFAULT_SETTLE_NS) -> list[Violation]:
-        """Leave the aircraft alone until all is well and stays so, or for `limit_ns`; gives every violation."""
+        """Leave the aircraft alone until all is well and stays so, or for `limit_ns`; gives every violation.
+
+        It stays well when it is for longer than a silent PE or function goes unnoticed.
+        """
         end_ns, well_since_ns = self.now_ns + limit_ns, None
+        stays_well_ns = unnoticed_ns(self.spec)
         while self.now_ns < end_ns:
             self.run_for(_LOOK_NS)
             if self.unsettled():
                 well_since_ns = None
             elif well_since_ns is None:
                 well_since_ns = self.now_ns
-            elif self.now_ns - well_since_ns >= _STAYS_WELL_NS:
+            elif self.now_ns - well_since_ns > stays_well_ns:
                 break
         return self.broken() + self.unsettled()
 
