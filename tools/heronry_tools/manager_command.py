@@ -54,8 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_manager.planner.client import PlannerClient  # noqa: PLC0415
     from heronry_manager.term_file import next_term  # noqa: PLC0415
     from heronry_tools.bus_flags import bus_config  # noqa: PLC0415
-    from heronry_tools.demo.screen import screen  # noqa: PLC0415
     from heronry_tools.event_printer import print_event  # noqa: PLC0415
+    from heronry_tools.screen import screen  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec, spec_path  # noqa: PLC0415
     from heronry_wire.link import Link  # noqa: PLC0415
 

@@ -10,10 +10,10 @@ from heronry_tools.demo.buses import choose
 from heronry_tools.demo.command import DEFAULT_SECONDS
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.demo.run import Show
-from heronry_tools.demo.screen import screen
 from heronry_tools.demo.script import read_script
 from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
+from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 
 _AFTER_LAST_ACT_S = 5.0

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.demo.story import Line, Story, Tone
+from heronry_tools.story import Line, Story, Tone
 
 _STYLES: Mapping[Tone, str] = {
     "plain": "",
