@@ -70,9 +70,9 @@ class Link:
         """Descriptor that is readable when `receive` has something."""
         return self._fileno
 
-    def send(self, frame: Frame, now_ns: int) -> None:
-        """Queue a frame; it goes out when it is the most urgent one and the bus is free."""
-        self.queue.push(frame)
+    def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
+        """Queue a frame; it goes out when it is the most urgent one and the bus is free, if that is by `until_ns`."""
+        self.queue.push(frame, until_ns)
         self.pump(now_ns)
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
@@ -105,7 +105,7 @@ class Link:
             self._in_flight = None
             self.echoes_lost += 1
         self._deadline_ns = None
-        while len(self.queue) and self._hand_over(self.queue.first(), now_ns):
+        while (frame := self.queue.first(now_ns)) is not None and self._hand_over(frame, now_ns):
             pass
 
     def next_deadline_ns(self) -> int | None:

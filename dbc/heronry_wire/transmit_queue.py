@@ -4,7 +4,8 @@ SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would 
 analysis would be void. So every sender keeps its frames here and hands over one at a time.
 
 Frames of one identifier stay in their order. The queue is bounded: what does not fit is dropped, the least urgent and
-newest first, and counted; a bus that carries nothing must not fill the memory, and old data is worth less than none.
+newest first, and counted; a bus that carries nothing must not fill the memory. A frame may be given a time until which
+it is of use: later it is dropped too, so that what waited out a pause of its sender does not go out as if it were new.
 """
 
 from bisect import insort
@@ -12,24 +13,28 @@ from bisect import insort
 from heronry_wire.frame import Frame, arbitration_key
 
 CAPACITY = 512
+_FOR_EVER_NS = 1 << 63
 
 
 class TransmitQueue:
     """Frames that wait, the most urgent first."""
 
     def __init__(self, capacity: int = CAPACITY) -> None:
-        self.dropped = 0
+        self.dropped = 0  # for want of room
+        self.expired = 0
         self._capacity = capacity
-        self._frames: list[tuple[int, int, Frame]] = []  # the most urgent at the end
+        self._frames: list[tuple[int, int, Frame, int]] = []  # the most urgent at the end; the last is when it expires
         self._count = 0
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def push(self, frame: Frame) -> None:
-        """Add a frame; where the queue is full the least urgent one is dropped."""
+    def push(self, frame: Frame, until_ns: int | None = None) -> None:
+        """Add a frame, of use until then; where the queue is full the least urgent one is dropped."""
         self._count += 1
-        insort(self._frames, (-arbitration_key(frame), -self._count, frame))
+        insort(
+            self._frames, (-arbitration_key(frame), -self._count, frame, _FOR_EVER_NS if until_ns is None else until_ns)
+        )
         if len(self._frames) > self._capacity:
             del self._frames[0]
             self.dropped += 1
@@ -38,9 +43,12 @@ class TransmitQueue:
         """Take back every 11-bit frame with one of these identifiers."""
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
 
-    def first(self) -> Frame:
-        """Look at the most urgent frame; raises IndexError where there is none."""
-        return self._frames[-1][2]
+    def first(self, now_ns: int) -> Frame | None:
+        """Look at the most urgent frame that is still of use; None where there is none."""
+        while self._frames and self._frames[-1][3] < now_ns:
+            self._frames.pop()
+            self.expired += 1
+        return self._frames[-1][2] if self._frames else None
 
     def pop(self) -> Frame:
         """Take the most urgent frame; raises IndexError where there is none."""

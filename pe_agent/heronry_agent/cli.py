@@ -130,7 +130,7 @@ def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> Non
         if times:
             _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
     for link in links:
-        lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}"
+        lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))
 
 

@@ -26,12 +26,12 @@ from heronry_agent.reconfiguration import Reconfiguration
 from heronry_agent.reign import Reign
 from heronry_agent.reporting import Facts, Reporting
 from heronry_agent.running_modules import RunningModules
-from heronry_agent.services import REQUEST_ID, Services
 from heronry_agent.slice_reading import SliceReader
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
+from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
@@ -57,6 +57,7 @@ class AgentCore:
         """
         index = self._index = TableIndex(table)
         turn = self._turn = Turn(now_ns)
+        self.lease_ns = index.lease_ns  # T_lease
         self.clashed = False  # another node has spoken under an identifier of this one
         self.reign = Reign(index.lease_ns)
         self.permission = Permission(index.lease_ns)
@@ -75,7 +76,7 @@ class AgentCore:
             self._gateway,
         )
         self._reporting = Reporting(index, incarnation, now_ns)
-        self._services = Services(index.node)
+        self._services = IdentificationService(index.node)
         self._told: dict[str, bool] = {"output": True}
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._fixed_handlers = self._find_fixed_handlers()

@@ -8,6 +8,8 @@ A turn goes so:
 3. Hand over what a module has computed, then the deadline if it is due. What this releases is computed at once, and
    waits for the next turn: so frames that came meanwhile count before its outputs go out.
 
+A frame that could not leave within T_lease does not leave at all: rule 6 allowed it for then, not for now.
+
 Nothing runs in a thread, and nothing repeats frames for us: when this loop stands still, the PE is silent.
 
 It ends when `stop` is called (a signal), with `until_eof` when standard input ends, or with LinkError when a bus is
@@ -112,7 +114,8 @@ class AgentDriver:
     def _carry_out(self, action: Action) -> None:
         match action:
             case Send(port, frame):
-                self._links[port].send(frame, time.monotonic_ns())
+                now_ns = time.monotonic_ns()
+                self._links[port].send(frame, now_ns, now_ns + self._core.lease_ns)
             case Withdraw(identifiers):
                 for link in self._links:
                     link.withdraw(identifiers)

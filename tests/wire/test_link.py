@@ -178,3 +178,13 @@ def test_a_back_end_that_breaks_while_it_is_opened_is_one_sentence(monkeypatch: 
     monkeypatch.setattr(can, "Bus", broken)
     with pytest.raises(LinkError, match="kvaser 0 cannot be opened: a name of its library is not defined"):
         Link({"interface": "kvaser", "channel": "0"})
+
+
+def test_what_waited_out_a_pause_does_not_go_out(stubborn: Link) -> None:
+    bus = Stubborn.current
+    for can_id in (5, 6):
+        stubborn.send(Frame(can_id, b""), 0, 1_000)
+    bus.arrived = [*bus.sent]
+    stubborn.receive(1_001)
+    assert [message.arbitration_id for message in bus.sent] == [5]
+    assert stubborn.queue.expired == 1

@@ -26,7 +26,7 @@ def test_the_first_is_the_one_that_leaves_next(pushed: list[Frame]) -> None:
     queue = TransmitQueue()
     for frame in pushed:
         queue.push(frame)
-    assert queue.first() == queue.pop()
+    assert queue.first(0) == queue.pop()
 
 
 def test_what_does_not_fit_is_the_least_urgent_and_is_counted() -> None:
@@ -51,3 +51,16 @@ def test_what_is_withdrawn_leaves_no_more_and_the_rest_stays_in_order() -> None:
     queue.push(Frame(7, b"", extended=True))
     queue.withdraw(frozenset({7, 9}))
     assert [(frame.can_id, frame.extended) for frame in drain(queue)] == [(7, True), (5, False), (6, False)]
+
+
+def test_what_is_no_longer_of_use_does_not_leave() -> None:
+    queue = TransmitQueue()
+    queue.push(Frame(5, b""), until_ns=10)
+    queue.push(Frame(6, b""), until_ns=20)
+    queue.push(Frame(7, b""))
+    assert queue.first(10) == Frame(5, b"")
+    assert queue.first(11) == Frame(6, b"")
+    assert queue.first(1_000) == Frame(7, b"")
+    assert queue.expired == 2
+    assert drain(queue) == [Frame(7, b"")]
+    assert queue.first(0) is None

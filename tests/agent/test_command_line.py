@@ -1,0 +1,111 @@
+"""What `pe-agent` is told, and what it says to that."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from agent.one_pe import GATEWAY_TABLE, TABLE
+from heronry_agent.cli import main
+from heronry_agent.incarnation import IncarnationError, next_incarnation
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> str:
+    file = tmp_path / "tail.table"
+    file.write_text(TABLE.to_json())
+    return str(file)
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Exit code and the one sentence on standard error."""
+    code = main(arguments)
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    return code, line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--bus", "radio=socketcan:can1"], "tail has no such bus; it has can0"),
+        (["--bus", "can0"], "write it as NAME=[INTERFACE:]CHANNEL, such as can0=socketcan:can0"),
+        (["--bus", "can0=x", "--bus", "can0=y"], "--bus can0 is given twice"),
+    ],
+)
+def test_a_bus_that_cannot_be_meant(
+    capsys: pytest.CaptureFixture[str], table: str, arguments: list[str], says: str
+) -> None:
+    code, line = complaint(capsys, "--table", table, *arguments)
+    assert code == 2
+    assert says in line
+
+
+def test_a_gateway_needs_every_bus_by_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "link.table"
+    file.write_text(GATEWAY_TABLE.to_json())
+    code, line = complaint(capsys, "--table", str(file), "-i", "socketcan", "-c", "can0")
+    assert code == 2
+    assert "add --bus radio=INTERFACE:CHANNEL" in line
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "No such file"),
+        (b"\xff\xfe", "it is no text"),
+        (b"{", "not JSON"),
+        (b"[]", "not of format"),
+        (TABLE.to_json().replace('"node_id":93', '"node_id":3').encode(), "node_id 3"),
+        (replace(TABLE, format=2).to_json().encode(), "not of format 1"),
+    ],
+)
+def test_a_table_that_cannot_be_used(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, content: bytes | None, says: str
+) -> None:
+    file = tmp_path / "some.table"
+    if content is not None:
+        file.write_bytes(content)
+    code, line = complaint(capsys, "--table", str(file), "-c", "x")
+    assert code == 2
+    assert says in line
+    assert str(file) in line
+    assert "heronry table" in line
+
+
+def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str, tmp_path: Path) -> None:
+    code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
+    assert code == 1
+    assert "no hub answers there" in line
+
+
+def test_the_small_install_is_enough() -> None:
+    heavy = "yaml pydantic ortools numpy rich cantools heronry_dg heronry_manager"
+    program = f"import heronry_agent.cli, sys; print(*(set({heavy!r}.split()) & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == []
+
+
+def test_the_boot_count_goes_up_with_each_start_and_wraps(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    first = next_incarnation(folder, 93)
+    assert next_incarnation(folder, 93) == (first + 1) % 256
+    (folder / "pe-93.incarnation").write_text("255\n")
+    assert next_incarnation(folder, 93) == 0
+    assert next_incarnation(folder, 93) == 1
+
+
+@pytest.mark.parametrize("content", ["", "nonsense", "-4", "²"])
+def test_a_boot_count_that_is_no_number_is_drawn_anew(tmp_path: Path, content: str) -> None:
+    (tmp_path / "pe-93.incarnation").write_text(content)
+    assert 0 <= next_incarnation(tmp_path, 93) <= 255
+    assert (tmp_path / "pe-93.incarnation").read_text().strip().isdecimal()
+
+
+def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(IncarnationError, match="--state-dir"):
+        next_incarnation(tmp_path / "file", 93)

@@ -1,0 +1,114 @@
+"""The module host: whatever foreign code does, one answer comes out."""
+
+from dataclasses import replace
+
+import pytest
+
+from agent.one_pe import TABLE
+from heronry_agent.bench import Bench
+from heronry_agent.host import Answer, ModuleHost
+from heronry_agent.module import Datum
+from heronry_agent.vocabulary import Heard, StartFailed, StartModule, StepFailed, StepModule, Stepped, StopModule
+from heronry_wire.pe_table import ModuleEntry
+
+MODULE = 1
+
+
+def entry(name: str, device: str | None = "left") -> ModuleEntry:
+    return replace(TABLE.modules[1], image=f"agent.modules_for_host:{name}", device=device)
+
+
+class Hosted:
+    """A host with one module, started."""
+
+    def __init__(self, name: str, device: str | None = "left") -> None:
+        self.entry = entry(name, device)
+        self.bench = Bench(0)
+        self.host = ModuleHost(replace(TABLE, modules=(self.entry,)), self.bench)
+        self.started = self.host.carry_out(StartModule(MODULE, self.entry, 0), 5)
+        self._releases = 0
+
+    def step(self, **inputs: float) -> Answer | None:
+        self._releases += 1
+        seen = {str(i): (name, Datum(value, 1, 0)) for i, (name, value) in enumerate(inputs.items())}
+        return self.host.carry_out(StepModule(MODULE, self._releases, seen), 7)
+
+
+def test_what_a_module_gives_writes_and_reports_comes_back_in_order() -> None:
+    hosted = Hosted("Gain")
+    assert hosted.started is None
+    answer = hosted.step(rate=1.5)
+    assert answer == Stepped(MODULE, 1, {"demand": 1.5}, (("left", 4.0), ("left", 8.0)), (("device:left", 3),))
+    assert hosted.bench.position("left") == 8.0
+
+
+def test_nothing_of_one_step_is_left_in_the_next() -> None:
+    hosted = Hosted("Gain")
+    hosted.step()
+    answer = hosted.step()
+    assert isinstance(answer, Stepped)
+    assert len(answer.writes) == 2
+    assert len(answer.reports) == 1
+
+
+def test_a_write_that_moved_nothing_is_not_told() -> None:
+    hosted = Hosted("Gain")
+    hosted.bench.write("left", 1.0, 0)
+    hosted.bench.fail("left", "stuck", 0)
+    answer = hosted.step()
+    assert isinstance(answer, Stepped)
+    assert answer.writes == ()
+
+
+def test_a_module_knows_its_name_mode_period_and_the_time() -> None:
+    answer = Hosted("Knowing").step()
+    assert isinstance(answer, Stepped)
+    assert answer.outputs == {"words": "servo_1 only 25000000 7"}
+
+
+def test_a_module_is_built_anew_when_it_is_started_again() -> None:
+    hosted = Hosted("Counting")
+    hosted.step()
+    hosted.host.carry_out(StartModule(MODULE, hosted.entry, 0), 9)
+    answer = hosted.step()
+    assert isinstance(answer, Stepped)
+    assert answer.outputs == {"steps": 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("Raising", "ZeroDivisionError: of all things"), ("Wrong", "its step gave int, not a mapping")],
+)
+def test_what_a_step_does_wrong_is_one_line(name: str, reason: str) -> None:
+    assert Hosted(name).step() == StepFailed(MODULE, 1, reason)
+
+
+def test_a_module_that_cannot_be_built_is_one_line_and_cannot_be_stepped() -> None:
+    hosted = Hosted("Unbuildable")
+    assert hosted.started == StartFailed(MODULE, "MemoryError")
+    assert isinstance(hosted.step(), StepFailed)
+
+
+def test_a_module_without_a_device_has_nothing_to_read() -> None:
+    answer = Hosted("Deviceless", device=None).step()
+    assert isinstance(answer, StepFailed)
+    assert "bolted to no device" in answer.reason
+
+
+def test_a_stopped_module_is_gone() -> None:
+    hosted = Hosted("Counting")
+    hosted.host.carry_out(StopModule(MODULE), 6)
+    assert isinstance(hosted.step(), StepFailed)
+
+
+def test_an_echo_moves_the_world() -> None:
+    hosted = Hosted("Counting")
+    hosted.host.carry_out(Heard("right", -2.0), 6)
+    assert hosted.bench.position("right") == -2.0
+
+
+def test_images_that_cannot_be_loaded_are_known_from_the_start() -> None:
+    hosted = Hosted("Nonexistent")
+    (reason,) = hosted.host.missing_images.values()
+    assert "no class Nonexistent" in reason
+    assert isinstance(hosted.started, StartFailed)

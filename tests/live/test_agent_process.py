@@ -1,0 +1,218 @@
+"""The agent as a process on a software bus: the test is the manager and the neighbour, and looks at frames alone."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import pytest
+
+from agent.one_pe import (
+    BEAT_NS,
+    DEMAND_ID,
+    FLYING,
+    NEIGHBOUR,
+    NODE,
+    TABLE,
+    command_frame,
+    neighbour_state,
+    slice_messages,
+)
+from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import actuator_echo_id, heartbeat_id, state_id
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    PeFlags,
+    PeState,
+    Ping,
+    StatePage0,
+    StatePage1,
+    Step,
+    decode_state,
+)
+
+pytestmark = pytest.mark.live
+
+PATIENCE_S = 10.0
+TESTS = Path(__file__).resolve().parents[1]
+EVERYBODY = frozenset({NEIGHBOUR, NODE})
+
+_IMAGES = {"control": "agent.modules_for_host:Steady", "servo": "agent.modules_for_host:Driving"}
+LIVE_TABLE = replace(
+    TABLE, modules=tuple(replace(m, image=_IMAGES[m.image]) for m in TABLE.modules if m.image in _IMAGES)
+)
+
+
+class Ground:
+    """The bus, the agents on it, and the test's own place there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.hub: HubProcess = start_hub(str(folder / "can0.sock"), 1_000_000)
+        self.bus = can.Bus(interface="softbus", channel=str(folder / "can0.sock"), ignore_config=True)
+        self.table = folder / "tail.table"
+        self.table.write_text(LIVE_TABLE.to_json())
+        self.agents: list[subprocess.Popen[str]] = []
+
+    def start(self, *more: str) -> subprocess.Popen[str]:
+        """Start an agent, and wait until it speaks or ends."""
+        arguments = ["--table", str(self.table), "-i", "softbus", "-c", str(self.folder / "can0.sock"), *more]
+        agent = subprocess.Popen(
+            [sys.executable, "-m", "heronry_agent", *arguments],
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(TESTS)},
+        )
+        self.agents.append(agent)
+        return agent
+
+    def say(self, *frames: Frame) -> None:
+        for frame in frames:
+            self.bus.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False), PATIENCE_S)
+
+    def hear(self, wanted: Callable[[Frame], bool]) -> list[Frame]:
+        """Give all frames up to the first wanted one."""
+        heard = []
+        while True:
+            message = self.bus.recv(PATIENCE_S)
+            assert message is not None, "the agent has fallen silent"
+            heard.append(Frame(message.arbitration_id, bytes(message.data)))
+            if wanted(heard[-1]):
+                return heard
+
+    def hear_page_0(self) -> StatePage0:
+        page = decode_state(self.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] < 0x40)[-1].data)
+        assert isinstance(page, StatePage0)
+        return page
+
+    def configure(self) -> None:
+        """Give it the configuration in which it flies, alive and with a neighbour."""
+        messages = [Alive(1, 0, EVERYBODY), *slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007)]
+        self.say(*map(command_frame, messages), neighbour_state(7))
+
+    def close(self) -> None:
+        for agent in self.agents:
+            agent.kill()
+            agent.communicate()
+        self.bus.shutdown()
+        self.hub.close()
+
+
+@pytest.fixture
+def ground(tmp_path: Path) -> Iterator[Ground]:
+    ground = Ground(tmp_path)
+    yield ground
+    ground.close()
+
+
+def end(agent: subprocess.Popen[str]) -> tuple[int, list[str]]:
+    """Wait for its end: exit code, and what it said."""
+    _, said = agent.communicate(timeout=PATIENCE_S)
+    return agent.returncode, said.splitlines()
+
+
+def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> None:
+    agent = ground.start()
+    boot_up = ground.hear(lambda frame: frame.can_id == heartbeat_id(NODE))[-1]
+    assert boot_up == Frame(heartbeat_id(NODE), b"\x00")
+    assert ground.hear_page_0().state is PeState.UNCONFIGURED
+
+    ground.configure()
+    heard = ground.hear(lambda frame: frame.can_id == actuator_echo_id(NODE))
+    assert DEMAND_ID in {frame.can_id for frame in heard}
+    assert ground.hear_page_0().state is PeState.ACTIVE
+
+    agent.send_signal(signal.SIGTERM)
+    code, said = end(agent)
+    assert code == 0
+    assert "Traceback" not in "\n".join(said)
+
+
+def test_the_slice_of_a_table_it_cannot_load_is_refused(ground: Ground) -> None:
+    table = replace(LIVE_TABLE, modules=tuple(replace(m, image="nonsense") for m in LIVE_TABLE.modules))
+    ground.table.write_text(table.to_json())
+    ground.start()
+    ground.hear_page_0()
+    ground.say(*map(command_frame, [*slice_messages(FLYING, 7, 1007), Ping(1, NODE, 0)]))
+    pages = [decode_state(f.data) for f in ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40)]
+    assert isinstance(pages[-1], StatePage1)
+    assert pages[-1].staged_epoch == 0
+
+
+def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
+    agent = ground.start()
+    ground.hear_page_0()
+    ground.configure()
+    ground.hear(lambda frame: frame.can_id == DEMAND_ID)
+
+    agent.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, agent.pid, os.WSTOPPED)
+    ground.say(neighbour_state(7), command_frame(Alive(1, 1, EVERYBODY)))
+    while ground.bus.recv(10 * BEAT_NS / 1e9) is not None:  # twice the lease without a frame
+        pass
+    agent.send_signal(signal.SIGCONT)
+    heard = [frame for _ in range(10) for frame in ground.hear(lambda f: f.can_id == state_id(NODE))]
+    assert {frame.can_id for frame in heard} <= {state_id(NODE), heartbeat_id(NODE)}
+    page = ground.hear_page_0()
+    assert PeFlags.OUTPUT_HELD in page.flags
+    assert page.state is PeState.ACTIVE
+
+    ground.say(neighbour_state(7))
+    ground.hear(lambda frame: frame.can_id == DEMAND_ID)
+
+
+def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
+    ground.start()
+    ground.hear_page_0()
+    code, said = end(ground.start())
+    assert code == 1
+    assert said == [f"pe-agent: another node on the bus has node-ID {NODE}; give one of them another in the spec"]
+    assert ground.hear_page_0().sequence > 0
+
+
+def test_it_ends_with_whoever_started_it(ground: Ground) -> None:
+    agent = ground.start("--until-eof", "--quiet")
+    ground.hear_page_0()
+    assert end(agent) == (0, [])  # waiting for its end closes its standard input
+
+
+def test_a_lost_bus_is_one_sentence(ground: Ground) -> None:
+    agent = ground.start("--quiet")
+    ground.hear_page_0()
+    ground.hub.kill()
+    code, said = end(agent)
+    assert code == 1
+    assert len(said) == 1
+    assert "is lost" in said[0]
+
+
+def test_a_restart_is_a_new_incarnation_and_unconfigured(ground: Ground) -> None:
+    keeping = ("--state-dir", str(ground.folder / "state"))
+    first = ground.start(*keeping)
+    before = ground.hear_page_0()
+    first.kill()
+    end(first)
+    ground.start(*keeping)
+    after = ground.hear(lambda frame: frame == Frame(heartbeat_id(NODE), b"\x00"))
+    assert after
+    page = ground.hear_page_0()
+    assert page.incarnation == (before.incarnation + 1) % 256
+    assert page.state is PeState.UNCONFIGURED
+
+
+def test_verbose_says_at_the_end_what_was_not_understood(ground: Ground) -> None:
+    agent = ground.start("--verbose")
+    ground.hear_page_0()
+    ground.say(Frame(204, b"\x01"), command_frame(Ping(1, NODE, 0)))
+    ground.hear(lambda frame: frame.can_id == state_id(NODE) and frame.data[0] >= 0x40)
+    agent.send_signal(signal.SIGINT)
+    code, said = end(agent)
+    assert code == 0
+    assert any("malformed command (204): 1" in line for line in said)
