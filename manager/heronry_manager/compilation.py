@@ -78,7 +78,7 @@ class Compiler:
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
-        """Slices for every PE of the spec (an empty body for one that runs nothing) and their digests."""
+        """Slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
         slices = {pe.node_id: self._slice(configuration, pe.name).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
             slices=slices,
@@ -88,10 +88,6 @@ class Compiler:
 
     def _period_ns(self, module: str, variable: str) -> int:
         """Longest period of a source, over the modes that give it."""
-        modes = self._spec.modules[module].modes.values()
-        return 1_000_000_000_000 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
-
-    def _longest_period_ns(self, module: str, variable: str) -> int:
         modes = self._spec.modules[module].modes.values()
         return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
 
@@ -174,7 +170,7 @@ class Compiler:
             if origin == pe and route:
                 publish[source] = publish.get(source, 0) | ports[route[0]]
             for inward, outward in pairwise(route):
-                if origin != pe and inward in ports and outward in ports:
+                if inward in ports and outward in ports:
                     node, mask = forward.get(source, (self._spec.pes[origin].node_id, 0))
                     forward[source] = (node, mask | ports[outward])
         return publish, forward
