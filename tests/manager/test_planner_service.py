@@ -5,6 +5,7 @@ import select
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -116,6 +117,12 @@ def test_a_spec_that_has_changed_since_it_was_loaded_is_not_planned_with(spec: S
     changed.write_bytes(FILE.read_bytes() + b"# changed\n")
     with pytest.raises(PlannerError, match="has changed since it was loaded"):
         PlannerClient(spec, changed)
+
+
+def test_no_folder_has_to_be_writable(spec: Spec, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/no/such/folder")
+    with PlannerClient(spec, FILE) as started:
+        started.wait_until_ready()
 
 
 def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:

@@ -12,7 +12,6 @@ import os
 import select
 import subprocess
 import sys
-import tempfile
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from hashlib import sha256
 from pathlib import Path
 from selectors import EVENT_READ, DefaultSelector
 from types import TracebackType
-from typing import Self
+from typing import BinaryIO, Self
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
@@ -70,9 +69,7 @@ class PlannerClient:
             raise PlannerError(f"{file} has changed since it was loaded: load it again")
         self.ready = False
         self._spec = spec
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - every process that is started inherits it
-        self._file.write(data)
-        self._file.flush()
+        self._file = _in_memory(data)
         self._selector = DefaultSelector()
         self._waiting: deque[Request] = deque()
         self._inside: int | None = None  # number of the request in the process
@@ -200,6 +197,17 @@ class PlannerClient:
             return Planned(number, read_plan(answer.text, self._spec))
         except PlanError as error:
             return Failed(number, f"the planner's answer cannot be read: {error}")
+
+
+def _in_memory(data: bytes) -> BinaryIO:
+    """A file that every process started from here inherits, and can open by /dev/fd.
+
+    In memory: an unlinked file on disk cannot be opened again on every file system (hostfs of a user-mode Linux).
+    """
+    file = os.fdopen(os.memfd_create("heronry-spec"), "w+b")
+    file.write(data)
+    file.flush()
+    return file
 
 
 class _Process:
