@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from heronry_wire.frame import Frame
 
+NEVER_NS = 1 << 63  # a deadline that does not come
+
 
 @dataclass(frozen=True, slots=True)
 class Received:

@@ -22,7 +22,7 @@ what they run until the first new epoch.
 """
 
 from collections import OrderedDict, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -31,25 +31,26 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
+from heronry_manager.beacon import Beacon
 from heronry_manager.compilation import Compiler
 from heronry_manager.events import event as make_event
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
+from heronry_manager.latched_faults import LatchedFaults
 from heronry_manager.reconfiguration import Participant, Reconfiguration, Stage
+from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanFailed, PlanReady, RequestPlan, Stop
 from heronry_wire.frame import Frame, Malformed
-from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, heartbeat_id, management_id, state_id
+from heronry_wire.identification import REQUEST_ID, IdentificationService
+from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     LEASE_PERIODS,
     Activate,
-    Alive,
     Control,
-    ElementKind,
     Emergency,
     FaultCode,
     Lease,
     Operation,
     PeState,
-    Ping,
     Prepare,
     Reason,
     SliceBody,
@@ -66,53 +67,8 @@ from heronry_wire.sansio import Received, Send, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 PLAN_AGAIN_NS = 1_000_000_000
-CANOPEN_HEARTBEAT_NS = 1_000_000_000
 _EPOCHS_REMEMBERED = 8
 _RECENT_EVENTS = 40
-
-
-@dataclass(frozen=True, slots=True)
-class RequestPlan:
-    """Ask for the best plan; answer with PlanReady or PlanFailed and the same number."""
-
-    request: int
-    down: frozenset[str]
-    phase: str | None
-    running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
-
-
-@dataclass(frozen=True, slots=True)
-class PlanReady:
-    """The answer to RequestPlan: a plan that the judge has accepted."""
-
-    request: int
-    plan: Plan
-
-
-@dataclass(frozen=True, slots=True)
-class PlanFailed:
-    """The planner could not answer."""
-
-    request: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Emit:
-    """An event for the stream."""
-
-    event: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """The manager must end; `reason` is a sentence for the user."""
-
-    reason: str
-
-
-ManagerEvent = Received | Tick | PlanReady | PlanFailed
-ManagerAction = Send | RequestPlan | Emit | Stop
 
 
 class Reign(Enum):
@@ -156,7 +112,7 @@ class ManagerCore:
         self._exclusion = Exclusion(spec, LEASE_PERIODS * self._period_ns)
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * self._period_ns
         self._observed = {pe: _Observed() for pe in spec.pes}
-        self._failed: dict[str, None] = {}  # latched elements
+        self._failed = LatchedFaults(spec)
         self._phase = spec.initial_phase()
         self._request = 0
         self._waiting_for_plan = False
@@ -169,9 +125,8 @@ class ManagerCore:
         self._highest_epoch = 0
         self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
         self._wired = _reached_by_wire(spec)
-        self._beat_ns = self._listen_until_ns
-        self._canopen_ns = self._listen_until_ns
-        self._sequence = 0
+        self._beacon = Beacon(node, self._period_ns, self._listen_until_ns)
+        self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._manager_lease_ids = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
@@ -211,9 +166,10 @@ class ManagerCore:
             return None
         if self._reign is Reign.LISTENING:
             return self._listen_until_ns
-        deadlines = [self._beat_ns, self._health.next_deadline_ns(), self._plan_again_ns]
-        deadlines += [epoch.next_deadline_ns() for epoch in (self._current, self._next) if epoch is not None]
-        return min(deadline for deadline in deadlines if deadline is not None)
+        deadlines = [self._beacon.next_ns, self._identification.next_ns]
+        others = [self._health.next_deadline_ns(), self._plan_again_ns]
+        others += [epoch.next_deadline_ns() for epoch in (self._current, self._next) if epoch is not None]
+        return min(deadlines + [deadline for deadline in others if deadline is not None])
 
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
@@ -234,6 +190,8 @@ class ManagerCore:
             self._on_state(now_ns, pe, decode_state(frame.data))
         elif frame.can_id in self._pe_of_emcy_id:
             self._on_emergency(now_ns, self._pe_of_emcy_id[frame.can_id], decode_emergency(frame.data))
+        elif frame.can_id == REQUEST_ID:
+            self._identification.asked(0, frame, now_ns)
         elif frame.can_id in self._manager_lease_ids:
             self._on_lease(now_ns, self._manager_lease_ids[frame.can_id], decode_command(Command.LEASE, frame.data))
 
@@ -278,28 +236,16 @@ class ManagerCore:
     def _on_emergency(self, now_ns: int, pe: str, emergency: Emergency | Malformed) -> None:
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:
             return
-        element = self._element(emergency.kind, emergency.index)
+        element = self._failed.element(emergency.kind, emergency.index)
         if element is None:
             return
-        control = Control(
-            self._term, self._spec.pes[pe].node_id, Operation.ACKNOWLEDGE, emergency.kind, emergency.index
-        )
-        self._send(Command.CONTROL, control.encode())
-        if element in self._failed:
-            return
-        self._failed[element] = None
-        self._emit(now_ns, "fault_reported", element=element, by=pe, detail=emergency.detail, code=emergency.code.name)
-        self._replan(now_ns, _Cause(f"{element} failed, reported by {pe}", now_ns, now_ns))
-
-    def _element(self, kind: ElementKind, index: int) -> str | None:
-        names: Iterable[str] = {
-            ElementKind.PE: self._spec.pes,
-            ElementKind.DEVICE: self._spec.devices,
-            ElementKind.MODULE: self._spec.modules,
-            ElementKind.BUS: self._spec.buses,
-        }[kind]
-        listed = list(names)
-        return f"{kind.name.lower()}:{listed[index]}" if index < len(listed) else None
+        node = self._spec.pes[pe].node_id
+        heard = Control(self._term, node, Operation.ACKNOWLEDGE, emergency.kind, emergency.index)
+        self._send(Command.CONTROL, heard.encode())
+        if self._failed.latch(element):
+            code, detail = emergency.code.name, emergency.detail
+            self._emit(now_ns, "fault_reported", element=element, by=pe, detail=detail, code=code)
+            self._replan(now_ns, _Cause(f"{element} failed, reported by {pe}", now_ns, now_ns))
 
     def _on_lease(self, now_ns: int, node: int, lease: object) -> None:
         if not isinstance(lease, Lease):
@@ -326,35 +272,26 @@ class ManagerCore:
         for epoch in (self._current, self._next):
             for pe in epoch.tick(now_ns) if epoch is not None else ():
                 self._fail(now_ns, pe, "it does not acknowledge")
-        if now_ns >= self._beat_ns:
+        self._actions += self._identification.tick(now_ns)
+        if now_ns >= self._beacon.next_ns:
             self._beat(now_ns)
         first = self._reign is Reign.STARTING and not self._health.starting()
         if first or (self._plan_again_ns is not None and now_ns >= self._plan_again_ns):
             self._ask_for_plan(now_ns)
 
     def _beat(self, now_ns: int) -> None:
-        """LEASE, ALIVE, and PING for whoever is suspect; late beats are not made up."""
+        """LEASE, ALIVE, and PING for whoever is suspect."""
         current = self._current
-        epoch, step, digest = (0, Step.PREPARED, 0)
+        lease = Lease(self._term, 0, Step.PREPARED, 0)
         if current is not None:
-            epoch, step, digest = current.epoch, current.step, current.compiled.digest
+            lease = Lease(self._term, current.epoch, current.step, current.compiled.digest)
         counted_on = self._health.counted_on()
-        nodes = frozenset(self._spec.pes[pe].node_id for pe in counted_on)
-        self._send(Command.LEASE, Lease(self._term, epoch, step, digest).encode())
-        self._send(Command.ALIVE, Alive(self._term, self._sequence, nodes).encode())
+        suspects = [pe for pe in counted_on if self._health.standing(pe) is Standing.SUSPECT]
+        self._actions += self._beacon.beat(now_ns, lease, self._nodes(counted_on), self._nodes(suspects))
         self._exclusion.named(counted_on, now_ns)
-        for pe in counted_on:
-            if self._health.standing(pe) is Standing.SUSPECT:
-                self._ping(pe)
-        if now_ns >= self._canopen_ns:
-            self._actions.append(Send(0, Frame(heartbeat_id(self._node), b"\x05")))
-            self._canopen_ns = now_ns + CANOPEN_HEARTBEAT_NS
-        self._sequence = (self._sequence + 1) % 256
-        missed = (now_ns - self._beat_ns) // self._period_ns
-        self._beat_ns += (missed + 1) * self._period_ns
 
-    def _ping(self, pe: str) -> None:
-        self._send(Command.PING, Ping(self._term, self._spec.pes[pe].node_id, self._sequence).encode())
+    def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
+        return frozenset(self._spec.pes[pe].node_id for pe in pes)
 
     # Health
 
@@ -369,8 +306,12 @@ class ManagerCore:
                 silent = now_ns - last if last is not None else None
                 self._emit(now_ns, "pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
                 if self._reign is not Reign.LISTENING:
-                    self._ping(pe)
-            case Change.LOST:
+                    self._actions.append(self._beacon.ping(self._term, self._spec.pes[pe].node_id))
+            case Change.LOST | Change.REBOOTED:
+                if change.change is Change.REBOOTED:
+                    self._exclusion.rebooted(pe)
+                else:
+                    self._exclusion.declared_down(pe)
                 self._emit(now_ns, "pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
                 self._lose(now_ns, pe, _Cause(f"pe:{pe}: {change.cause}", now_ns, last if last is not None else now_ns))
             case Change.ABSENT:
@@ -384,10 +325,6 @@ class ManagerCore:
                 self._replan(now_ns, _Cause(f"pe:{pe} joined", now_ns, now_ns))
 
     def _lose(self, now_ns: int, pe: str, cause: _Cause) -> None:
-        if "reboot" in cause.what:
-            self._exclusion.rebooted(pe)
-        else:
-            self._exclusion.declared_down(pe)
         self._observed[pe] = _Observed()
         if self._current is not None:
             self._current.drop(pe)
@@ -415,7 +352,7 @@ class ManagerCore:
         self._reign = Reign.REIGNING
         self._request += 1
         self._waiting_for_plan, self._plan_again_ns = True, None
-        down = frozenset((*(f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)), *self._failed))
+        down = self._failed.elements | {f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)}
         running = None
         if self._current is not None:
             running = {name: (r.mode, r.pe) for name, r in self._current.configuration.modules.items()}

@@ -16,8 +16,9 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
-from heronry_manager.core import Emit, ManagerAction, ManagerCore, PlanFailed, PlanReady, RequestPlan, Stop
+from heronry_manager.core import ManagerCore
 from heronry_manager.planner.client import Planned, PlannerClient
+from heronry_manager.vocabulary import Emit, ManagerAction, PlanFailed, PlanReady, RequestPlan, Stop
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
 from heronry_wire.sansio import Received, Send, Tick

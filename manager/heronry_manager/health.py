@@ -43,6 +43,7 @@ class Change(Enum):
     JOINED = "joined"  # counted on from now
     SUSPECTED = "suspected"
     LOST = "lost"  # was counted on, and is no more
+    REBOOTED = "rebooted"  # the same, and what ran there has certainly stopped
     ABSENT = "absent"  # not heard before the start-up window closed
     HEARD_AGAIN = "heard again"  # hold-down begins
 
@@ -118,7 +119,8 @@ class Health:
         changes: list[HealthChange] = []
         if incarnation is not None:
             if record.incarnation not in (None, incarnation):
-                changes += self._lose(record, last, now_ns, f"it rebooted (incarnation {incarnation})")
+                cause = f"it rebooted (incarnation {incarnation})"
+                changes += self._lose(record, last, now_ns, cause, Change.REBOOTED)
             record.incarnation = incarnation
         match record.standing:
             case Standing.WAITING:
@@ -184,14 +186,16 @@ class Health:
                 return [HealthChange(record.name, Change.JOINED, "back, and its hold-down is over", last)]
         return []
 
-    def _lose(self, record: _Record, last_ns: int | None, now_ns: int, cause: str) -> list[HealthChange]:
+    def _lose(
+        self, record: _Record, last_ns: int | None, now_ns: int, cause: str, change: Change = Change.LOST
+    ) -> list[HealthChange]:
         counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
         if counted_on:
             recent = record.lost_ns is not None and now_ns - record.lost_ns < FORGIVEN_AFTER_NS
             record.losses = record.losses + 1 if recent else 1
             record.lost_ns = now_ns
         record.standing = Standing.DOWN
-        return [HealthChange(record.name, Change.LOST, cause, last_ns)] if counted_on else []
+        return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
 
     def _close_window_if_all_heard(self) -> None:
         if all(r.standing is not Standing.WAITING for r in self._records.values()):

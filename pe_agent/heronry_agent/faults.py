@@ -6,10 +6,10 @@ monitor that runs 40 times a second, stays quiet for a second and is then pendin
 the element in the meantime. A lost EMCY or a lost acknowledgement costs a repetition, a doubled one nothing.
 """
 
-from heronry_agent.vocabulary import NEVER_NS
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.sansio import NEVER_NS
 
 QUIET_NS = 1_000_000_000
 

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import KeysView
 from dataclasses import dataclass
 
-from heronry_agent.vocabulary import NEVER_NS
+from heronry_wire.sansio import NEVER_NS
 
 NS_MHZ = 1_000_000_000_000
 """Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""

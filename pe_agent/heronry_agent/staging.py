@@ -16,7 +16,6 @@ then unconfigured, and the manager starts again.
 from dataclasses import dataclass
 
 from heronry_agent.slice_reading import SliceReader
-from heronry_agent.vocabulary import NEVER_NS
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import (
     NO_EPOCH,
@@ -27,6 +26,7 @@ from heronry_wire.management import (
     SliceHead,
     is_newer,
 )
+from heronry_wire.sansio import NEVER_NS
 
 MAX_SLICE_BYTES = 255 * SLICE_BYTES_PER_FRAME
 

@@ -12,7 +12,6 @@ from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Received, Send, Tick, Withdraw
 
-NEVER_NS = 1 << 63
 """A deadline that does not come."""
 
 

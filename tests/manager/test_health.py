@@ -64,7 +64,7 @@ def test_a_suspect_that_answers_is_up_again_and_nothing_is_reported(spec: Spec) 
 def test_a_reboot_inside_the_window_is_a_loss_and_a_return(spec: Spec) -> None:
     health = everybody_up(spec)
     found = health.heard("tail_pe", 2, 30 * MS)
-    assert changes(found) == [("tail_pe", Change.LOST), ("tail_pe", Change.HEARD_AGAIN)]
+    assert changes(found) == [("tail_pe", Change.REBOOTED), ("tail_pe", Change.HEARD_AGAIN)]
     assert "rebooted" in found[0].cause
 
 

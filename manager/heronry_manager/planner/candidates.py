@@ -12,7 +12,7 @@ wanted DEMUX, or feeds a possible mode of a useful module. What is not useful ca
 What remains contains every legal configuration. Nothing here knows of sums: resources and traffic are the solver's.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import assert_never
 
@@ -55,18 +55,15 @@ class Candidates:
     left: Survivors
     wanted: frozenset[str]  # modules that serve by running: outputs of wanted functions
     modules: Mapping[str, Candidate]
+    givers: Mapping[str, Sequence[tuple[str, str, int]]]  # variable -> (module, mode, version), in the spec's order
 
     def sources(self, consumer: str, mode: str, leaf: Leaf) -> tuple[Source, ...]:
         """Producers that a leaf of a mode could be wired to, one entry per module and version, in the spec's order."""
         found: dict[tuple[str, int], list[str]] = {}
-        for candidate in self.modules.values():
-            for given in candidate.modes():
-                version = given.gives.get(leaf.variable)
-                if version is None or not leaf.accepts(version):
-                    continue
-                if candidate.module.name == consumer and given.name != mode:
-                    continue  # a module that feeds itself does so in the one mode it runs in
-                found.setdefault((candidate.module.name, version), []).append(given.name)
+        for module, giving, version in self.givers.get(leaf.variable, ()):
+            feeds_itself = module == consumer  # and does so in the one mode that it runs in
+            if leaf.accepts(version) and (giving == mode or not feeds_itself):
+                found.setdefault((module, version), []).append(giving)
         return tuple(Source(module, version, tuple(modes)) for (module, version), modes in found.items())
 
 
@@ -77,7 +74,16 @@ def candidates(spec: Spec, now: Situation) -> Candidates:
     possible = _possible(_placeable(spec, left))
     useful = _useful(possible, wanted)
     modules = {name: candidate for name, candidate in possible.items() if name in useful}
-    return Candidates(spec, now.phase, left, wanted, modules)
+    return Candidates(spec, now.phase, left, wanted, modules, _givers(modules))
+
+
+def _givers(modules: Mapping[str, Candidate]) -> dict[str, list[tuple[str, str, int]]]:
+    givers: dict[str, list[tuple[str, str, int]]] = {}
+    for name, candidate in modules.items():
+        for mode in candidate.modes():
+            for variable, version in mode.gives.items():
+                givers.setdefault(variable, []).append((name, mode.name, version))
+    return givers
 
 
 def _placeable(spec: Spec, left: Survivors) -> dict[str, Candidate]:

@@ -31,6 +31,7 @@ class Placing:
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Make the variables and state their rules."""
         self.possible = possible
+        self.pes = {name: candidate.pes() for name, candidate in possible.modules.items()}
         self.x: dict[tuple[str, str, str], IntVar] = {}
         self.on: dict[tuple[str, str], IntVar] = {}
         self.at: dict[tuple[str, str], IntVar] = {}
@@ -45,7 +46,7 @@ class Placing:
 
     def somewhere(self, module: str, pes: Collection[str]) -> list[IntVar] | None:
         """Literals of which exactly one is true iff a *running* module is on one of `pes`; None: it always is."""
-        hosts = self.possible.modules[module].pes()
+        hosts = self.pes[module]
         if all(pe in pes for pe in hosts):
             return None
         return [self.at[module, pe] for pe in hosts if pe in pes]
@@ -61,7 +62,7 @@ class Placing:
             for pe in hosts:
                 self.x[name, mode, pe] = self._model.new_bool_var(f"{name}.{mode}@{pe}")
             self.on[name, mode] = self._sum([self.x[name, mode, pe] for pe in hosts], f"{name}.{mode}")
-        pes = candidate.pes()
+        pes = self.pes[name]
         for pe in pes:
             modes = [self.x[name, mode, pe] for mode, hosts in candidate.hosts.items() if pe in hosts]
             self.at[name, pe] = self._sum(modes, f"{name}@{pe}")

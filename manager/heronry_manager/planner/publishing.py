@@ -87,7 +87,7 @@ class Publishing:
 
     def _only_side(self, module: str, sides: list[Side]) -> Side | None:
         """Return the side that a module cannot leave, if there is one."""
-        return next((side for side in sides if side.issuperset(self._possible.modules[module].pes())), None)
+        return next((side for side in sides if side.issuperset(self._placing.pes[module])), None)
 
     def _publication(self, producer: str, variable: str, bus: str) -> IntVar:
         key = (producer, variable, bus)

@@ -19,15 +19,15 @@ from heronry_agent.host import Answer, ModuleHost
 from heronry_agent.vocabulary import Action, StepModule
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
-from heronry_manager.core import Emit, ManagerAction, ManagerCore, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.core import ManagerCore
+from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.world import Window
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, Tick, Withdraw, require
+from heronry_wire.sansio import NEVER_NS, Received, Send, Tick, Withdraw, require
 
-_NEVER_NS = 1 << 63
 _MOST_RINGS_AT_ONCE = 1000
 
 
@@ -45,7 +45,7 @@ class Alarm:
     def __init__(self, clock: Clock, ring: Callable[[], None]) -> None:
         """`ring` is called at the deadline, which is forgotten then."""
         self._clock, self._ring = clock, ring
-        self._due_ns = _NEVER_NS
+        self._due_ns = NEVER_NS
         self._last_ns, self._rings = -1, 0  # at one instant
 
     def set(self, due_ns: int) -> None:
@@ -62,7 +62,7 @@ class Alarm:
         now_ns = self._clock.now_ns
         if not 0 <= self._due_ns <= now_ns:
             return
-        self._due_ns = _NEVER_NS
+        self._due_ns = NEVER_NS
         self._rings = self._rings + 1 if now_ns == self._last_ns else 1
         self._last_ns = now_ns
         require(self._rings <= _MOST_RINGS_AT_ONCE, "a core wants to be called at {} ns again and again", now_ns)

@@ -1,10 +1,9 @@
-"""CANaerospace node services: the one question that every node must answer, who are you (IDS, rule 12).
+"""CANaerospace node services: the one question that every node must answer, who are you (IDS, protocol rule 12).
 
 A question to this node is answered at once, one to everybody after (n - 92) ms, so that the answers do not all start
 together. Other services, other channels and malformed requests are not answered.
 """
 
-from heronry_agent.vocabulary import NEVER_NS
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.node_services import (
     BROADCAST,
@@ -16,13 +15,13 @@ from heronry_wire.node_services import (
     encode_service,
     service_id,
 )
-from heronry_wire.sansio import Send
+from heronry_wire.sansio import NEVER_NS, Send
 
 IDENTIFICATION = Identification(hardware_revision=0, software_revision=1)
 REQUEST_ID = service_id(0, is_answer=False)
 
 
-class Services:
+class IdentificationService:
     """Answers that are due."""
 
     def __init__(self, node: int) -> None:

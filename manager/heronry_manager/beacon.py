@@ -1,0 +1,46 @@
+"""What the manager says whatever happens: LEASE and ALIVE every heartbeat period, PINGs, a CANopen heartbeat.
+
+LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up; ALIVE names the PEs counted on, and
+a PE that it does not name drives nothing exclusive (protocol rules 4 and 6). A beat that came late is not made up for:
+two in a row would say nothing new.
+"""
+
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, heartbeat_id, management_id
+from heronry_wire.management import Alive, Lease, Ping
+from heronry_wire.sansio import Send
+
+CANOPEN_HEARTBEAT_NS = 1_000_000_000
+_OPERATIONAL = b"\x05"
+
+
+class Beacon:
+    """The manager's regular frames."""
+
+    def __init__(self, node: int, period_ns: int, first_ns: int) -> None:
+        """Beat every `period_ns` from `first_ns` on."""
+        self.next_ns = first_ns
+        self._node, self._period_ns = node, period_ns
+        self._canopen_ns = first_ns
+        self._sequence = 0
+
+    def beat(self, now_ns: int, lease: Lease, alive: frozenset[int], suspects: frozenset[int]) -> list[Send]:
+        """Give the frames of one beat."""
+        frames = [
+            self._send(Command.LEASE, lease.encode()),
+            self._send(Command.ALIVE, Alive(lease.term, self._sequence, alive).encode()),
+            *(self.ping(lease.term, node) for node in sorted(suspects)),
+        ]
+        if now_ns >= self._canopen_ns:
+            frames.append(Send(0, Frame(heartbeat_id(self._node), _OPERATIONAL)))
+            self._canopen_ns = now_ns + CANOPEN_HEARTBEAT_NS
+        self._sequence = (self._sequence + 1) % 256
+        self.next_ns += ((now_ns - self.next_ns) // self._period_ns + 1) * self._period_ns
+        return frames
+
+    def ping(self, term: int, node: int) -> Send:
+        """Ask one PE for its state."""
+        return self._send(Command.PING, Ping(term, node, self._sequence).encode())
+
+    def _send(self, command: Command, data: bytes) -> Send:
+        return Send(0, Frame(management_id(self._node, command), data))

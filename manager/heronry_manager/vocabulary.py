@@ -1,0 +1,56 @@
+"""What the manager's core is told and what it asks for, beside frames and time (`heronry_wire.sansio`).
+
+Every RequestPlan is answered by one PlanReady or PlanFailed that repeats its number: an answer to an older question is
+thereby recognised and dropped.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from heronry_dg.plan import Plan
+from heronry_wire.sansio import Received, Send, Tick
+
+
+@dataclass(frozen=True, slots=True)
+class RequestPlan:
+    """Ask for the best plan; answer with PlanReady or PlanFailed and the same number."""
+
+    request: int
+    down: frozenset[str]
+    phase: str | None
+    running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
+
+
+@dataclass(frozen=True, slots=True)
+class PlanReady:
+    """The answer to RequestPlan: a plan that the judge has accepted."""
+
+    request: int
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFailed:
+    """The planner could not answer."""
+
+    request: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Emit:
+    """An event for the stream."""
+
+    event: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """The manager must end; `reason` is a sentence for the user."""
+
+    reason: str
+
+
+ManagerEvent = Received | Tick | PlanReady | PlanFailed
+ManagerAction = Send | RequestPlan | Emit | Stop
