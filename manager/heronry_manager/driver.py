@@ -19,6 +19,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
 from heronry_manager.planner.client import Planned, PlannerClient
 from heronry_manager.vocabulary import Emit, ManagerAction, PlanFailed, PlanReady, RequestPlan, Stop
+from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
 from heronry_wire.sansio import Received, Send, Tick
@@ -26,6 +27,7 @@ from heronry_wire.sansio import Received, Send, Tick
 # What the manager listens to: commands, EMCY and states, and the echoes of what it sends; no data, which is most of
 # the traffic. (A driver's filter holds back echoes too.)
 FILTERS = (
+    {"can_id": REQUEST_ID, "can_mask": 0x7FE, "extended": False},  # 128 and 129: node services, channel 0
     {"can_id": 0x0C0, "can_mask": 0x7C0, "extended": False},  # 192..255
     {"can_id": 0x100, "can_mask": 0x7C0, "extended": False},  # 256..319
     *({"can_id": heartbeat_id(node), "can_mask": 0x7FF, "extended": False} for node in MANAGER_NODES),
