@@ -9,7 +9,7 @@ What makes a line: the manager's core, and `heronry demo` for what it did to the
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 VERSION = 1
@@ -84,11 +84,21 @@ _STAGE = {
 
 
 def reduce(events: Iterable[Mapping[str, Any]], start: Snapshot | None = None) -> Snapshot:
-    """Fold events into a snapshot; kinds of a later version are passed over."""
-    view = start or Snapshot()
+    """Fold events into a snapshot that goes on from `start`; kinds of a later version are passed over."""
+    view = Snapshot() if start is None else _copy(start)
     for one in events:
         _apply(view, one)
     return view
+
+
+def _copy(view: Snapshot) -> Snapshot:
+    return replace(
+        view,
+        pes=dict(view.pes),
+        failed=list(view.failed),
+        reconfigurations=list(view.reconfigurations),
+        problems=list(view.problems),
+    )
 
 
 def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
