@@ -4,6 +4,7 @@ import argparse
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +52,10 @@ def default_state_dir(spec_name: str) -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
     from heronry_manager.driver import FILTERS, ManagerDriver  # noqa: PLC0415 - loads the planner's client and python-can
+    from heronry_manager.events import event  # noqa: PLC0415
     from heronry_manager.planner.client import PlannerClient  # noqa: PLC0415
     from heronry_manager.term_file import next_term  # noqa: PLC0415
-    from heronry_tools.bus_flags import bus_config  # noqa: PLC0415
+    from heronry_tools.bus_flags import bus_config, what_it_models  # noqa: PLC0415
     from heronry_tools.event_printer import print_event  # noqa: PLC0415
     from heronry_tools.screen import screen  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec, spec_path  # noqa: PLC0415
@@ -65,6 +67,13 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with PlannerClient(spec, spec_path(arguments.spec)) as planner:
             planner.wait_until_ready()
+            interface, channel = (
+                str(getattr(arguments, "interface", "can.conf")),
+                str(getattr(arguments, "channel", "")),
+            )
+            models = f"{spec.manager.bus}: {what_it_models(interface, channel)}"
+            bus = {"name": spec.manager.bus, "interface": interface, "channel": channel, "models": models}
+            tell(event("bus", time.monotonic_ns(), **bus))
             driver = ManagerDriver(spec, link, planner, tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())

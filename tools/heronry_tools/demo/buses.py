@@ -10,13 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from heronry_dg.model import Spec
+from heronry_tools.bus_flags import what_it_models
 from heronry_tools.errors import UserError
-
-_MODELS = {
-    "softbus": "software bus: frame times, priority and load are true; no bit errors, no bus-off",
-    "vcan": "vcan: frames are real, but take no time: bus load, arbitration and bit errors are not modelled",
-    "socketcan": "SocketCAN: the real thing",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +26,7 @@ class BusChoice:
 
     def describe(self) -> str:
         """One line for the user: which bus, and what it does not model."""
-        kind = "vcan" if self.interface == "socketcan" and self.channel.startswith("vcan") else self.interface
-        return f"{self.name} is {self.channel if not self.is_ours else 'a ' + kind}: " + _MODELS.get(kind, kind)
+        return f"{self.name}: {what_it_models(self.interface, self.channel)}"
 
     def port_argument(self) -> str:
         """The value of `--bus` for this choice."""

@@ -105,7 +105,8 @@ class Show:
             yield json.loads(line)
 
     def _follow(self, one: dict[str, Any]) -> None:
-        self._tell(one)
+        if one["event"] != "bus":  # the demo has told it
+            self._tell(one)
         match one["event"]:
             case "plan_ready":
                 self._plan = one["plan"]
