@@ -9,7 +9,8 @@ Faults: `loss` is the probability that a frame is destroyed and has to be sent a
 `omission` that one receiver alone misses a frame which the others, and the sender, believe delivered (what CAN can
 do at the last bit but one: it is not an atomic broadcast); `doubled` that a receiver gets it twice, the other half of
 that flaw. `tamper` decides the same for one frame at a time. A station that is cut off neither sends nor receives, and
-sends later what it was given meanwhile. A station that leaves while it sends destroys that frame.
+sends later what it was given meanwhile, as far as that has not expired. A station that leaves while it sends destroys
+that frame.
 
 Two stations that have the same identifier waiting when the bus falls free would destroy each other's frames: that is
 noted in `clashes`, and the one that was offered first is sent.
@@ -30,6 +31,7 @@ from heronry_wire.timing import exact_bits
 
 _ERROR_FRAME_BITS = 31
 _NS_PER_S = 1_000_000_000
+FOR_EVER_NS = 1 << 63
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,17 @@ class Station:
     listener: Callable[[Received], None]
     present: bool = True
     cut_off: bool = False
-    stranded: list[Frame] = field(default_factory=list)  # offered while cut off
+    stranded: list[tuple[Frame, int]] = field(default_factory=list)  # while cut off: frames, and until when they serve
+
+
+class _Waiting(NamedTuple):
+    """A frame on its way: ordered by arbitration key, then as offered."""
+
+    key: int
+    offer: int
+    station: Station
+    frame: Frame
+    until_ns: int
 
 
 class SimulatedBus:
@@ -92,7 +104,7 @@ class SimulatedBus:
         self.tamper: Callable[[Sent], Tampering | None] | None = None
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
-        self._waiting: list[tuple[int, int, Station, Frame]] = []  # by arbitration key, then as offered
+        self._waiting: list[_Waiting] = []
         self._busy = False
         self._arbitration_due = False
         self._offers = 0
@@ -116,23 +128,23 @@ class SimulatedBus:
         """Mend the wire of a station."""
         station.cut_off = False
         stranded, station.stranded = station.stranded, []
-        for frame in stranded:
-            self.offer(station, frame)
+        for frame, until_ns in stranded:
+            self.offer(station, frame, until_ns)
 
-    def offer(self, station: Station, frame: Frame) -> None:
-        """Queue a frame at a station."""
+    def offer(self, station: Station, frame: Frame, until_ns: int = FOR_EVER_NS) -> None:
+        """Queue a frame at a station; one that cannot start by `until_ns` is not sent."""
         if not station.present:
             return
         self._offers += 1
-        heappush(self._waiting, (arbitration_key(frame), self._offers, station, frame))
+        heappush(self._waiting, _Waiting(arbitration_key(frame), self._offers, station, frame, until_ns))
         if not self._busy and not self._arbitration_due:
             self._arbitrate_soon()
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
         """Take back what waits at a station under these identifiers; what is being sent is sent."""
-        self._waiting = [one for one in self._waiting if one[2] is not station or one[3].can_id not in identifiers]
+        self._waiting = [w for w in self._waiting if w.station is not station or w.frame.can_id not in identifiers]
         heapify(self._waiting)
-        station.stranded = [frame for frame in station.stranded if frame.can_id not in identifiers]
+        station.stranded = [one for one in station.stranded if one[0].can_id not in identifiers]
 
     def _arbitrate_soon(self) -> None:
         self._arbitration_due = True
@@ -145,42 +157,39 @@ class SimulatedBus:
             return
         heappop(self._waiting)
         self._note_clash(head)
-        _, _, sender, frame = head
-        bits = exact_bits(frame)
+        bits = exact_bits(head.frame)
         destroyed = self.faults.loss > 0 and self._random.random() < self.faults.loss
         if destroyed:
             bits += _ERROR_FRAME_BITS
             heappush(self._waiting, head)
         self.busy_bits += bits
         self._busy = True
-        self._clock.at(
-            self._clock.now_ns + bits * _NS_PER_S // self.bitrate, lambda: self._end(sender, frame, destroyed)
-        )
+        self._clock.at(self._clock.now_ns + bits * _NS_PER_S // self.bitrate, lambda: self._end(head, destroyed))
 
-    def _head(self) -> tuple[int, int, Station, Frame] | None:
-        """Most urgent frame of a station that can send."""
+    def _head(self) -> _Waiting | None:
+        """Most urgent frame that may be sent, of a station that can send."""
         while self._waiting:
             head = self._waiting[0]
-            station = head[2]
-            if station.present and not station.cut_off:
+            if head.station.present and not head.station.cut_off and head.until_ns >= self._clock.now_ns:
                 return head
             heappop(self._waiting)
-            if station.present:
-                station.stranded.append(head[3])
+            if head.station.cut_off:
+                head.station.stranded.append((head.frame, head.until_ns))
         return None
 
-    def _note_clash(self, winner: tuple[int, int, Station, Frame]) -> None:
+    def _note_clash(self, winner: _Waiting) -> None:
         second = self._head()
-        if second is not None and second[0] == winner[0] and second[2] is not winner[2]:
-            names = (winner[2].name, second[2].name)
-            self.clashes.append(Clash(self._clock.now_ns, self.name, winner[3].can_id, names))
+        if second is not None and second.key == winner.key and second.station is not winner.station:
+            names = (winner.station.name, second.station.name)
+            self.clashes.append(Clash(self._clock.now_ns, self.name, winner.frame.can_id, names))
 
-    def _end(self, sender: Station, frame: Frame, destroyed: bool) -> None:
+    def _end(self, head: _Waiting, destroyed: bool) -> None:
         self._busy = False
+        sender, frame = head.station, head.frame
         if self._waiting:
             self._arbitrate_soon()
         if sender.cut_off and not destroyed:
-            sender.stranded.append(frame)
+            sender.stranded.append((frame, head.until_ns))
         if destroyed or not sender.present or sender.cut_off:
             return
         self.frames += 1

@@ -142,7 +142,7 @@ class SimulatedPe:
         match action:
             case Send(port, frame):
                 bus, station = self._stations[port]
-                bus.offer(station, frame)
+                bus.offer(station, frame, self._clock.now_ns + self.core.lease_ns)
             case Withdraw(identifiers):
                 for bus, station in self._stations:
                     bus.withdraw(station, identifiers)
