@@ -246,13 +246,18 @@ def test_the_windows_find_what_the_textbook_equations_give(
 def longest_seen(
     messages: list[Message], offsets: list[int], delays: list[list[int]], blocker_bits: int, horizon: int
 ) -> list[int]:
-    """Run a bus in whole bit times; below all messages somebody always has a frame of `blocker_bits` to send."""
+    """Run a bus in whole bit times; below all messages somebody always has a frame of `blocker_bits` to send.
+
+    Instances of one message are queued in their order, however late one of them is.
+    """
     releases = []
     for priority, message in enumerate(messages):
+        queued = 0
         for number in range(len(delays[priority])):
             due = offsets[priority] + number * int(message.period)
+            queued = max(queued, due + delays[priority][number])
             if due < horizon:
-                releases.append((due + delays[priority][number], priority, number, due))
+                releases.append((queued, priority, number, due))
     longest, pending, now = [0] * len(messages), sorted(releases), 0
     while pending:
         ready = [release for release in pending if release[0] <= now]

@@ -52,10 +52,9 @@ def default_state_dir(spec_name: str) -> Path:
 def run(arguments: argparse.Namespace) -> int:
     """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
     from heronry_manager.driver import FILTERS, ManagerDriver  # noqa: PLC0415 - loads the planner's client and python-can
-    from heronry_manager.events import event  # noqa: PLC0415
     from heronry_manager.planner.client import PlannerClient  # noqa: PLC0415
     from heronry_manager.term_file import next_term  # noqa: PLC0415
-    from heronry_tools.bus_flags import bus_config, what_it_models  # noqa: PLC0415
+    from heronry_tools.bus_flags import bus_config  # noqa: PLC0415
     from heronry_tools.event_printer import print_event  # noqa: PLC0415
     from heronry_tools.screen import screen  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec, spec_path  # noqa: PLC0415
@@ -67,13 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with PlannerClient(spec, spec_path(arguments.spec)) as planner:
             planner.wait_until_ready()
-            interface, channel = (
-                str(getattr(arguments, "interface", "can.conf")),
-                str(getattr(arguments, "channel", "")),
-            )
-            models = f"{spec.manager.bus}: {what_it_models(interface, channel)}"
-            bus = {"name": spec.manager.bus, "interface": interface, "channel": channel, "models": models}
-            tell(event("bus", time.monotonic_ns(), **bus))
+            tell(_bus_event(spec.manager.bus, arguments))
             driver = ManagerDriver(spec, link, planner, tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
@@ -84,3 +77,13 @@ def run(arguments: argparse.Namespace) -> int:
     if reason is not None:
         print(f"heronry: {reason}", file=sys.stderr)
     return 0 if reason is None else 1
+
+
+def _bus_event(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    from heronry_manager.events import event  # noqa: PLC0415
+    from heronry_tools.bus_flags import what_it_models  # noqa: PLC0415
+
+    interface = getattr(arguments, "interface", None) or "can.conf's interface"
+    channel = str(getattr(arguments, "channel", None) or "")
+    models = f"{name}: {what_it_models(interface, channel)}"
+    return event("bus", time.monotonic_ns(), name=name, interface=interface, channel=channel, models=models)
