@@ -43,7 +43,7 @@ class Story:
     _start_ns: int | None = None
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _next: Mapping[str, Any] = field(default_factory=dict)
-    _killed_ns: dict[str, int] = field(default_factory=dict)
+    _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
 
     def tell(self, event: Mapping[str, Any]) -> list[Line]:
         """Lines for one event; none for what a reader need not know."""
@@ -65,6 +65,10 @@ class Story:
                 yield Line(f"{event['pe']} joins: {event['cause']}", "good")
             case "plan_ready":
                 self._next = event["plan"]
+            case "epoch_prepared":
+                self._prepared[event["epoch"]] = self._next
+            case "epoch_abandoned":
+                self._prepared.pop(event["epoch"], None)
             case "epoch_step" if event["step"] == "GO":
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
@@ -79,14 +83,13 @@ class Story:
     def _process(self, event: Mapping[str, Any]) -> Iterator[Line]:
         what, pe = event["what"], event["pe"]
         if what == "killed":
-            self._killed_ns[pe] = event["t_ns"]
             runs = [name for name, m in self._plan.get("modules", {}).items() if m["pe"] == pe]
             yield Line(f"KILL {pe} (SIGKILL, process {event['pid']}); it ran {', '.join(runs) or 'nothing'}", "title")
         elif what == "restored":
             yield Line(f"RESTORE {pe} (process {event['pid']})", "title")
 
     def _reconfigured(self, event: Mapping[str, Any]) -> Iterator[Line]:
-        before, self._plan = self._plan, self._next
+        before, self._plan = self._plan, self._prepared.pop(event["epoch"])
         times = event["times_ns"]
         four = "  ".join(
             f"{name} {times[name] / 1e6:.1f} ms" for name in ("detect", "decide", "distribute", "activate")

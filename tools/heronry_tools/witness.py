@@ -2,7 +2,8 @@
 
 It looks at frames alone, never at the manager's opinion. A function counts as served while its outputs are heard: the
 echoes of its actuators (each tells what an actuator was told), or for an output that drives no actuator the output
-frames of its module. Silence for longer than `patience` periods of the slowest mode ends it.
+frames of its module. Silence for longer than three periods of the slowest mode and a tenth of a second ends it. An
+echo from a node that does not have the actuator is nobody's.
 
 It also sees what must never be: two branches of one DEMUX driven in turn within that patience (`rivals`).
 """
@@ -54,8 +55,8 @@ class Witness:
     def __init__(self, spec: Spec) -> None:
         self.rivals: list[tuple[Output, Output]] = []
         self._modules = list(spec.modules.values())
-        self._devices = list(spec.devices)
-        self._module_of_device = {m.device: m.name for m in spec.modules.values() if m.device is not None}
+        positions = {device: (spec.pes[d.pe].node_id, i) for i, (device, d) in enumerate(spec.devices.items())}
+        self._drivers = {positions[m.device]: m.name for m in spec.modules.values() if m.device is not None}
         self._watched = {
             name: _Watched(function, _patience_ns(spec.modules[module] for module in function.outputs))
             for name, function in spec.functions.items()
@@ -71,8 +72,9 @@ class Witness:
         if node is None or frame.extended:
             return None
         output = self._read(t_ns, node, frame)
-        for watched in self._functions_of.get(output.module, ()) if output is not None else ():
-            self._heard(watched, output)
+        if output is not None:
+            for watched in self._functions_of.get(output.module, ()):
+                self._heard(watched, output)
         return output
 
     def served(self, function: str, now_ns: int) -> bool:
@@ -96,17 +98,15 @@ class Witness:
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.node_id != node:
             return None
-        if datum.data_type is DataType.FLOAT and datum.service_code < len(self._devices):
-            module = self._module_of_device.get(self._devices[datum.service_code])
+        if datum.data_type is DataType.FLOAT:
+            module = self._drivers.get((node, datum.service_code))
             value = datum.value if isinstance(datum.value, float) else None
             return None if module is None else Output(t_ns, module, node, value)
         if datum.data_type is DataType.USHORT and isinstance(datum.value, int) and datum.value < len(self._modules):
             return Output(t_ns, self._modules[datum.value].name, node, None)
         return None
 
-    def _heard(self, watched: _Watched, output: Output | None) -> None:
-        if output is None:
-            return
+    def _heard(self, watched: _Watched, output: Output) -> None:
         last = watched.last
         if last is not None and output.t_ns - last.t_ns > watched.patience_ns:
             watched.outages.append(Outage(watched.function.name, last.t_ns, output.t_ns))

@@ -43,11 +43,13 @@ def choose(
 ) -> dict[str, BusChoice]:
     """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
 
-    Raises UserError for a name that the spec does not have.
+    Raises UserError for a name that the spec does not have, and for a bus that is named in both ways.
     """
     for name in named:
         if name not in spec.buses:
             raise UserError(f"--bus {name}: the spec has no such bus; it has {', '.join(spec.buses)}")
+        if name == spec.manager.bus and first is not None:
+            raise UserError(f"--bus {name}: -i and -c have named that bus already; give one of the two")
     choices = {}
     for name, bus in spec.buses.items():
         if name == spec.manager.bus and first is not None:

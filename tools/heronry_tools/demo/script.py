@@ -10,7 +10,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element
 from heronry_tools.errors import UserError
 
-_PATTERN = re.compile(r"(?P<element>pe:[^@]+)@(?P<seconds>\d+(\.\d+)?)")
+_PATTERN = re.compile(r"(?P<element>pe:[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -23,8 +23,14 @@ class Act:
 
 
 def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Act]:
-    """Acts in order of time; raises UserError for what cannot be read or does not exist."""
+    """Acts in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
     acts = [_act(spec, "kill", text) for text in kills] + [_act(spec, "restore", text) for text in restores]
+    running = set(spec.pes)
+    for act in sorted(acts):
+        if (act.what == "kill") != (act.pe in running):
+            state = "runs" if act.pe in running else "does not run"
+            raise UserError(f"--{act.what} pe:{act.pe}@{act.at_s:g}: {act.pe} {state} then; kill and restore in turn")
+        running ^= {act.pe}
     return sorted(acts)
 
 

@@ -1,0 +1,334 @@
+"""What a reader is told of a flight: the story word for word, the script's arguments, the buses, the screen."""
+
+import itertools
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.plan import Plan
+from heronry_dg.situation import situation
+from heronry_manager.events import KINDS, event
+from heronry_manager.planner.exact import plan
+from heronry_tools.cli import main
+from heronry_tools.demo.buses import BusChoice, choose, has_interface
+from heronry_tools.demo.script import Act, default_acts, read_script
+from heronry_tools.errors import UserError
+from heronry_tools.screen import screen
+from heronry_tools.story import _SENTENCES, Line, Story
+
+MS = 1_000_000
+ELEVATOR = load(Path("dg_specs/elevator_and_chute.dg.yaml"))
+BIG_BLUE = load(Path("dg_specs/big_blue.dg.yaml"))
+TIMES = {"detect": 61 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}
+
+
+def plan_after(before: Plan | None, *down: str) -> Plan:
+    modules = before.configuration.modules if before is not None else {}
+    return plan(ELEVATOR, situation(ELEVATOR, down), {name: (r.mode, r.pe) for name, r in modules.items()} or None)
+
+
+def reconfiguration(now_ms: int, epoch: int, made: Plan, *causes: str) -> list[dict[str, Any]]:
+    """A plan on its way to running."""
+    return [
+        event("plan_ready", now_ms * MS, request=epoch, plan=made.document(), decide_ns=1),
+        event("epoch_prepared", now_ms * MS, epoch=epoch, digest="0000AB", pes=[], bytes=1),
+        event("epoch_step", now_ms * MS, epoch=epoch, step="GO_ALL", waiting_for=[]),
+        event(
+            "reconfigured",
+            now_ms * MS,
+            epoch=epoch,
+            causes=list(causes),
+            times_ns=TIMES,
+            moved=[],
+            started=[],
+            stopped=[],
+        ),
+    ]
+
+
+def flight() -> Iterator[dict[str, Any]]:
+    """The tail's PE is killed, and comes back."""
+    whole = plan_after(None)
+    yield event("manager_started", 0, spec=ELEVATOR.name, spec_digest=ELEVATOR.digest, node=126, term=1, bus="can0")
+    yield event("process", 1, pe="tail_pe", pid=41, what="started")
+    yield event("pe_joined", 2, pe="tail_pe", cause="first heard")
+    yield from reconfiguration(1000, 1, whole, "pe:control_pe joined", "pe:tail_pe joined")
+    yield event("process", 3000 * MS, pe="tail_pe", pid=41, what="killed")
+    yield event("pe_suspected", 3030 * MS, pe="tail_pe", cause="silent", silent_ns=25 * MS)
+    yield event("pe_lost", 3061 * MS, pe="tail_pe", cause="silent for 3 periods", last_heard_ns=3000 * MS)
+    without = plan_after(whole, "pe:tail_pe")
+    yield from reconfiguration(3115, 2, without, "pe:tail_pe: silent for 3 periods")
+    yield event("process", 5000 * MS, pe="tail_pe", pid=42, what="restored")
+    yield event("pe_heard_again", 5100 * MS, pe="tail_pe", cause="a hold-down begins")
+    yield event("pe_joined", 5300 * MS, pe="tail_pe", cause="steady for 100 ms")
+    yield from reconfiguration(5400, 3, plan_after(without), "pe:tail_pe joined")
+    yield event("outage", 5450 * MS, function="elevator", from_ns=2990 * MS, to_ns=5440 * MS)
+    yield event("summary", 6000 * MS, served=list(ELEVATOR.functions), unserved=[], rivals=[])
+
+
+STORY = """\
+[ start  ] manager 126 on can0, term 1; waiting for the PEs
+[  0.00 s] epoch 1 runs: 11 modules, 3 of 3 wanted functions served (pe:control_pe joined, and 1 more)
+           detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
+             sensor_pe   54 % CPU  gps_driver, pressure_driver, high_quality_altitude:fused
+             control_pe   8 % CPU  release_driver, chute_logic, chute_driver
+             tail_pe    100 % CPU  state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
+[  2.00 s] KILL tail_pe (SIGKILL, process 41); it ran \
+state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
+[  2.03 s] tail_pe missed a heartbeat: asked with PING
+[  2.06 s] tail_pe is lost: silent for 3 periods
+[  2.12 s] epoch 2 runs: 6 modules, 1 of 3 wanted functions served (pe:tail_pe: silent for 3 periods)
+           detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
+             - angle_driver stops (was tail_pe)
+             - elevator_control stops (was tail_pe)
+             - servo_driver_1 stops (was tail_pe)
+             - servo_monitor stops (was tail_pe)
+             - state_estimator stops (was tail_pe)
+             elevator is no longer served: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is down, \
+and servo_driver_2 needs device elevator_servo_2 on tail_pe, which is down
+             servo_monitoring is no longer served: servo_monitor needs elevator_angle from angle_driver, which needs \
+device elevator_angle_sensor on tail_pe, which is down
+[  4.00 s] RESTORE tail_pe (process 42)
+[  4.10 s] tail_pe is heard again; a hold-down begins
+[  4.30 s] tail_pe joins: steady for 100 ms
+[  4.40 s] epoch 3 runs: 11 modules, 3 of 3 wanted functions served (pe:tail_pe joined)
+           detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
+             + angle_driver starts on tail_pe
+             + elevator_control starts on tail_pe
+             + servo_driver_1 starts on tail_pe
+             + servo_monitor starts on tail_pe
+             + state_estimator starts on tail_pe
+             elevator is served again (only, value 100)
+             servo_monitoring is served again (only, value 100)
+[  4.45 s] elevator (class A) is heard again on the bus, after 2450 ms of silence
+[  5.00 s] heard on the bus at the end: elevator, parachute, servo_monitoring
+"""
+
+
+def told(story: Story, events: list[dict[str, Any]]) -> list[Line]:
+    return [line for one in events for line in story.tell(one)]
+
+
+def test_a_kill_and_a_return_word_for_word() -> None:
+    assert "".join(line.text + "\n" for line in told(Story(ELEVATOR), list(flight()))) == STORY
+
+
+def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
+    tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
+    assert tones["tail_pe is lost: silent for 3 periods"] == "fault"
+    assert next(tone for text, tone in tones.items() if text.startswith("elevator is no longer served")) == "bad"
+    assert tones["elevator is served again (only, value 100)"] == "good"
+    assert tones["+ servo_monitor starts on tail_pe"] == "quiet"
+
+
+def told_flight() -> list[Line]:
+    return told(Story(ELEVATOR), list(flight()))
+
+
+def test_a_better_or_worse_mode_and_a_move_are_told_with_both_ends() -> None:
+    whole = plan_after(None)
+    story = Story(ELEVATOR)
+    told(story, reconfiguration(0, 1, whole, "start"))
+    blind = plan_after(whole, "device:gps")
+    lines = [line.text.strip() for line in told(story, reconfiguration(10, 2, blind, "device:gps failed"))]
+    assert "- high_quality_altitude stops (was sensor_pe (fused))" in lines
+    assert "+ low_quality_altitude starts on sensor_pe" in lines
+    assert f"worth of the data used: {whole.objective.inputs} -> {blind.objective.inputs} points" in lines
+    told(story, reconfiguration(20, 3, whole, "device:gps repaired"))
+    half = plan_after(whole, "device:barometer")
+    text = "\n".join(line.text for line in told(story, reconfiguration(30, 4, half, "device:barometer failed")))
+    assert re.search(r"> high_quality_altitude goes from sensor_pe \(fused\) to \w+ \(gps_only\)", text)
+
+
+def test_a_function_in_a_lesser_mode_is_told_with_its_value() -> None:
+    spec, story = BIG_BLUE, Story(BIG_BLUE)
+    now = situation(spec, phase="glide")
+    whole = plan(spec, now, None)
+    without_gps = plan(spec, situation(spec, ["device:gps"], phase="glide"), None)
+    told(story, reconfiguration(0, 1, whole, "start"))
+    worse = told(story, reconfiguration(1, 2, without_gps, "device:gps failed"))
+    better = told(story, reconfiguration(2, 3, whole, "device:gps repaired"))
+    assert ("guidance: mode route -> level, value 100 -> 30", "bad") in [(w.text.strip(), w.tone) for w in worse]
+    assert ("guidance: mode level -> route, value 30 -> 100", "good") in [(b.text.strip(), b.tone) for b in better]
+
+
+def test_the_story_tells_the_plan_of_the_epoch_that_runs_not_one_that_is_still_to_come() -> None:
+    whole, without = plan_after(None), plan_after(None, "pe:tail_pe")
+    early, late = reconfiguration(10, 1, whole, "start"), reconfiguration(20, 2, without, "pe:tail_pe lost")
+    story = Story(ELEVATOR)
+    lines = told(story, [*early[:3], *late[:2], early[3]])  # the first epoch ends while the second is being prepared
+    assert "epoch 1 runs: 11 modules, 3 of 3" in lines[0].text
+    lines = told(story, late[2:])
+    assert "epoch 2 runs: 6 modules, 1 of 3" in lines[0].text
+    assert any("servo_driver_1 stops" in line.text for line in lines)
+
+
+def test_an_epoch_that_was_given_up_is_not_told() -> None:
+    given_up = reconfiguration(10, 1, plan_after(None), "start")
+    story = Story(ELEVATOR)
+    assert told(story, [*given_up[:2], event("epoch_abandoned", 11, epoch=1, reason="a PE was lost")]) == []
+    assert "epoch 2" in told(story, reconfiguration(20, 2, plan_after(None), "start"))[0].text
+
+
+def test_waiting_silence_and_what_went_wrong_are_told() -> None:
+    story = Story(ELEVATOR)
+    told(story, reconfiguration(0, 1, plan_after(None, "pe:tail_pe"), "start"))
+    events = [
+        event("epoch_step", 10 * MS, epoch=2, step="GO", waiting_for=[]),
+        event("outage", 1500 * MS, function="parachute", from_ns=300 * MS, to_ns=None),
+        event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and nobody promised it
+        event("process", 1600 * MS, pe="tail_pe", pid=9, what="killed"),
+        event("summary", 2000 * MS, served=[], unserved=["parachute"], rivals=["servo_driver_1 and servo_driver_2"]),
+    ]
+    texts = [line.text.strip() for line in told(story, events)]
+    assert texts[:3] == [
+        "[  0.01 s] a DEMUX waits until a silent PE has certainly stopped driving it",
+        "[  1.50 s] parachute (class B) has not been heard for 1200 ms",
+        "[  1.60 s] KILL tail_pe (SIGKILL, process 9); it ran nothing",
+    ]
+    assert texts[3:5] == ["[  2.00 s] heard on the bus at the end: nothing", "planned, but not heard: parachute"]
+    assert texts[5].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
+    assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
+
+
+def test_every_sentence_names_fields_that_its_event_has() -> None:
+    for kind, (sentence, _) in _SENTENCES.items():
+        assert set(re.findall(r"{(\w+)", sentence)) <= set(re.findall(r"\w+", KINDS[kind]))
+
+
+# The script
+
+
+def test_acts_are_played_in_order_of_time() -> None:
+    acts = read_script(BIG_BLUE, ["pe:nav@3", "pe:tail_a@3.01"], ["pe:nav@4.5", "pe:tail_a@3.5"])
+    assert acts == [
+        Act(3, "kill", "nav"),
+        Act(3.01, "kill", "tail_a"),
+        Act(3.5, "restore", "tail_a"),
+        Act(4.5, "restore", "nav"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("kills", "restores", "sentence"),
+    [
+        (["nav@3"], [], "--kill nav@3: write it as pe:NAME@SECONDS, for example pe:flight@4"),
+        (["pe:nav"], [], "--kill pe:nav: write it as"),
+        (["pe:nav@"], [], "--kill pe:nav@: write it as"),
+        (["pe:nav@soon"], [], "--kill pe:nav@soon: write it as"),
+        (["pe:nav@-1"], [], "--kill pe:nav@-1: write it as"),
+        (["pe:nav@" + "9" * 400], [], "write it as"),
+        (["device:gps@3"], [], "--kill device:gps@3: write it as"),
+        ([], ["pe:nva@3"], "--restore pe:nva@3: no pe is named 'nva'; did you mean 'nav'?"),
+        (["pe:@3"], [], "--kill pe:@3: write it as"),
+        (["pe:nav@٣"], [], "write it as"),
+        (["pe:nav@1", "pe:nav@2"], [], "--kill pe:nav@2: nav does not run then; kill and restore in turn"),
+        ([], ["pe:nav@2"], "--restore pe:nav@2: nav runs then"),
+        (["pe:nav@1"], ["pe:nav@2", "pe:nav@3"], "--restore pe:nav@3: nav runs then"),
+    ],
+)
+def test_a_bad_script_is_one_clear_sentence(
+    kills: list[str], restores: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(UserError, match=re.escape(sentence)):
+        read_script(BIG_BLUE, kills, restores)
+    arguments = [*itertools.chain(*(("--kill", k) for k in kills), *(("--restore", r) for r in restores))]
+    assert main(["demo", "big_blue", *arguments]) == 2
+    seen = capsys.readouterr()
+    assert seen.out == ""
+    assert re.fullmatch(f"heronry: .*{re.escape(sentence)}.*\n", seen.err)
+
+
+def test_without_a_script_the_busiest_pe_is_killed_and_comes_back() -> None:
+    kill, restore = default_acts(plan_after(None).document())
+    assert (kill.what, restore.what) == ("kill", "restore")
+    assert kill.pe == restore.pe == "tail_pe"
+    assert kill.at_s < restore.at_s
+    assert default_acts({}) == []
+
+
+# Buses
+
+
+def test_every_bus_of_a_spec_is_a_software_bus_unless_there_is_something_better(tmp_path: Path) -> None:
+    chosen = choose(BIG_BLUE, tmp_path, {}, None)
+    assert chosen["radio"] == BusChoice("radio", "softbus", str(tmp_path / "radio.sock"), 112_500, is_ours=True)
+    assert chosen["can0"].interface == ("socketcan" if has_interface("vcan0") else "softbus")
+    assert choose(BIG_BLUE, tmp_path, {}, None, prefer_vcan=False)["can0"].is_ours
+
+
+def test_what_is_named_is_taken(tmp_path: Path) -> None:
+    chosen = choose(BIG_BLUE, tmp_path, {"radio": ("udp_multicast", "239.0.0.1")}, ("socketcan", "can7", 500_000))
+    assert chosen["can0"] == BusChoice("can0", "socketcan", "can7", 500_000, is_ours=False)
+    assert chosen["radio"].port_argument() == "radio=udp_multicast:239.0.0.1"
+    assert not chosen["radio"].is_ours
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("wlan", "--bus wlan: the spec has no such bus; it has can0, radio"),
+        ("can0", "--bus can0: -i and -c have named that bus already"),
+    ],
+)
+def test_a_bus_that_cannot_be_chosen_is_one_clear_sentence(tmp_path: Path, name: str, sentence: str) -> None:
+    with pytest.raises(UserError, match=sentence):
+        choose(BIG_BLUE, tmp_path, {name: ("softbus", "x")}, ("socketcan", "can7", None))
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "said"),
+    [
+        ("softbus", "/tmp/can0.sock", "no bus-off"),
+        ("socketcan", "vcan0", "no arbitration"),
+        ("socketcan", "can0", "the real thing"),
+        ("udp_multicast", "239.0.0.1", "239.0.0.1"),
+    ],
+)
+def test_a_bus_says_what_it_does_not_model(interface: str, channel: str, said: str) -> None:
+    sentence = BusChoice("can0", interface, channel, None, is_ours=False).describe()
+    assert sentence.startswith("can0: ")
+    assert channel in sentence
+    assert said in sentence
+
+
+def test_the_loopback_is_an_interface_of_this_machine() -> None:
+    assert has_interface("lo")
+    assert not has_interface("can_that_nobody_has")
+
+
+# The screen
+
+
+def test_a_pipe_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    show = screen(ELEVATOR)
+    for one in flight():
+        show(one)
+    assert capsys.readouterr().out == STORY
+
+
+def test_a_terminal_gets_colour_and_the_same_words() -> None:
+    program = """
+from pathlib import Path
+from heronry_dg.loader import load
+from heronry_manager.events import event
+from heronry_tools.screen import screen
+show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
+show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
+"""
+    master, terminal = os.openpty()
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "200"}
+    environment.pop("NO_COLOR", None)
+    with os.fdopen(terminal, "wb") as end:
+        subprocess.run([sys.executable, "-c", program], stdout=end, env=environment, check=True)
+    with os.fdopen(master, "rb", buffering=0) as screen_side:
+        seen = screen_side.read(4096).decode()
+    assert "\x1b[1;33m" in seen  # bold yellow: a fault
+    assert re.sub(r"\x1b\[[0-9;]*m", "", seen) == "[ start  ] tail_pe is lost: [silent] for 3 periods\r\n"
