@@ -1,0 +1,1 @@
+"""What can be wrong with a spec, as data: one file per family of codes."""

@@ -1,0 +1,1 @@
+"""`heronry check` and its kin, and the families of rules that solve."""
