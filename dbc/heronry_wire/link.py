@@ -7,14 +7,14 @@ come within `ECHO_TIMEOUT_NS` (bus-off, an overrun of the receive queue) is give
 it is still known and taken out.
 
 What arrives is dated: its time-stamp is turned into the monotonic clock, so that whoever was stopped for a while does
-not take old frames for news. A back-end whose time-stamps are of another clock makes everything look old; the reader
-holds that against the time of its own last look.
+not take old frames for news.
 
 A back-end asked to send while the controller's own queue is full (ENOBUFS, a busy mailbox) is tried again a
 millisecond later. Anything else that goes wrong with the bus raises LinkError with one sentence: no agent flies on a
 dead link.
 
-Interfaces that cannot echo are driven without: there a frame counts as sent when `send` returns.
+That a back-end echoes, and stamps frames by this machine's clock, is known of SocketCAN and the software bus. Others
+are driven without: there a frame counts as sent when `send` returns, and has arrived when it is taken.
 """
 
 import errno
@@ -31,7 +31,7 @@ from heronry_wire.transmit_queue import TransmitQueue
 
 ECHO_TIMEOUT_NS = 100_000_000
 RETRY_NS = 1_000_000
-_ECHOING = ("socketcan", "softbus", "virtual")
+_WELL_KNOWN = ("socketcan", "softbus")
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
 _REMEDIES = {
@@ -64,7 +64,7 @@ class Link:
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._deadline_ns: int | None = None  # of the echo, or of the next try
         self._bus = self._open(config)
-        self._echoes = self._bus.channel_info.lower().startswith(_ECHOING)
+        self._is_well_known = self._bus.channel_info.startswith(_WELL_KNOWN)
 
     def fileno(self) -> int:
         """Descriptor that is readable when `receive` has something."""
@@ -90,7 +90,7 @@ class Link:
                     break
                 frame = _frame_of(message)
                 if not self._is_echo(frame, now_ns):
-                    age_ns = max(0, wall_ns - int(message.timestamp * 1e9))
+                    age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
                     arrivals.append(Arrival(now_ns - age_ns, frame))
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
@@ -158,9 +158,9 @@ class Link:
             self._deadline_ns = now_ns + RETRY_NS
             return False
         self.queue.pop()
-        if self._echoes:
+        if self._is_well_known:
             self._in_flight, self._deadline_ns = frame, now_ns + ECHO_TIMEOUT_NS
-        return not self._echoes
+        return not self._is_well_known
 
 
 def _frame_of(message: can.Message) -> Frame:

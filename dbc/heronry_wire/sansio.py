@@ -14,10 +14,14 @@ NEVER_NS = 1 << 63  # a deadline that does not come
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A frame arrived on a port (the position of the bus among those this node sits on)."""
+    """A frame arrived on a port (the position of the bus among those this node sits on).
+
+    `age_ns` is how long ago: after a pause of the process what is handed over now may be old, and no proof of anything.
+    """
 
     port: int
     frame: Frame
+    age_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,6 +104,7 @@ class AgentCore:
             if frame.extended or frame.remote or frame.error:
                 turn.count("not a data frame of 11 bits", frame.can_id)
                 return out
+            turn.arrived_ns = now_ns - event.age_ns
             handler(event)
         else:
             self._recent.append((now_ns, event))
@@ -218,7 +219,7 @@ class AgentCore:
         return handlers
 
     def _datum(self, source: int, event: Received) -> None:
-        if not self.modules.mailboxes.boxes[source].put(event.frame.data, self._turn.now_ns):
+        if not self.modules.mailboxes.boxes[source].put(event.frame.data, self._turn.arrived_ns):
             self._turn.count("foreign or malformed datum", event.frame.can_id)
         self._forward(event)
 
@@ -236,7 +237,7 @@ class AgentCore:
             return
         if data[0] < _PAGE_1:
             if event.port == self._index.uplink:
-                self.permission.heard(self._turn.now_ns)
+                self.permission.heard(self._turn.arrived_ns)
             epoch, running = data[2] << 8 | data[3], self.reconfiguration.running.epoch
             if epoch != running:
                 self.permission.saw_epoch(epoch, running)

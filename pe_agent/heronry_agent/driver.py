@@ -3,8 +3,8 @@
 A turn goes so:
 
 1. Wait until a frame has come, a deadline is due, or whoever started the agent is gone.
-2. Hand over every frame that has come, dated with its arrival: after a pause of this process the old ones among them
-   must not look like news (rule 6), and no deadline passes before they are known.
+2. Hand over every frame that has come, with its age: after a pause of this process the old ones among them must not
+   look like news (rule 6), and no deadline passes before they are known.
 3. Hand over what a module has computed, then the deadline if it is due. What this releases is computed at once, and
    waits for the next turn: so frames that came meanwhile count before its outputs go out.
 
@@ -25,7 +25,7 @@ from typing import Any
 
 from heronry_agent.core import AgentCore
 from heronry_agent.host import ModuleHost
-from heronry_agent.vocabulary import Action, Note, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import Action, Event, Note, StartFailed, StepFailed, Stepped
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
@@ -56,7 +56,6 @@ class AgentDriver:
     def __init__(self, core: AgentCore, host: ModuleHost, links: Sequence[Link], tell: Callable[[Note], None]) -> None:
         """`tell` gets every note as it happens."""
         self._core, self._host, self._links, self._tell = core, host, links, tell
-        self._last_ns = time.monotonic_ns()
         self._answer: Stepped | StepFailed | None = None
         self._stopping = False
 
@@ -89,7 +88,8 @@ class AgentDriver:
     def _take_frames(self) -> None:
         while arrivals := self._arrivals():
             for arrival, port in arrivals:
-                self._step(arrival.time_ns, Received(port, arrival.frame))
+                now_ns = time.monotonic_ns()
+                self._step(now_ns, Received(port, arrival.frame, max(0, now_ns - arrival.time_ns)))
 
     def _arrivals(self) -> list[tuple[Arrival, int]]:
         """What has come on all ports, in the order in which it came."""
@@ -105,17 +105,14 @@ class AgentDriver:
         if answer is not None:
             self._step(time.monotonic_ns(), answer)
 
-    def _step(self, at_ns: int, event: Received | Tick | Stepped | StepFailed | StartFailed) -> None:
-        """Give the core an event; a date before its last event is that of the last one."""
-        self._last_ns = max(self._last_ns, at_ns)
-        for action in self._core.step(self._last_ns, event):
-            self._carry_out(action)
+    def _step(self, now_ns: int, event: Event) -> None:
+        for action in self._core.step(now_ns, event):
+            self._carry_out(action, now_ns)
 
-    def _carry_out(self, action: Action) -> None:
+    def _carry_out(self, action: Action, decided_ns: int) -> None:
         match action:
             case Send(port, frame):
-                now_ns = time.monotonic_ns()
-                self._links[port].send(frame, now_ns, now_ns + self._core.lease_ns)
+                self._links[port].send(frame, time.monotonic_ns(), decided_ns + self._core.lease_ns)
             case Withdraw(identifiers):
                 for link in self._links:
                     link.withdraw(identifiers)

@@ -103,10 +103,9 @@ class Obedience:
                 self._settled_lease = data
 
     def _leased(self, event: Received) -> None:
-        now_ns = self.turn.now_ns
-        self.reign.leased(now_ns)
-        self.permission.heard(now_ns)
-        self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, now_ns)
+        self.reign.leased(self.turn.arrived_ns)
+        self.permission.heard(self.turn.arrived_ns)
+        self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
 
     def _alive(self, manager: int, event: Received) -> None:
         """ALIVE: whom the manager counts on (rule 6)."""
@@ -116,7 +115,7 @@ class Obedience:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, fields[0], event):
             self.permission.named(bool(fields[3] >> self.index.node - FIRST_PE & 1))
-            self.permission.heard(self.turn.now_ns)
+            self.permission.heard(self.turn.arrived_ns)
             meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 

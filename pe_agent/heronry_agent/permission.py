@@ -6,10 +6,10 @@ while all three hold, asked before every output with the time of that moment, so
     (a) the last ALIVE that was obeyed names this PE. Before the first one nothing is allowed: it follows every LEASE,
         so whoever was given a configuration has heard it. A new term does not cancel the word of the old one; its
         own first ALIVE, a period later at most, does;
-    (b) another node was heard within T_lease: its state frame, LEASE or ALIVE. Those alone count, because they carry
-        the evidence of (a) and (c): a PE that comes back from a pause must not trust a frame that could not have told
-        it that it was replaced. They count on the uplink alone: a gateway that is cut off from the manager counts as
-        down there, whatever it hears behind itself;
+    (b) another node was heard within T_lease, by when its frame arrived: a state frame, LEASE or ALIVE. Those alone
+        count, because they carry the evidence of (a) and (c): a PE that comes back from a pause must not trust a frame
+        that could not have told it that it was replaced. They count on the uplink alone: a gateway that is cut off
+        from the manager counts as down there, whatever it hears behind itself;
     (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
         that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
         does a LEASE that names the very one that runs here.
@@ -37,9 +37,10 @@ class Permission:
             return False
         return now_ns - self._heard_ns <= self._lease_ns
 
-    def heard(self, now_ns: int) -> None:
+    def heard(self, arrived_ns: int) -> None:
         """Another node, or a manager, was heard on the uplink."""
-        self._heard_ns = now_ns
+        if self._heard_ns is None or arrived_ns > self._heard_ns:
+            self._heard_ns = arrived_ns
 
     def named(self, is_named: bool) -> None:
         """ALIVE of the reigning manager counts on this PE, or does not."""

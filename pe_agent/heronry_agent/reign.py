@@ -31,9 +31,9 @@ class Reign:
             self.term, self.manager = term, manager
         return term == self.term and manager == self.manager
 
-    def leased(self, now_ns: int) -> None:
+    def leased(self, arrived_ns: int) -> None:
         """A LEASE was obeyed."""
-        self._leased_ns = now_ns
+        self._leased_ns = arrived_ns
 
     def hears_lease(self, now_ns: int) -> bool:
         """Tell whether the manager reigns, as far as can be heard here."""

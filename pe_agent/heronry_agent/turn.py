@@ -13,10 +13,11 @@ from heronry_agent.vocabulary import Action, Note
 class Turn:
     """The call being served."""
 
-    __slots__ = ("counts", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
+    __slots__ = ("arrived_ns", "counts", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
 
     def __init__(self, now_ns: int) -> None:
         self.now_ns = now_ns
+        self.arrived_ns = now_ns  # when the frame being taken came: earlier than now after a pause of the process
         self.counts: Counter[tuple[str, int]] = Counter()  # what was not understood or obeyed, by identifier; for ever
         self.out: list[Action] = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
@@ -25,7 +26,7 @@ class Turn:
         """Begin the next call; raises ValueError when time goes back."""
         if now_ns < self.now_ns:
             raise ValueError(f"time went back from {self.now_ns} to {now_ns}: give the agent a monotonic clock")
-        self.now_ns = now_ns
+        self.now_ns = self.arrived_ns = now_ns
         self.out = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
         return self.out

@@ -47,7 +47,7 @@ from heronry_wire.management import (
     Step,
     decode_emergency,
 )
-from heronry_wire.sansio import Tick
+from heronry_wire.sansio import Received, Tick
 
 WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}, publish={ALARM: 1})
 
@@ -303,3 +303,13 @@ def test_a_report_of_an_element_that_is_not_in_the_spec_is_counted() -> None:
     pe.configure(WATCHING, 7)
     assert report(pe, ("device:nonsense", 0), ("nonsense", 0)) == []
     assert pe.core.counts["report of an unknown element", MONITOR] == 2
+
+
+def test_an_old_datum_taken_after_a_pause_is_as_old_as_it_is() -> None:
+    pe = OnePe()
+    pe.configure(WATCHING, 7)
+    pe.give(Received(0, rate_frame(1.5), age_ns=70 * MS))
+    pe.pass_time(0)
+    assert pe.seen[MONITOR]["0"] == 1.5
+    pe.pass_time(34 * MS)
+    assert "0" not in pe.seen[MONITOR]

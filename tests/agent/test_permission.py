@@ -15,6 +15,7 @@ from agent.one_pe import (
     NODE,
     SERVO_1,
     OnePe,
+    command_frame,
     neighbour_state,
     rate_frame,
     sent,
@@ -25,7 +26,7 @@ from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id
 from heronry_wire.management import Activate, Alive, Lease, PeFlags, Step
-from heronry_wire.sansio import Tick
+from heronry_wire.sansio import Received, Tick
 
 EVERYBODY = frozenset({NEIGHBOUR, NODE})
 
@@ -166,3 +167,25 @@ def test_what_cannot_run_elsewhere_is_never_held() -> None:
     pe.configure(Slice(), 7)
     pe.pass_time(10 * LEASE_NS)
     assert PeFlags.OUTPUT_HELD not in pe.ask()[0].flags
+
+
+def test_old_frames_taken_after_a_pause_prove_nothing_even_when_a_deadline_passed_first() -> None:
+    pe = flying()
+    pe.now_ns += 10 * LEASE_NS
+    pe.give(Tick())
+    for frame in (
+        neighbour_state(7),
+        command_frame(Alive(1, 0, EVERYBODY)),
+        command_frame(Lease(1, 7, Step.GO_ALL, 1007)),
+    ):
+        pe.give(Received(0, frame, age_ns=9 * LEASE_NS))
+    assert not drives(pe.pass_time(50 * MS))
+    pe.hear(neighbour_state(7))
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_a_frame_that_came_before_another_takes_nothing_back() -> None:
+    pe = flying()
+    pe.hear(neighbour_state(7))
+    pe.give(Received(0, neighbour_state(7, node=FAR), age_ns=10 * LEASE_NS))
+    assert drives(pe.pass_time(50 * MS))

@@ -156,7 +156,20 @@ def test_an_echo_that_does_not_come_is_given_up_and_one_that_comes_late_is_still
     assert [arrival.frame.can_id for arrival in stubborn.receive(ECHO_TIMEOUT_NS)] == [7]
 
 
-def test_a_time_stamp_of_another_clock_makes_a_frame_old_and_never_newer_than_now(stubborn: Link) -> None:
+def test_a_back_end_that_is_not_well_known_is_sent_to_without_echo_and_its_stamps_are_not_trusted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(can, "Bus", Stubborn)
+    monkeypatch.setattr(Stubborn, "channel_info", "a bus of its own kind")
+    with closing(Link({"channel": "x"})) as link:
+        for can_id in (5, 6):
+            link.send(Frame(can_id, b""), 0)
+        assert [message.arbitration_id for message in Stubborn.current.sent] == [5, 6]
+        Stubborn.current.arrived = [can.Message(timestamp=0.0)]
+        assert link.receive(1_000)[0].time_ns == 1_000
+
+
+def test_a_frame_is_as_old_as_its_stamp_and_never_newer_than_now(stubborn: Link) -> None:
     bus = Stubborn.current
     bus.arrived = [can.Message(timestamp=0.0), can.Message(timestamp=time.time() + 1_000)]
     old, new = stubborn.receive(1_000)
