@@ -9,7 +9,9 @@ below all data, what an output does, and a simulated world follows it.
 A module that serves a function but drives no actuator, or tells its actuator what is no number (a display's words), is
 shown to run in the same place:
 
-    byte 0  node-ID   1  USHORT  2  index of its mode                 3  message code   4..5  index of the module
+    byte 0  node-ID   1  ULONG   2  index of its mode                 3  message code   4..7  index of the module
+
+Both have 8 bytes: a DBC gives a frame one length.
 
 A value that its type cannot carry raises WireError: the module that gave it is at fault.
 """
@@ -46,7 +48,7 @@ class Publisher:
 
     def output_echo(self, module: int, mode: int) -> Frame:
         """Echo of a step of an output, where no actuator's value shows it."""
-        return self._own_echo(DataType.USHORT, mode, module)
+        return self._own_echo(DataType.ULONG, mode, module)
 
     def echo(self, device: str, value: object) -> Frame | None:
         """Echo of a value written to a device; None where no number in one frame tells it."""

@@ -92,9 +92,14 @@ def test_faults_heartbeats_and_echoes_are_read(database: Database) -> None:
     fault = Emergency(FaultCode.REPORTED, 1, ElementKind.DEVICE, 3, 44).encode()
     read = database.decode_message(emcy_id(94), fault)
     assert (read["code_high"] << 8 | read["code_low"], read["kind"], read["index"]) == (0xFF03, "DEVICE", 3)
-    assert database.decode_message(heartbeat_id(94), b"\x05") == {"canopen_state": "OPERATIONAL"}
+    for node in (94, 126, 127):
+        assert database.decode_message(heartbeat_id(node), b"\x05") == {"canopen_state": "OPERATIONAL"}
     echo = encode_data(actuator_echo_id(94), Datum(94, DataType.FLOAT, 3, 1, -2.5))
-    assert database.decode_message(echo.can_id, echo.data)["value"] == -2.5
+    read = database.decode_message(echo.can_id, echo.data)
+    assert (read["device"], read["value"]) == ("elevator_servo_1", -2.5)
+    echo = encode_data(actuator_echo_id(93), Datum(93, DataType.ULONG, 0, 1, 10))
+    read = database.decode_message(echo.can_id, echo.data)
+    assert (read["module"], read["mode"]) == ("servo_monitor", 0)
 
 
 @pytest.mark.parametrize("name", SHIPPED)

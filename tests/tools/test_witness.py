@@ -31,9 +31,9 @@ def echo(spec: Spec, device: str, value: float = 1.5) -> Frame:
 
 
 def output_echo(spec: Spec, module: str, pe: str) -> Frame:
-    """What an agent sends when an output without an actuator has run: USHORT, the module's index."""
+    """What an agent sends when an output without an actuator has run: ULONG, the module's index."""
     node = spec.pes[pe].node_id
-    return encode_data(actuator_echo_id(node), Datum(node, DataType.USHORT, 0, 7, list(spec.modules).index(module)))
+    return encode_data(actuator_echo_id(node), Datum(node, DataType.ULONG, 0, 7, list(spec.modules).index(module)))
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_who_comes_back_after_a_pause_is_no_rival(witness: Witness) -> None:
         echo(ELEVATOR, "elevator_servo_1")._replace(data=b"\x5e\x02\x03\x07\0\0"),
         encode_data(actuator_echo_id(CONTROL), Datum(CONTROL, DataType.FLOAT, 3, 7, 1.5)),  # a servo of another PE
         encode_data(actuator_echo_id(TAIL), Datum(TAIL, DataType.FLOAT, 200, 7, 1.5)),
-        encode_data(actuator_echo_id(TAIL), Datum(TAIL, DataType.USHORT, 0, 7, 200)),
+        encode_data(actuator_echo_id(TAIL), Datum(TAIL, DataType.ULONG, 0, 7, 200)),
         encode_data(actuator_echo_id(TAIL), Datum(TAIL, DataType.SHORT, 3, 7, 1)),
     ],
 )

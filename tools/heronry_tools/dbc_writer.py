@@ -5,7 +5,7 @@ heartbeat and actuator echo by field. The fields are those of the tables the cod
 `heronry_wire.canaerospace`), so the DBC cannot say anything else than the codec does.
 
 What a DBC cannot say: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by the
-index), or that a state frame is one of two pages (multiplexed by the page).
+index), that a state frame is one of two pages (multiplexed by the page), or an echo one of two kinds (by the type).
 """
 
 from collections import OrderedDict
@@ -58,7 +58,7 @@ _COMMANDS: Mapping[Command, Layout] = {
 def dbc_text(spec: Spec | None) -> str:
     """DBC of the management protocol and, with a spec, of its PEs' names and all its data."""
     nodes = {node: f"node_{node}" for node in PE_NODES} if spec is None else _nodes_of(spec)
-    messages = [*_management(), *_per_node(nodes)]
+    messages = [*_management(), *_per_node(nodes, spec)]
     if spec is not None:
         messages += _data(spec)
     senders = [*nodes.values(), *(f"manager_{node}" for node in MANAGER_NODES)]
@@ -105,6 +105,7 @@ def _management() -> Iterator[Message]:
             name = f"{command.name}_{node}"
             yield _message(management_id(node, command), name, layout.length, list(_signals(layout)), f"manager_{node}")
         yield _message(management_id(node, Command.SLICE), f"SLICE_{node}", 8, list(_slice()), f"manager_{node}")
+        yield _heartbeat(node, f"manager_{node}")
 
 
 def _slice() -> Iterator[Signal]:
@@ -117,12 +118,16 @@ def _slice() -> Iterator[Signal]:
         yield signal
 
 
-def _per_node(nodes: Mapping[int, str]) -> Iterator[Message]:
+def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
     for node, name in nodes.items():
         yield _message(state_id(node), f"STATE_{name}", 8, list(_state()), name)
         yield _message(emcy_id(node), f"EMCY_{name}", EMCY.length, list(_signals(EMCY)), name)
-        yield _message(heartbeat_id(node), f"HEARTBEAT_{name}", 1, [_signal("canopen_state", 0, 8, _CANOPEN)], name)
-        yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo()), name)
+        yield _heartbeat(node, name)
+        yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo(spec)), name)
+
+
+def _heartbeat(node: int, name: str) -> Message:
+    return _message(heartbeat_id(node), f"HEARTBEAT_{name}", 1, [_signal("canopen_state", 0, 8, _CANOPEN)], name)
 
 
 _CANOPEN = {0x00: "BOOT_UP", 0x04: "STOPPED", 0x05: "OPERATIONAL", 0x7F: "PRE_OPERATIONAL"}
@@ -148,9 +153,21 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
     yield _signal("message_code", 24, 8)
 
 
-def _echo() -> Iterator[Signal]:
-    yield from _header((_signal("device", 16, 8),))
-    yield _signal("value", 32, 32, is_float=True)
+def _echo(spec: Spec | None) -> Iterator[Signal]:
+    """Both echoes: of a device that was driven (FLOAT), of a module that ran (ULONG); by name where there is a spec."""
+    devices = dict(enumerate(spec.devices)) if spec is not None else None
+    modules = dict(enumerate(spec.modules)) if spec is not None else None
+    kinds = {
+        DataType.FLOAT: (_signal("device", 16, 8, devices), _signal("value", 32, 32, is_float=True)),
+        DataType.ULONG: (_signal("mode", 16, 8), _signal("module", 32, 32, modules)),
+    }
+    for signal in _header(()):
+        signal.is_multiplexer = signal.name == "data_type"
+        yield signal
+    for kind, signals in kinds.items():
+        for signal in signals:
+            signal.multiplexer_ids, signal.multiplexer_signal = [kind.value], "data_type"
+            yield signal
 
 
 def _data(spec: Spec) -> Iterator[Message]:
