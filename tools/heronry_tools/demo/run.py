@@ -25,7 +25,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
 
-LONGEST_START_S = 20.0
+LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
 LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
 _LOOK_S = 0.1  # how often the witness is asked for outages
 
@@ -81,9 +81,8 @@ class Show:
             if words is not None:
                 raise UserError(words)
             if self._start_ns is None and time.monotonic() - begun > LONGEST_START_S:
-                raise UserError(
-                    f"no configuration ran within {LONGEST_START_S:.0f} s; {self._fleet.last_words('manager')}"
-                )
+                words = self._fleet.last_words("manager")
+                raise UserError(f"no configuration ran within {LONGEST_START_S:.0f} s; of the manager: {words}")
 
     def _over(self) -> bool:
         return self._start_ns is not None and self._show_s() >= self._seconds
