@@ -29,6 +29,7 @@ Malformed bytes decode to `Malformed` with a reason; encoding a number that does
 Source: design rules 1 to 6 of the protocol; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
@@ -315,6 +316,14 @@ def is_newer(epoch: int, than: int) -> bool:
     if NO_EPOCH in (epoch, than):
         return epoch != than and than == NO_EPOCH
     return 0 < (epoch - than) % 0x10000 < 0x8000
+
+
+def newest_epoch(epochs: Iterable[int]) -> int:
+    """Newest of some epochs that lie close together; none of none."""
+    newest = NO_EPOCH
+    for epoch in epochs:
+        newest = epoch if is_newer(epoch, newest) else newest
+    return newest
 
 
 def next_epoch(epoch: int) -> int:

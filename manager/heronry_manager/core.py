@@ -37,7 +37,7 @@ from heronry_manager.events import event as make_event
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.latched_faults import LatchedFaults
-from heronry_manager.reconfiguration import Participant, Reconfiguration, Stage
+from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanFailed, PlanReady, RequestPlan, Stop
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
@@ -61,12 +61,14 @@ from heronry_wire.management import (
     decode_command,
     decode_emergency,
     decode_state,
+    newest_epoch,
     next_epoch,
 )
 from heronry_wire.sansio import Received, Send, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 PLAN_AGAIN_NS = 1_000_000_000
+EPOCHS_PER_TERM = 16
 _EPOCHS_REMEMBERED = 8
 _RECENT_EVENTS = 40
 
@@ -78,15 +80,6 @@ class Reign(Enum):
     STARTING = "starting"
     REIGNING = "reigning"
     RETIRED = "retired"
-
-
-@dataclass(frozen=True, slots=True)
-class _Cause:
-    """Why the system is being reconfigured."""
-
-    what: str
-    known_ns: int
-    since_ns: int  # the last sign of the old state: detect = known - since
 
 
 @dataclass(slots=True)
@@ -117,12 +110,11 @@ class ManagerCore:
         self._request = 0
         self._waiting_for_plan = False
         self._plan_again_ns: int | None = None
-        self._causes: list[_Cause] = []  # of the reconfiguration that is not done yet
-        self._decided_ns = 0
+        self._causes: list[Cause] = []  # of the reconfiguration that is not done yet
         self._before = Configuration()  # what ran before the current epoch
         self._current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self._next: Reconfiguration | None = None  # being prepared
-        self._highest_epoch = 0
+        self._highest_epoch = (term - 1) * EPOCHS_PER_TERM  # the numbers of older reigns are not used again
         self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
         self._wired = _reached_by_wire(spec)
         self._beacon = Beacon(node, self._period_ns, self._listen_until_ns)
@@ -142,10 +134,13 @@ class ManagerCore:
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
             or identifier in self._manager_lease_ids
+            or identifier == REQUEST_ID
         )
 
     def step(self, now_ns: int, event: ManagerEvent) -> list[ManagerAction]:
         """Take one event at `now_ns`; returns what is to be done, in order."""
+        if self._reign is Reign.RETIRED:
+            return []
         match event:
             case Received(frame=frame):
                 self._receive(now_ns, frame)
@@ -220,8 +215,10 @@ class ManagerCore:
             seen.configured = True
             self._exclusion.reported(pe, known.placed)
             known.reported(pe, page.state, now_ns)
-        elif self._epochs:
+        elif seen.configured:
             self._fail(now_ns, pe, f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded")
+        else:
+            self._exclusion.unknown(pe)  # it joined with what another manager, or an older reign, gave it
 
     def _on_staging(self, now_ns: int, pe: str, page: StatePage1) -> None:
         for epoch in (self._next, self._current):
@@ -237,7 +234,7 @@ class ManagerCore:
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:
             return
         element = self._failed.element(emergency.kind, emergency.index)
-        if element is None:
+        if element is None or self._reign is Reign.LISTENING:  # it will be said again until somebody acknowledges it
             return
         node = self._spec.pes[pe].node_id
         heard = Control(self._term, node, Operation.ACKNOWLEDGE, emergency.kind, emergency.index)
@@ -245,7 +242,7 @@ class ManagerCore:
         if self._failed.latch(element):
             code, detail = emergency.code.name, emergency.detail
             self._emit(now_ns, "fault_reported", element=element, by=pe, detail=detail, code=code)
-            self._replan(now_ns, _Cause(f"{element} failed, reported by {pe}", now_ns, now_ns))
+            self._replan(now_ns, Cause(f"{element} failed, reported by {pe}", now_ns, now_ns))
 
     def _on_lease(self, now_ns: int, node: int, lease: object) -> None:
         if not isinstance(lease, Lease):
@@ -254,6 +251,8 @@ class ManagerCore:
             self._retire(now_ns, node, lease, f"manager {node} already reigns on {self._bus.name} (term {lease.term})")
         elif lease.term > self._term:
             self._retire(now_ns, node, lease, f"manager {node} reigns with the higher term {lease.term}")
+        elif lease.term == self._term and node < self._node:
+            self._retire(now_ns, node, lease, f"manager {node} has the same term {lease.term} and goes first")
 
     def _retire(self, now_ns: int, node: int, lease: Lease, reason: str) -> None:
         self._reign = Reign.RETIRED
@@ -307,24 +306,24 @@ class ManagerCore:
                 self._emit(now_ns, "pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
                 if self._reign is not Reign.LISTENING:
                     self._actions.append(self._beacon.ping(self._term, self._spec.pes[pe].node_id))
-            case Change.LOST | Change.REBOOTED:
+            case Change.LOST | Change.REBOOTED | Change.FAILED:
                 if change.change is Change.REBOOTED:
                     self._exclusion.rebooted(pe)
-                else:
+                elif change.change is Change.LOST:
                     self._exclusion.declared_down(pe)
                 self._emit(now_ns, "pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
-                self._lose(now_ns, pe, _Cause(f"pe:{pe}: {change.cause}", now_ns, last if last is not None else now_ns))
+                self._lose(now_ns, pe, Cause(f"pe:{pe}: {change.cause}", now_ns, last if last is not None else now_ns))
             case Change.ABSENT:
                 self._emit(now_ns, "pe_absent", pe=pe, cause=change.cause)
-                self._replan(now_ns, _Cause(f"pe:{pe}: {change.cause}", now_ns, now_ns))
+                self._replan(now_ns, Cause(f"pe:{pe}: {change.cause}", now_ns, now_ns))
             case Change.HEARD_AGAIN:
                 self._emit(now_ns, "pe_heard_again", pe=pe, cause=change.cause)
             case Change.JOINED:
                 self._emit(now_ns, "pe_joined", pe=pe, cause=change.cause)
                 self._observed[pe].configured = False
-                self._replan(now_ns, _Cause(f"pe:{pe} joined", now_ns, now_ns))
+                self._replan(now_ns, Cause(f"pe:{pe} joined", now_ns, now_ns))
 
-    def _lose(self, now_ns: int, pe: str, cause: _Cause) -> None:
+    def _lose(self, now_ns: int, pe: str, cause: Cause) -> None:
         self._observed[pe] = _Observed()
         if self._current is not None:
             self._current.drop(pe)
@@ -338,7 +337,7 @@ class ManagerCore:
 
     # Plans
 
-    def _replan(self, now_ns: int, cause: _Cause) -> None:
+    def _replan(self, now_ns: int, cause: Cause) -> None:
         """The situation has changed: what is being prepared is void, and a new plan is needed."""
         self._causes.append(cause)
         if self._next is not None:
@@ -375,7 +374,7 @@ class ManagerCore:
     def _plan_ready(self, now_ns: int, answer: PlanReady) -> None:
         if answer.request != self._request or not self._waiting_for_plan:
             return
-        self._waiting_for_plan, self._decided_ns = False, now_ns
+        self._waiting_for_plan = False
         decide_ns = now_ns - self._causes[-1].known_ns if self._causes else 0
         self._emit(now_ns, "plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
         if self._runs_already(answer.plan.configuration):
@@ -392,7 +391,8 @@ class ManagerCore:
 
     def _prepare(self, now_ns: int, plan: Plan) -> None:
         compiled = self._compiler.configuration(plan.configuration)
-        self._highest_epoch = next_epoch(max(self._highest_epoch, *(seen.epoch for seen in self._observed.values())))
+        observed = (seen.epoch for seen in self._observed.values())
+        self._highest_epoch = next_epoch(newest_epoch((self._highest_epoch, *observed)))
         participants = [self._participant(pe) for pe in self._health.counted_on()]
         self._next = Reconfiguration(
             term=self._term,
@@ -403,6 +403,7 @@ class ManagerCore:
             participants=participants,
             bitrate=self._bus.bitrate,
             started_ns=now_ns,
+            causes=tuple(self._causes),
         )
         size = sum(len(body) for body in compiled.slices.values())
         pes = [participant.pe for participant in participants]
@@ -427,15 +428,11 @@ class ManagerCore:
             self._activate(now_ns, self._next)
         current = self._current
         if current is not None:
-            if current.stage is Stage.BREAKING and current.all_broken():
-                current.held_until_ns = self._held_until_ns(current, now_ns)
+            self._free(current, now_ns)
+            broken = current.stage is Stage.BREAKING and current.all_broken() and current.identifiers_free_ns is None
+            if broken or (current.stage is Stage.HOLDING and current.demux_free_ns is None):
                 current.go(now_ns)
                 self._emit_step(now_ns, current)
-            if current.stage is Stage.HOLDING:
-                current.held_until_ns = self._held_until_ns(current, now_ns)
-                if current.held_until_ns is None:
-                    current.go(now_ns)
-                    self._emit_step(now_ns, current)
             if current.stage is Stage.GOING and current.all_active():
                 current.finish(now_ns)
                 self._emit_reconfigured(now_ns, current)
@@ -443,20 +440,24 @@ class ManagerCore:
             self._flush(epoch)
 
     def _activate(self, now_ns: int, epoch: Reconfiguration) -> None:
-        counted_on = self._health.counted_on()
-        must_break = self._exclusion.must_break(epoch.placed, counted_on)
-        held_until_ns = self._held_until_ns(epoch, now_ns)
+        must_break = self._exclusion.must_break(epoch.placed, self._health.counted_on())
+        self._free(epoch, now_ns)
         self._exclusion.activated(epoch.placed)
         self._before = self._current.configuration if self._current is not None else Configuration()
         self._current, self._next = epoch, None
         self._epochs[epoch.epoch] = epoch
         if len(self._epochs) > _EPOCHS_REMEMBERED:
             self._epochs.popitem(last=False)
-        epoch.activate(must_break, held_until_ns, now_ns)
+        epoch.activate(must_break, now_ns)
         self._emit_step(now_ns, epoch)
 
-    def _held_until_ns(self, epoch: Reconfiguration, now_ns: int) -> int | None:
-        return self._exclusion.held_until_ns(epoch.placed, self._health.counted_on(), now_ns)
+    def _free(self, epoch: Reconfiguration, now_ns: int) -> None:
+        """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
+        if epoch.stage in (Stage.DONE, Stage.GOING):
+            return
+        counted_on = self._health.counted_on()
+        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, counted_on, now_ns)
+        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, counted_on, now_ns)
 
     def _flush(self, epoch: Reconfiguration | None) -> None:
         if epoch is None:
@@ -473,17 +474,17 @@ class ManagerCore:
 
     def _emit_reconfigured(self, now_ns: int, epoch: Reconfiguration) -> None:
         before, after = self._before.modules, epoch.configuration.modules
-        first = min(self._causes, key=lambda c: c.known_ns, default=_Cause("", now_ns, now_ns))
         times = epoch.times
         staged_ns = times.staged_ns or now_ns
+        first = min(epoch.causes, key=lambda cause: cause.known_ns)
         self._emit(
             now_ns,
             "reconfigured",
             epoch=epoch.epoch,
-            causes=[cause.what for cause in self._causes],
+            causes=[cause.what for cause in epoch.causes],
             times_ns={
                 "detect": first.known_ns - first.since_ns,
-                "decide": self._decided_ns - first.known_ns,
+                "decide": times.prepared_ns - first.known_ns,
                 "distribute": staged_ns - times.prepared_ns,
                 "activate": now_ns - staged_ns,
             },
@@ -491,7 +492,7 @@ class ManagerCore:
             started=sorted(after.keys() - before.keys()),
             stopped=sorted(before.keys() - after.keys()),
         )
-        self._causes.clear()
+        self._causes = [cause for cause in self._causes if cause not in epoch.causes]
 
     def _send(self, command: Command, data: bytes) -> None:
         self._actions.append(Send(0, Frame(management_id(self._node, command), data)))

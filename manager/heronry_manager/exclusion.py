@@ -3,12 +3,14 @@
 A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
 run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that it may be running places it there:
 
-    gains    the ones of a configuration, from the first ACTIVATE of its epoch on
+    gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
+             is found running what another manager gave it
     keeps    only those, once it has reported that epoch (it is BROKEN or further)
-    loses    all of them as a new incarnation; those of modules once it is declared down; those of a DEMUX
+    loses    all of them as a new incarnation; those of modules once it is declared down for its silence; any other
              T_lease after the last ALIVE that named it: by then it has stopped by itself
 
-What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits.
+What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up although it
+speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
 """
 
 from collections.abc import Iterable, Mapping
@@ -29,16 +31,25 @@ class Exclusion:
         self._last_named_ns: dict[str, int] = {}
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
+        for module in spec.modules.values():
+            for pe in hosts_when_all_is_up(spec, module):
+                self._possible[pe] |= self._tokens_of(module.name)
 
     def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
         """Tokens that a configuration places on each PE."""
         placed: dict[str, set[str]] = {pe: set() for pe in self._spec.pes}
         for name, running in configuration.modules.items():
-            if name in self._demux_of:
-                placed[running.pe].add(f"demux:{self._demux_of[name]}:{name}")
-            if name in self._movable:
-                placed[running.pe].add(f"module:{name}")
+            placed[running.pe] |= self._tokens_of(name)
         return placed
+
+    def _tokens_of(self, module: str) -> set[str]:
+        tokens = set()
+        if module in self._demux_of:
+            tokens.add(f"demux:{self._demux_of[module]}:{module}")
+        if module in self._movable:
+            tokens.add(f"module:{module}")
+        return tokens
 
     def named(self, pes: Iterable[str], now_ns: int) -> None:
         """ALIVE has just named these PEs."""
@@ -59,21 +70,34 @@ class Exclusion:
         self._holds[pe] = set()
 
     def declared_down(self, pe: str) -> None:
-        """A PE was declared down: the identifiers of its modules are free."""
-        self._holds[pe] = {token for token in self._holds[pe] if token.startswith("demux:")}
+        """A PE was declared down for its silence: the identifiers of its modules are free."""
+        self._holds[pe] = {token for token in self._holds[pe] if _is_demux(token)}
+
+    def unknown(self, pe: str) -> None:
+        """A PE runs what this manager did not give it: it may hold whatever could be placed there."""
+        self._holds[pe] |= self._possible[pe]
 
     def must_break(self, placed: Mapping[str, set[str]], counted_on: Iterable[str]) -> set[str]:
         """PEs counted on that must report `broken` before anybody starts what is new in this configuration."""
         return {pe for pe in counted_on if self._rivals(pe, placed)}
 
-    def held_until_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
-        """When the last silent PE has certainly stopped driving a DEMUX placed elsewhere; None if none does."""
+    def demux_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+        """When the last PE not counted on has certainly stopped driving a DEMUX placed elsewhere; None: now."""
+        return self._free_ns(placed, counted_on, now_ns, demux=True)
+
+    def identifiers_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+        """When the last PE not counted on has certainly stopped sending for a module placed elsewhere; None: now."""
+        return self._free_ns(placed, counted_on, now_ns, demux=False)
+
+    def _free_ns(
+        self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int, *, demux: bool
+    ) -> int | None:
         ends = []
         for pe in self._holds.keys() - set(counted_on):
             until_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns
             if until_ns <= now_ns:
                 self._holds[pe] = set()
-            elif self._rivals(pe, placed):
+            elif any(_is_demux(token) is demux for token in self._rivals(pe, placed)):
                 ends.append(until_ns)
         return max(ends, default=None)
 
@@ -82,6 +106,10 @@ class Exclusion:
         mine = placed[pe]
         others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
         return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}
+
+
+def _is_demux(token: str) -> bool:
+    return token.startswith("demux:")
 
 
 def _exclusive_thing(token: str) -> str:

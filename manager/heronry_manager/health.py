@@ -42,7 +42,8 @@ class Change(Enum):
 
     JOINED = "joined"  # counted on from now
     SUSPECTED = "suspected"
-    LOST = "lost"  # was counted on, and is no more
+    LOST = "lost"  # was counted on, and is silent
+    FAILED = "failed"  # was counted on, and does not do what it was told; it may still drive what it drove
     REBOOTED = "rebooted"  # the same, and what ran there has certainly stopped
     ABSENT = "absent"  # not heard before the start-up window closed
     HEARD_AGAIN = "heard again"  # hold-down begins
@@ -140,7 +141,7 @@ class Health:
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]
-        return self._lose(record, record.heard_ns, now_ns, cause)
+        return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def tick(self, now_ns: int) -> list[HealthChange]:
         """Let time pass."""

@@ -1,7 +1,8 @@
 """One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (rule 4).
 
     PREPARING   PREPARE and the slices are out; every awaited PE must say that it has staged this epoch's digest
-    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must say BROKEN
+    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must say BROKEN, and the identifiers of
+                PEs that were given up although they speak must have run out
     GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must say ACTIVE
     HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
     DONE        every awaited PE is ACTIVE
@@ -72,6 +73,15 @@ class Participant:
     runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
 
 
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why the system is being reconfigured."""
+
+    what: str
+    known_ns: int
+    since_ns: int  # the last sign of the old state: detect = known - since
+
+
 @dataclass(slots=True)
 class _Progress:
     who: Participant
@@ -101,7 +111,6 @@ class Times:
 
     prepared_ns: int
     staged_ns: int | None = None
-    activated_ns: int | None = None
     done_ns: int | None = None
 
 
@@ -117,6 +126,7 @@ class Reconfiguration:
     participants: list[Participant]
     bitrate: int
     started_ns: int
+    causes: tuple[Cause, ...] = ()
     stage: Stage = Stage.PREPARING
     outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
 
@@ -124,7 +134,8 @@ class Reconfiguration:
         """Send PREPARE and the head of every slice."""
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
-        self.held_until_ns: int | None = None
+        self.identifiers_free_ns: int | None = None  # BREAKING waits until then
+        self.demux_free_ns: int | None = None  # HOLDING waits until then
         self._progress = {p.pe: _Progress(p, wants_body=self._differs(p)) for p in self.participants}
         self._bodies: deque[SliceBody] = deque()
         self._next_body_ns = self.started_ns
@@ -139,15 +150,10 @@ class Reconfiguration:
         """Step that LEASE repeats."""
         return _STEP_OF[self.stage]
 
-    @property
-    def open(self) -> bool:
-        """Tell whether somebody may still have to be served."""
-        return self.stage is not Stage.ABANDONED
-
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
         """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
         progress = self._progress.get(pe)
-        if progress is None or not self.open:
+        if progress is None:
             return
         if has_staged and not progress.staged:
             progress.staged = True
@@ -181,48 +187,36 @@ class Reconfiguration:
         return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
 
     def all_active(self) -> bool:
-        """Tell whether every awaited PE has taken the step it was last sent."""
-        wanted = self.step
-        return all(
-            p.step >= wanted or (wanted is Step.GO and p.step >= Step.GO)
-            for p in self._progress.values()
-            if p.who.awaited
-        )
+        """Tell whether every awaited PE has taken the last step."""
+        return all(p.step is Step.GO_ALL for p in self._progress.values() if p.who.awaited)
 
-    def activate(self, must_break: set[str], held_until_ns: int | None, now_ns: int) -> None:
+    def activate(self, must_break: set[str], now_ns: int) -> None:
         """Everybody has staged: take the first step (there is no way back)."""
-        self.times.staged_ns = self.times.activated_ns = now_ns
+        self.times.staged_ns = now_ns
         self.must_break = must_break & self._progress.keys()
-        self.held_until_ns = held_until_ns
-        for progress in self._progress.values():
-            progress.owes(now_ns)
-        if self.must_break:
-            self.stage = Stage.BREAKING
-            self._send_step()
+        if self.must_break or self.identifiers_free_ns is not None:
+            self._enter(Stage.BREAKING, now_ns)
         else:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
-        """Everything exclusive is free but what a silent PE may still hold: start the rest."""
-        held = self.held_until_ns is not None and now_ns < self.held_until_ns
-        for progress in self._progress.values():
-            progress.owes(now_ns)
-        self.stage = Stage.HOLDING if held else Stage.GOING
-        self._send_step()
+        """Everything exclusive is free but a DEMUX that a silent PE may still drive: start the rest."""
+        self._enter(Stage.GOING if self.demux_free_ns is None else Stage.HOLDING, now_ns)
 
     def finish(self, now_ns: int) -> None:
         """Everybody awaited is active."""
         self.stage, self.times.done_ns = Stage.DONE, now_ns
 
     def abandon(self) -> None:
-        """Give this number up, before its first ACTIVATE."""
+        """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
         self.stage = Stage.ABANDONED
         self._bodies.clear()
+        self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
         """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
         self._pace_bodies(now_ns)
-        waiting = {pe: progress for pe, progress in self._progress.items() if self._waits_for(progress)}
+        waiting = self._waiting_for()
         overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
         again = [p for pe, p in waiting.items() if pe not in overdue and now_ns >= p.again_ns()]
         if any(not progress.staged for progress in again):
@@ -238,18 +232,24 @@ class Reconfiguration:
 
     def next_deadline_ns(self) -> int | None:
         """When `tick` has something to do."""
-        wanted = self.step
-        deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
+        deadlines = [progress.again_ns() for progress in self._waiting_for().values()]
         if self._bodies:
             deadlines.append(self._next_body_ns)
-        if self.stage is Stage.HOLDING and self.held_until_ns is not None:
-            deadlines.append(self.held_until_ns)
+        free_ns = {Stage.BREAKING: self.identifiers_free_ns, Stage.HOLDING: self.demux_free_ns}.get(self.stage)
+        if free_ns is not None:
+            deadlines.append(free_ns)
         return min(deadlines, default=None)
 
-    def _waits_for(self, progress: _Progress) -> bool:
-        if not self.open:
-            return False
-        return not progress.staged or progress.step < self.step
+    def _enter(self, stage: Stage, now_ns: int) -> None:
+        """Take a step: everybody owes it from now on."""
+        self.stage = stage
+        for progress in self._progress.values():
+            progress.owes(now_ns)
+        self._send_step()
+
+    def _waiting_for(self) -> dict[str, _Progress]:
+        wanted = self.step
+        return {pe: p for pe, p in self._progress.items() if not p.staged or p.step < wanted}
 
     def _differs(self, who: Participant) -> bool:
         return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]

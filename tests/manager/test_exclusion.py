@@ -43,7 +43,8 @@ def activate(exclusion: Exclusion, configuration: Configuration) -> None:
 def test_nothing_waits_at_the_first_start(exclusion: Exclusion) -> None:
     placed = exclusion.tokens(with_servo(1, "tail_pe"))
     assert exclusion.must_break(placed, PES) == set()
-    assert exclusion.held_until_ns(placed, PES, 0) is None
+    assert exclusion.demux_free_ns(placed, PES, 0) is None
+    assert exclusion.identifiers_free_ns(placed, PES, 0) is None
 
 
 def test_a_demux_that_moves_between_healthy_pes_breaks_first(exclusion: Exclusion) -> None:
@@ -70,22 +71,43 @@ def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Excl
     exclusion.declared_down("tail_pe")
     placed = exclusion.tokens(with_servo(2, "control_pe"))
     assert exclusion.must_break(placed, left) == set()
-    assert exclusion.held_until_ns(placed, left, 65 * MS) == 160 * MS
-    assert exclusion.held_until_ns(placed, left, 160 * MS) is None
+    assert exclusion.demux_free_ns(placed, left, 65 * MS) == 160 * MS
+    assert exclusion.demux_free_ns(placed, left, 160 * MS) is None
 
 
 def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
     exclusion.declared_down("control_pe")
     placed = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
-    assert exclusion.held_until_ns(placed, ["sensor_pe", "tail_pe"], 65 * MS) is None
+    assert exclusion.identifiers_free_ns(placed, ["sensor_pe", "tail_pe"], 65 * MS) is None
+
+
+def test_the_identifiers_of_a_pe_given_up_although_it_speaks_wait_for_its_lease_to_run_out(
+    exclusion: Exclusion,
+) -> None:
+    activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
+    left = ["sensor_pe", "tail_pe"]
+    placed = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
+    assert exclusion.identifiers_free_ns(placed, left, 65 * MS) == 100 * MS
+    assert exclusion.demux_free_ns(placed, left, 65 * MS) is None
+    assert exclusion.identifiers_free_ns(placed, left, 100 * MS) is None
+
+
+def test_a_pe_that_runs_what_another_manager_gave_it_must_break_whatever_could_be_placed_there(
+    exclusion: Exclusion,
+) -> None:
+    exclusion.unknown("tail_pe")
+    placed = exclusion.tokens(with_servo(2, "control_pe", control_on="sensor_pe"))
+    assert exclusion.must_break(placed, PES) == {"tail_pe"}
+    exclusion.reported("tail_pe", placed)
+    assert exclusion.must_break(placed, PES) == set()
 
 
 def test_a_new_incarnation_holds_nothing(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe"))
     exclusion.rebooted("tail_pe")
     placed = exclusion.tokens(with_servo(2, "control_pe"))
-    assert exclusion.held_until_ns(placed, ["sensor_pe", "control_pe"], 10 * MS) is None
+    assert exclusion.demux_free_ns(placed, ["sensor_pe", "control_pe"], 10 * MS) is None
 
 
 def test_a_pe_that_missed_the_last_epoch_still_holds_what_it_ran(exclusion: Exclusion) -> None:

@@ -1,0 +1,206 @@
+"""A manager of a small spec, and its PEs, spoken for by the test: frames in, actions out, time by hand.
+
+Three PEs on one bus: `left` and `right` can each drive one servo of the elevator (branches of one DEMUX), `middle` or
+either of them can compute its demand. Everything beats every 20 ms.
+"""
+
+from collections import Counter
+from typing import Any
+
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_manager.compilation import Compiler
+from heronry_manager.core import ManagerCore
+from heronry_manager.planner.exact import plan
+from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    Emergency,
+    ManagementMessage,
+    PeFlags,
+    PeState,
+    Reason,
+    SliceHead,
+    StatePage0,
+    StatePage1,
+    Step,
+    decode_command,
+)
+from heronry_wire.sansio import Received, Send, Tick
+
+MS = 1_000_000
+BEAT_NS = 20 * MS
+NODE, TERM = 126, 1
+
+SPEC_TEXT = """
+dg: 1
+name: two_tails
+buses: {can0: {bitrate: 1000000}}
+pes:
+  left:   {node_id: 92, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+  middle: {node_id: 93, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+  right:  {node_id: 94, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+devices:
+  servo_left:  {kind: actuator, pe: left}
+  servo_right: {kind: actuator, pe: right}
+variables:
+  demand: {type: FLOAT}
+gates:
+  elevator_out: {demux: demand}
+modules:
+  control: {image: state_estimator, gives: {demand: 1}, cpu: 0.1, ram: 4KiB, flash: 8KiB, rate_hz: 40}
+  drive_left:  {image: servo_driver_1, needs: elevator_out, device: servo_left,
+                cpu: 0.1, ram: 1KiB, flash: 2KiB, rate_hz: 40}
+  drive_right: {image: servo_driver_1, needs: elevator_out, device: servo_right,
+                cpu: 0.1, ram: 1KiB, flash: 2KiB, rate_hz: 40}
+functions:
+  elevator: {output: elevator_out, criticality: A, priority: 100}
+"""
+
+
+def two_tails() -> Spec:
+    return loads(SPEC_TEXT, "two_tails.dg.yaml")
+
+
+class OneManager:
+    """The core, its clock, and all it has asked for."""
+
+    def __init__(self, spec: Spec | None = None, *, node: int = NODE, term: int = TERM) -> None:
+        self.spec = spec or two_tails()
+        self.now_ns = 1_000 * MS
+        self.core = ManagerCore(self.spec, node, term, self.now_ns)
+        self.node, self.term = node, term
+        self.events: list[dict[str, Any]] = []
+        self.requests: list[RequestPlan] = []
+        self.commands: list[ManagementMessage] = []
+        self.stops: list[str] = []
+        self.compiler = Compiler(self.spec)
+        self.running: dict[str, StatePage0] = {}  # what each PE that lives says each beat
+        self.sequences: Counter[str] = Counter()
+
+    def give(self, event: ManagerEvent) -> list[ManagerAction]:
+        """Give an event now."""
+        actions = self.core.step(self.now_ns, event)
+        self.core.validate()
+        for action in actions:
+            match action:
+                case Emit(told):
+                    self.events.append(told)
+                case RequestPlan():
+                    self.requests.append(action)
+                case Stop(reason):
+                    self.stops.append(reason)
+                case Send(_, frame):
+                    self._note(frame)
+        return actions
+
+    def _note(self, frame: Frame) -> None:
+        message = decode_command(frame.can_id - management_id(self.node, Command.LEASE), frame.data)
+        if not isinstance(message, Malformed):
+            self.commands.append(message)
+
+    def hear(self, frame: Frame) -> list[ManagerAction]:
+        return self.give(Received(0, frame))
+
+    def pass_time(self, duration_ns: int) -> None:
+        """Let time pass, deadline by deadline; PEs that live beat on."""
+        end_ns = self.now_ns + duration_ns
+        beat_ns = self.now_ns - self.now_ns % BEAT_NS + BEAT_NS
+        while True:
+            due_ns = self.core.next_deadline_ns()
+            at_ns = min(beat_ns, end_ns if due_ns is None else max(self.now_ns, due_ns))
+            if at_ns > end_ns or (at_ns == end_ns and beat_ns > end_ns):
+                break
+            self.now_ns = at_ns
+            if at_ns == beat_ns:
+                beat_ns += BEAT_NS
+                for pe in self.running:
+                    self.beat(pe)
+            else:
+                self.give(Tick())
+        self.now_ns = end_ns
+
+    def beat(self, pe: str) -> None:
+        self.hear(Frame(self.state_id(pe), self.running[pe].encode()))
+
+    def state_id(self, pe: str) -> int:
+        return state_id(self.spec.pes[pe].node_id)
+
+    def live(self, pe: str, state: PeState = PeState.UNCONFIGURED, *, epoch: int = 0, digest: int = 0) -> None:
+        """Let a PE say this from now on, and at once."""
+        incarnation = self.running[pe].incarnation if pe in self.running else 1
+        self.running[pe] = StatePage0(state, PeFlags(0), incarnation, epoch, 0, digest)
+        self.beat(pe)
+
+    def reboot(self, pe: str) -> None:
+        incarnation = self.running[pe].incarnation + 1
+        self.running[pe] = StatePage0(PeState.UNCONFIGURED, PeFlags(0), incarnation, 0, 0, 0)
+        self.beat(pe)
+
+    def die(self, pe: str) -> None:
+        del self.running[pe]
+
+    def stage(self, pe: str, reason: Reason = Reason.NONE) -> None:
+        """A PE says that it has staged what is being prepared, or why not."""
+        epoch, digest = self.prepared()
+        page = StatePage1(PeState.UNCONFIGURED, PeFlags(0), epoch, digest if reason is Reason.NONE else 0, reason, 0)
+        self.hear(Frame(self.state_id(pe), page.encode()))
+
+    def report(self, pe: str, emergency: Emergency) -> None:
+        self.hear(Frame(emcy_id(self.spec.pes[pe].node_id), emergency.encode()))
+
+    def take(self, pe: str, state: PeState) -> None:
+        """A PE says that it has taken a step of what was prepared last."""
+        epoch, digest = self.prepared()
+        self.live(pe, state, epoch=epoch, digest=digest)
+
+    def prepared(self) -> tuple[int, int]:
+        """Epoch and digest of the last PREPARE."""
+        told = self.last("epoch_prepared")
+        return told["epoch"], int(told["digest"], 16)
+
+    def answer(self) -> Plan:
+        """Answer the last request as the planner does."""
+        request = self.requests[-1]
+        found = plan(self.spec, Situation(request.down, {}, request.phase), request.running)
+        self.give(PlanReady(request.request, found))
+        return found
+
+    def start(self, *, fly: bool = True) -> None:
+        """Come to reign over three PEs that live; with `fly` until the first epoch is active everywhere."""
+        for pe in self.spec.pes:
+            self.live(pe)
+        self.pass_time(110 * MS)
+        if fly:
+            self.answer()
+            for pe in self.spec.pes:
+                self.stage(pe)
+            for pe in self.spec.pes:
+                self.take(pe, PeState.ACTIVE)
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        """Events of one kind."""
+        return [told for told in self.events if told["event"] == kind]
+
+    def last(self, kind: str) -> dict[str, Any]:
+        return self.of(kind)[-1]
+
+    def kinds_since(self, count: int) -> list[str]:
+        return [told["event"] for told in self.events[count:]]
+
+    def said(self, message_type: type[ManagementMessage]) -> list[Any]:
+        """Commands of one type."""
+        return [message for message in self.commands if isinstance(message, message_type)]
+
+    def heads_to(self, pe: str) -> int:
+        node = self.spec.pes[pe].node_id
+        return sum(1 for head in self.said(SliceHead) if head.node == node)
+
+    def steps(self) -> list[str]:
+        return [told["step"] for told in self.of("epoch_step")]
+
+
+__all__ = ["BEAT_NS", "MS", "NODE", "TERM", "OneManager", "Step", "two_tails"]
