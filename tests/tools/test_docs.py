@@ -1,0 +1,253 @@
+"""The documentation does what it says: every command line in README.md and docs/*.md is run here.
+
+Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
+one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
+earlier one wrote. RULES knows every command: one that it does not know fails, until somebody has said how it is to be
+tried. A command that running text mentions is held to the `--help` of its program: it exists, and so do its options.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path.cwd()
+DOCUMENTS = [Path("README.md"), *sorted(Path("docs").glob("*.md"))]
+TIMEOUT_S = 180
+
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+MENTION = re.compile(r"`((heronry [a-z]+|pe-agent|make [a-z]+|tools/[a-z-]+|python -m [a-z_.]+)( [^`\n]+)?)`")
+LINK = re.compile(r"\]\((?!\w+:|#)([^)#]+)[^)]*\)")
+
+
+class How(Enum):
+    """How a command line is tried."""
+
+    RUN = "it runs, and ends with 0"
+    LIVE = "as RUN, but with processes or for seconds: marker live"
+    HARDWARE = "it needs a bus that only its user has: it gets as far as not finding that"
+    EXEMPT = "it is not tried here"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How to try the command lines that match; the first rule that matches counts."""
+
+    pattern: str
+    how: How
+    reason: str = ""
+    more: str = ""  # what makes it short: options that its --help documents
+    in_checkout: bool = False  # make works on the .venv of the checkout
+
+
+RULES = [
+    Rule(r"make (test|lint)", How.EXEMPT, "they run this very test, and have run the linters already"),
+    Rule(r"make demo", How.LIVE, more="ARGS='--for 2'", in_checkout=True),
+    Rule(r"make( help)?", How.RUN, in_checkout=True),
+    Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
+    Rule(r".*(heronry manager|heronry demo|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
+    Rule(r"heronry demo\b.*", How.LIVE),
+    Rule(r"heronry (plan|verify|table|dbc|sim|check)\b.*", How.RUN),
+]
+NO_INTERFACE = "nocan0"  # stands for the user's own: no test talks to a real aircraft
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """One command line of a document, and where it stands."""
+
+    place: str
+    text: str
+
+    @property
+    def rule(self) -> Rule | None:
+        return next((rule for rule in RULES if re.fullmatch(rule.pattern, without_redirection(self.text))), None)
+
+
+def without_redirection(text: str) -> str:
+    """The command itself: without comment, and without where its output goes."""
+    words = shlex.split(re.sub(r"\s*>\s*\S+", "", text), comments=True)
+    return " ".join(words)
+
+
+def command_lines(document: Path) -> Iterator[CommandLine]:
+    """Every command line of a document, in order."""
+    text = document.read_text()
+    for block in FENCE.finditer(text):
+        if block[1] not in ("sh", "bash", "console", "shell"):
+            continue
+        first = text.count("\n", 0, block.start(2)) + 1
+        for number, line in enumerate(block[2].replace("\\\n", " ").splitlines(), first):
+            command = line.removeprefix("$ ").strip()
+            is_output = block[1] == "console" and not line.startswith("$ ")
+            if command and not command.startswith("#") and not is_output:
+                yield CommandLine(f"{document}:{number}", command)
+
+
+def all_lines() -> list[CommandLine]:
+    return [line for document in DOCUMENTS for line in command_lines(document)]
+
+
+def mentions() -> list[tuple[str, str, str]]:
+    """Commands in running text: document, program with its subcommand, and the rest."""
+    return sorted(
+        {
+            (str(document), mention[2], mention[3] or "")
+            for document in DOCUMENTS
+            for mention in MENTION.finditer(FENCE.sub("", document.read_text()))
+        }
+    )
+
+
+def typed(text: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """What happens when a user types this in a folder, with `.venv/bin` on the path."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-eo", "pipefail", "-c", text],
+        cwd=folder,
+        env={**os.environ, "PATH": path, "COLUMNS": "300"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+
+
+def tried(line: CommandLine, rule: Rule, workspace: Path) -> str | None:
+    """Run a command line; what is wrong with it, or None."""
+    text = f"{line.text} {rule.more}".strip()
+    if rule.how is How.HARDWARE:
+        text = re.sub(r"-c can\d", f"-c {NO_INTERFACE}", text)
+    ended = typed(text, CHECKOUT if rule.in_checkout else workspace)
+    if rule.how is How.HARDWARE:
+        understood = ended.returncode != 0 and NO_INTERFACE in ended.stderr and ended.stderr.count("\n") == 1
+        return None if understood else f"{line.place}: `{text}` did not get as far as the bus: {ended.stderr[-500:]}"
+    return (
+        None
+        if ended.returncode == 0
+        else f"{line.place}: `{text}` ended with {ended.returncode}: {ended.stderr[-500:]}"
+    )
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A copy of the checkout, without what tools have left in it."""
+    left_out = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "htmlcov")
+    return Path(shutil.copytree(CHECKOUT, tmp_path / "heronry", ignore=left_out, symlinks=True))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=str)
+def test_every_command_line_runs(document: Path, workspace: Path) -> None:
+    lines = [(line, line.rule) for line in command_lines(document)]
+    outcomes = [tried(line, rule, workspace) for line, rule in lines if rule and rule.how in (How.RUN, How.HARDWARE)]
+    assert [failure for failure in outcomes if failure is not None] == []
+
+
+LONGER = [line for line in all_lines() if line.rule is not None and line.rule.how is How.LIVE]
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("line", LONGER, ids=lambda line: f"{line.place} {line.text}")
+def test_every_command_line_that_takes_longer_runs(line: CommandLine, workspace: Path) -> None:
+    assert line.rule is not None
+    if line.rule.in_checkout and subprocess.run(["make", "-q", ".venv/ready-to-run"], check=False).returncode != 0:
+        pytest.skip("this checkout's .venv was not made by make: make would install into it first")
+    assert tried(line, line.rule, workspace) is None
+
+
+@pytest.mark.parametrize(("document", "program", "rest"), mentions())
+def test_what_the_text_mentions_exists(document: str, program: str, rest: str, workspace: Path) -> None:
+    ended = typed(f"make -n {program[5:]}" if program.startswith("make ") else f"{program} --help", workspace)
+    assert ended.returncode == 0, f"{document}: `{program}`: {ended.stderr}"
+    options = [word for word in shlex.split(rest) if re.match("--?[a-z]", word)]
+    assert [o for o in options if not re.search(rf"(?<![\w-]){o}(?![\w-])", ended.stdout)] == []
+
+
+def test_every_command_line_is_known() -> None:
+    lines = all_lines()
+    assert [f"{line.place}: add a rule for `{line.text}`" for line in lines if line.rule is None] == []
+    assert any(line.text == "make demo" for line in lines), "README.md begins with it"
+
+
+def test_what_is_not_run_says_why() -> None:
+    assert [rule for rule in RULES if rule.how in (How.EXEMPT, How.HARDWARE) and not rule.reason] == []
+
+
+def test_examples_in_python_run(workspace: Path) -> None:
+    for document in DOCUMENTS:
+        for language, block in FENCE.findall(document.read_text()):
+            if language == "python":
+                ended = subprocess.run(
+                    [sys.executable, "-W", "error", "-c", block],
+                    cwd=workspace,
+                    capture_output=True,
+                    text=True,
+                    check=False,
+                )
+                assert ended.returncode == 0, f"{document}: {ended.stderr}"
+
+
+@pytest.mark.parametrize("document", [*DOCUMENTS, Path("ARCHITECTURE.md"), Path("CHANGELOG.md")], ids=str)
+def test_every_link_leads_somewhere(document: Path) -> None:
+    links = LINK.findall(document.read_text())
+    assert [link for link in links if not (document.parent / link).exists()] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        (
+            "```sh\nheronry plan x  # why\n\n# no\nheronry dbc \\\n  x\n```\n",
+            ["heronry plan x  # why", "heronry dbc    x"],
+        ),
+        ("```console\n$ heronry dbc x\noutput\n```\n", ["heronry dbc x"]),
+        ("```yaml\nheronry: 1\n```\n", []),
+        ("See `heronry dbc x`.\n```text\nheronry dbc x\n```\n", []),
+    ],
+)
+def test_command_lines_are_found_where_readers_see_them(text: str, lines: list[str], tmp_path: Path) -> None:
+    document = tmp_path / "some.md"
+    document.write_text(text)
+    assert [line.text for line in command_lines(document)] == lines
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "heronry plan big_blu",
+        "heronry plan big_blue --dwon pe:nav",
+        "heronry verify big_blue missing.json",
+        "heronry manager big_blue -c can0 --no-such-flag",
+        "pe-agent --table missing.table -i socketcan -c can0",
+    ],
+)
+def test_a_command_line_that_cannot_run_is_found_out(text: str, workspace: Path) -> None:
+    assert outcome(text, workspace) is not None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "heronry plan big_blue --json >plan.json  # not a word of it on the screen",
+        "heronry manager big_blue -i socketcan -c can0",
+        "heronry table elevator_and_chute tail_pe -o tail.table && pe-agent --table tail.table -i socketcan -c can0",
+    ],
+)
+def test_a_command_line_that_can_run_is_let_pass(text: str, workspace: Path) -> None:
+    assert outcome(text, workspace) is None
+
+
+def outcome(text: str, workspace: Path) -> str | None:
+    (workspace / "some.md").write_text(f"```sh\n{text}\n```\n")
+    (line,) = command_lines(workspace / "some.md")
+    assert line.rule is not None
+    return tried(line, line.rule, workspace)
