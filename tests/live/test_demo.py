@@ -119,14 +119,14 @@ def test_an_interrupted_demo_leaves_nothing(number: signal.Signals, nothing_left
 def test_a_demo_that_is_killed_takes_its_processes_along() -> None:
     with started_demo() as process:
         wait_for(process, "reconfigured")
-        folder = f"heronry-demo-{process.pid}"
-        assert processes_named(folder)
+        (folder,) = Path("/tmp").glob(f"heronry-demo-{process.pid}-*")
+        assert processes_named(folder.name)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-    while processes_named(folder):
+    while processes_named(folder.name):
         time.sleep(0.05)
     assert demo("elevator_and_chute", "--for", "0.5", "--json").returncode == 0  # sweeps the folder away
-    assert not Path(f"/tmp/{folder}").exists()
+    assert not folder.exists()
 
 
 class started_demo:  # noqa: N801 - reads as a verb

@@ -1,8 +1,8 @@
 """The processes of a demo: hubs, the manager, every PE; started, killed for real, restored, and all gone at the end.
 
 Every child holds the read end of a pipe from here as its standard input and ends when that ends, so a demo that is
-itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process; folders whose
-process is gone are swept away at the next start.
+itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and where that
+number means something (`_here`); folders whose process is gone are swept away at the next start there.
 """
 
 import contextlib
@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -31,15 +32,22 @@ _NAME = "heronry-demo-"
 
 def run_folder() -> Path:
     """Make the folder of this run, and sweep away those of runs that are gone."""
-    home = Path(tempfile.gettempdir())
-    for old in home.glob(f"{_NAME}*"):
-        number = old.name.removeprefix(_NAME)
+    home, here = Path(tempfile.gettempdir()), _here()
+    for old in home.glob(f"{_NAME}*-{here}"):
+        number = old.name.removeprefix(_NAME).removesuffix(f"-{here}")
         if number.isdecimal() and not Path(f"/proc/{number}").exists():
             shutil.rmtree(old, ignore_errors=True)
-    folder = home / f"{_NAME}{os.getpid()}"
+    folder = home / f"{_NAME}{os.getpid()}-{here}"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(mode=0o700)
     return folder
+
+
+def _here() -> str:
+    """Which process numbers are meant: containers and user-mode Linuxes may share /tmp, and have their own."""
+    kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    space = Path("/proc/self/ns/pid").stat().st_ino
+    return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
 
 
 class Fleet:
