@@ -1,4 +1,4 @@
-"""One bus of one node: frames in and out of python-can, one frame in flight at a time (design rule 13).
+"""One bus of one node: frames in and out of python-can, one frame in flight at a time (protocol rule 13).
 
 A frame that was handed over is *in flight* until its echo comes back: the bus is opened with `receive_own_messages`,
 and the echo is known by its identifier and bytes (on one host SocketCAN marks everybody's frames as "not received").

@@ -26,7 +26,7 @@ Numbers
 
 Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
 
-Source: design rules 1 to 6 of the protocol; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
+Source: docs/protocol.md, rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
 from collections.abc import Iterable

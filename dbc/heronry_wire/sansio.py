@@ -31,7 +31,7 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Queue a frame for a port; the node's own queue is ordered by priority (design rule 13)."""
+    """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13)."""
 
     port: int
     frame: Frame

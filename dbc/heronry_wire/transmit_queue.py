@@ -1,4 +1,4 @@
-"""A node's own transmit queue, ordered as the bus orders (design rule 13).
+"""A node's own transmit queue, ordered as the bus orders (protocol rule 13).
 
 SocketCAN's queue is first-in-first-out: a heartbeat behind twenty slices would wait for all of them, and the timing
 analysis would be void. So every sender keeps its frames here and hands over one at a time.

@@ -1,4 +1,4 @@
-"""The identifier plan has no collision, and every (producer, variable) gets the identifier of wire.md."""
+"""The identifier plan has no collision, and every (producer, variable) gets the identifier of docs/protocol.md."""
 
 import random
 from collections import Counter
