@@ -18,7 +18,7 @@ Lost, late or doubled frames make it more cautious at most. A forged LEASE or st
 the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.
 """
 
-from heronry_wire.management import NO_EPOCH, is_newer
+from heronry_wire.management import is_newer
 
 
 class Permission:
@@ -48,7 +48,7 @@ class Permission:
 
     def saw_epoch(self, epoch: int, running: int) -> None:
         """Another node runs, or a manager has activated, an epoch."""
-        if epoch != NO_EPOCH and is_newer(epoch, running):
+        if is_newer(epoch, running):
             self._overtaken = True
 
     def contradicted(self) -> None:

@@ -94,7 +94,7 @@ class Staging:
         newest = self._newest()
         if newest is not None and (newest.epoch, newest.digest) == (epoch, command.digest):
             return False
-        if epoch == NO_EPOCH or not is_newer(epoch, running.epoch) or self._is_superseded(command):
+        if not is_newer(epoch, running.epoch) or self._is_superseded(command):
             return self.refuse(Reason.STALE_EPOCH)
         self._drop()
         self.staged = running
