@@ -17,6 +17,8 @@ from pydantic import ValidationError
 from heronry_dg import schema, yaml_source
 from heronry_dg.findings import Findings, Place, listed, shown
 from heronry_dg.quantities import UnfitError
+from heronry_dg.rules import schema as rules
+from heronry_dg.rules.rule import Rule
 from heronry_dg.schema import Form, field_names
 from heronry_dg.yaml_source import Node
 
@@ -27,22 +29,22 @@ _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name n
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
 _NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in all"
-_PRINTABLE: Final = ("1 to 64 printable characters without quotes and backslashes", "")
-_WANTED: Final = {  # per type of pydantic error: what was wanted, and a hint
-    "bool_type": ("true or false", ""),
-    "dict_type": ("a map", "write {key: value}"),
-    "greater_than": ("more than {gt}", ""),
-    "greater_than_equal": ("at least {ge}", ""),
-    "int_type": ("a whole number", ""),
-    "less_than_equal": ("at most {le}", ""),
-    "list_type": ("a list", "write [a, b]"),
-    "literal_error": ("{expected}", ""),
-    "model_type": ("a map", "write {key: value}"),
+_PRINTABLE: Final = (rules.BAD_TEXT, "1 to 64 printable characters without quotes and backslashes", "")
+_WANTED: Final = {  # per type of pydantic error: the rule, what was wanted, and a hint
+    "bool_type": (rules.WRONG_TYPE, "true or false", ""),
+    "dict_type": (rules.NOT_A_MAP, "a map", "write {key: value}"),
+    "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", ""),
+    "greater_than_equal": (rules.OUT_OF_RANGE, "at least {ge}", ""),
+    "int_type": (rules.WRONG_TYPE, "a whole number", ""),
+    "less_than_equal": (rules.OUT_OF_RANGE, "at most {le}", ""),
+    "list_type": (rules.WRONG_TYPE, "a list", "write [a, b]"),
+    "literal_error": (rules.NOT_A_CHOICE, "{expected}", ""),
+    "model_type": (rules.NOT_A_MAP, "a map", "write {key: value}"),
     "string_pattern_mismatch": _PRINTABLE,
     "string_too_long": _PRINTABLE,
     "string_too_short": _PRINTABLE,
-    "string_type": ("text", "put it in quotes if it is meant as text"),
-    "too_short": ("a list of {min_length} or more", ""),
+    "string_type": (rules.WRONG_TYPE, "text", "put it in quotes if it is meant as text"),
+    "too_short": (rules.SHORT_LIST, "a list of {min_length} or more", ""),
 }
 
 
@@ -86,7 +88,8 @@ class Draft:
 def read_draft(root: Node, findings: Findings) -> Draft | None:
     """Read all elements of a file; None where it is no map at all."""
     if not isinstance(root, yaml_source.Mapping):
-        findings.add(root.place, "a spec is a map of sections", "begin with dg: 1, then buses:, pes:, modules: ...")
+        hint = "begin with dg: 1, then buses:, pes:, modules: ..."
+        findings.add(rules.NOT_A_MAP, root.place, "a spec is a map of sections", hint)
         return None
     return _DraftReader(root, findings).read()
 
@@ -147,18 +150,20 @@ class _DraftReader:
         if yaml_source.is_nothing(node):
             return
         if not isinstance(node, yaml_source.Mapping):
-            self._findings.add(node.place, f"{subject} must be a map, not {_kind_of(node)}", "write NAME: {...}")
+            sentence = f"{subject} must be a map, not {_kind_of(node)}"
+            self._findings.add(rules.NOT_A_MAP, node.place, sentence, "write NAME: {...}")
             return
         for name, entry in node.entries.items():
             if _NAME.fullmatch(name) is None:
-                self._findings.add(entry.place, f"{shown(name)} cannot be a name", _NAME_HINT)
+                self._findings.add(rules.BAD_NAME, entry.place, f"{shown(name)} cannot be a name", _NAME_HINT)
             yield name, entry
 
     def _module(self, name: str, entry: yaml_source.Entry) -> ModuleElement:
         subject = f"module {shown(name)}"
         body = entry.node
         if not isinstance(body, yaml_source.Mapping) and not yaml_source.is_nothing(body):
-            self._findings.add(body.place, f"{subject} must be a map, not {_kind_of(body)}")
+            sentence = f"{subject} must be a map, not {_kind_of(body)}"
+            self._findings.add(rules.NOT_A_MAP, body.place, sentence, "write {device: ..., cpu: ..., ...}")
             return ModuleElement(name, entry.place, body, None)
         fields = body.entries if isinstance(body, yaml_source.Mapping) else {}
         modes = fields["modes"] if "modes" in fields and not yaml_source.is_nothing(fields["modes"].node) else None
@@ -176,7 +181,7 @@ class _DraftReader:
     def _refuse_both_ways(self, subject: str, mode_fields: Mapping[str, yaml_source.Entry]) -> None:
         for key, entry in mode_fields.items():
             sentence = f"{subject} has both 'modes' and a '{key}' of its own"
-            self._findings.add(entry.place, sentence, f"move '{key}' into the modes")
+            self._findings.add(rules.MODES_AND_FIELDS, entry.place, sentence, f"move '{key}' into the modes")
 
     def _modes(self, subject: str, modes: yaml_source.Entry) -> dict[str, Element[schema.ModeForm]]:
         found = {
@@ -184,7 +189,8 @@ class _DraftReader:
             for name, entry in self._named(modes.node, f"'modes' of {subject}")
         }
         if not found:
-            self._findings.add(modes.node.place, f"{subject} lists no mode", "write modes: {NAME: {cpu: ..., ...}}")
+            hint = "write modes: {NAME: {cpu: ..., ...}}"
+            self._findings.add(rules.NO_MODE, modes.node.place, f"{subject} lists no mode", hint)
         return found
 
     def _mode(self, subject: str, name: str, entry: yaml_source.Entry) -> Element[schema.ModeForm]:
@@ -219,7 +225,8 @@ class _FormFindings:
             lacking = [f"'{loc[-1]}'" for loc in missing if loc[:-1] == parent]
             inside = f"{self._subject} ({parent[0]})" if parent else self._subject
             place = yaml_source.place_at(self._node, parent) if parent else self._place
-            self._findings.add(place, f"{inside} lacks {listed(lacking)}")
+            hint = f"add {listed([f'{loc[-1]}: ...' for loc in missing if loc[:-1] == parent])}"
+            self._findings.add(rules.MISSING_FIELD, place, f"{inside} lacks {listed(lacking)}", hint)
         for error in errors:
             if error["type"] != "missing":
                 self._one(error)
@@ -230,27 +237,31 @@ class _FormFindings:
             self._unknown_field(loc)
             return
         reason = error.get("ctx", {}).get("error")
-        sentence, hint = (str(reason), reason.hint) if isinstance(reason, UnfitError) else _translated(error)
+        if isinstance(reason, UnfitError):
+            rule, sentence, hint = reason.rule, str(reason), reason.hint
+        else:
+            rule, sentence, hint = _translated(error)
         node, steps = yaml_source.follow(self._node, loc)
         field = ".".join(step for step in loc[:steps] if isinstance(step, str))
         subject = f"'{field}' of {self._subject}" if field else self._subject
-        self._findings.add(node.place, f"{subject} {sentence}", hint)
+        self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
 
     def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
         name = str(loc[-1])
         parent, _ = yaml_source.follow(self._node, loc[:-1])
         known = field_names(schema.WhenForm) if len(loc) > 1 else self._known  # the one map inside an element
         hint = self._findings.suggestion(name, known) or f"it may have {listed(sorted(known))}"
-        self._findings.add(yaml_source.key_place(parent, name), f"{self._subject} has no field {shown(name)}", hint)
+        sentence = f"{self._subject} has no field {shown(name)}"
+        self._findings.add(rules.UNKNOWN_FIELD, yaml_source.key_place(parent, name), sentence, hint)
 
 
-def _translated(error: Any) -> tuple[str, str]:
-    """Sentence and hint for an error of pydantic's own types."""
-    wanted, hint = _WANTED.get(error["type"], ("something else", ""))
+def _translated(error: Any) -> tuple[Rule, str, str]:
+    """Rule, sentence and hint for an error of pydantic's own types."""
+    rule, wanted, hint = _WANTED.get(error["type"], (rules.WRONG_TYPE, "something else", ""))
     wanted = wanted.format_map(error.get("ctx", {}))
     if error["type"] == "string_pattern_mismatch" and error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$":
-        wanted, hint = "a name", _NAME_HINT
-    return f"must be {wanted}, not {shown(error['input'])}", hint
+        rule, wanted, hint = rules.BAD_NAME, "a name", _NAME_HINT
+    return rule, f"must be {wanted}, not {shown(error['input'])}", hint
 
 
 def _is_demux(node: Node) -> bool:

@@ -18,6 +18,7 @@ from heronry_dg import cycles, schema, yaml_source
 from heronry_dg.draft import Draft
 from heronry_dg.findings import Findings, Place, listed, shown, shown_cycle
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.rules import graph as rules
 from heronry_dg.yaml_source import Node
 
 MOST_LEAVES: Final = 1_000  # of one mode, named gates written out
@@ -64,7 +65,8 @@ class ExpressionReader:
         self._leaves_left -= len(reading.places)
         if within_limit and self._leaves_left < 0:
             sentence = f"all modes together have more than {MOST_LEAVES_OF_ALL} inputs"
-            self._findings.add(node.place, sentence, "named gates are written out anew by each module that names them")
+            hint = "named gates are written out anew by each module that names them"
+            self._findings.add(rules.GATE_TOO_LARGE, node.place, sentence, hint)
         return reading if self._leaves_left >= 0 else None
 
     def _read_named_gates(self) -> None:
@@ -82,7 +84,7 @@ class ExpressionReader:
     def _refuse_cycle(self, cycle: list[str]) -> None:
         place = self._draft.shorthands[cycle[0]].place
         sentence = f"gate '{cycle[0]}' contains itself: {shown_cycle(cycle)}"
-        self._findings.add(place, sentence, "let one of them name variables alone")
+        self._findings.add(rules.GATE_IN_ITSELF, place, sentence, "let one of them name variables alone")
 
     def _expression(self, node: Node, below_choice: bool) -> Reading | None:
         match node:
@@ -94,7 +96,7 @@ class ExpressionReader:
                 operator, entry = next(iter(entries.items()))
                 return self._gate(operator, entry, below_choice)
         hint = "write a variable, a named gate, {and: [...]}, {or: {k: 1, of: [...]}} or {xor: [...]}"
-        self._findings.add(node.place, "a gate expression is expected here", hint)
+        self._findings.add(rules.BAD_EXPRESSION, node.place, "a gate expression is expected here", hint)
         return None
 
     # Leaves and named gates
@@ -108,10 +110,11 @@ class ExpressionReader:
         if name in self._draft.variables:
             return self._leaf(place, match, None, below_choice)
         if name not in self._names:
-            self._findings.unknown(place, "variable or gate", name, self._names)
+            self._findings.unknown(rules.UNKNOWN_NAME, place, "variable or gate", name, self._names)
             return None
         if match["version"]:
-            self._findings.add(place, f"'{name}' is a gate and has no versions", f"write {name} alone")
+            sentence = f"'{name}' is a gate and has no versions"
+            self._findings.add(rules.GATE_VERSION, place, sentence, f"write {name} alone")
             return None
         if name in self._draft.demuxes:
             return self._demux_leaf(place, name)
@@ -121,23 +124,26 @@ class ExpressionReader:
         match = _REFERENCE.fullmatch(text)
         if match is None:
             hint = "write NAME, NAME@2 or NAME@<=2, without spaces"
-            self._findings.add(place, f"{shown(text)} is neither a variable nor a gate", hint)
+            self._findings.add(rules.BAD_EXPRESSION, place, f"{shown(text)} is neither a variable nor a gate", hint)
         return match
 
     def _input(self, fields: Mapping[str, yaml_source.Entry], below_choice: bool) -> Reading | None:
         """Read `{var: NAME, worth: [...]}`."""
         for key in fields.keys() - {"var", "worth"}:
             hint = self._findings.suggestion(key, ("var", "worth")) or "write {var: NAME, worth: [...]}"
-            self._findings.add(fields[key].place, f"an input has no field {shown(key)}", hint)
+            self._findings.add(rules.UNKNOWN_GATE, fields[key].place, f"an input has no field {shown(key)}", hint)
         var, worth = fields["var"].node, fields["worth"].node if "worth" in fields else None
         if not (isinstance(var, yaml_source.Scalar) and isinstance(var.value, str)):
-            self._findings.add(var.place, "'var' must be the name of a variable", "write {var: NAME, worth: [...]}")
+            hint = "write {var: NAME, worth: [...]}"
+            self._findings.add(rules.BAD_EXPRESSION, var.place, "'var' must be the name of a variable", hint)
             return None
         match = self._matched(var.place, var.value)
         if match is None:
             return None
         if match["name"] not in self._draft.variables:
-            self._findings.unknown(var.place, "variable", match["name"], self._draft.variables.keys())
+            self._findings.unknown(
+                rules.UNKNOWN_NAME, var.place, "variable", match["name"], self._draft.variables.keys()
+            )
             return None
         return self._leaf(var.place, match, worth, below_choice)
 
@@ -148,7 +154,8 @@ class ExpressionReader:
         best, worst = _accepted(match, variable.versions)
         if not 1 <= best <= worst <= variable.versions:
             there = "version 1 alone" if variable.versions == 1 else f"versions 1 to {variable.versions}"
-            self._findings.add(place, f"{shown(match[0])} is out of range", f"'{match['name']}' has {there}")
+            sentence, hint = f"{shown(match[0])} is out of range", f"'{match['name']}' has {there}"
+            self._findings.add(rules.VERSION_OUT_OF_RANGE, place, sentence, hint)
             return None
         if worth is None or yaml_source.is_nothing(worth):
             points = _default_worth(best, worst, variable.versions, below_choice)
@@ -166,7 +173,9 @@ class ExpressionReader:
         if len(points) != len(items) or len(points) not in {accepted, versions}:
             lengths = listed(dict.fromkeys((str(accepted), str(versions))), last="or")
             sentence = f"'worth' must be a list of {lengths} whole numbers from 0 to {schema.MOST_POINTS}"
-            self._findings.add(node.place, sentence, "points for each version that is accepted, best first")
+            self._findings.add(
+                rules.BAD_WORTH, node.place, sentence, "points for each version that is accepted, best first"
+            )
             return None
         return points if len(points) == accepted else points[best - 1 : worst]
 
@@ -195,10 +204,11 @@ class ExpressionReader:
             case "xor":
                 return self._xor(entry)
             case "demux":
-                self._findings.add(entry.place, "a DEMUX must have a name", "write it under gates:, and name it here")
+                hint = "write it under gates:, and name it here"
+                self._findings.add(rules.DEMUX_MISPLACED, entry.place, "a DEMUX must have a name", hint)
             case _:
                 hint = self._findings.suggestion(operator, _OPERATORS) or f"there is {listed(_OPERATORS)}"
-                self._findings.add(entry.place, f"there is no gate {shown(operator)}", hint)
+                self._findings.add(rules.UNKNOWN_GATE, entry.place, f"there is no gate {shown(operator)}", hint)
         return None
 
     def _and(self, entry: yaml_source.Entry, below_choice: bool) -> Reading | None:
@@ -210,10 +220,11 @@ class ExpressionReader:
     def _or(self, entry: yaml_source.Entry) -> Reading | None:
         fields = entry.node.entries if isinstance(entry.node, yaml_source.Mapping) else {}
         if not {"k", "of"} <= fields.keys():
-            self._findings.add(entry.node.place, "an OR needs 'k' and 'of'", "write {or: {k: 1, of: [a, b]}}")
+            hint = "write {or: {k: 1, of: [a, b]}}"
+            self._findings.add(rules.BAD_EXPRESSION, entry.node.place, "an OR needs 'k' and 'of'", hint)
         for key in fields.keys() - {"k", "of"}:
             hint = "write {or: {k: 1, of: [a, b]}}"
-            self._findings.add(fields[key].place, f"an OR has no field {shown(key)}", hint)
+            self._findings.add(rules.UNKNOWN_GATE, fields[key].place, f"an OR has no field {shown(key)}", hint)
         if "of" not in fields:
             return None
         inputs = self._inputs(entry.place, "an OR", fields["of"].node, 1, below_choice=True)
@@ -228,7 +239,7 @@ class ExpressionReader:
         if not fits:
             most = f" to {len(inputs)}" if inputs is not None else ""
             hint = "at least k of the inputs hold; with 0 all are optional"
-            self._findings.add(node.place, f"'k' must be a whole number from 0{most}", hint)
+            self._findings.add(rules.BAD_K, node.place, f"'k' must be a whole number from 0{most}", hint)
         return k if fits and isinstance(k, int) else None
 
     def _xor(self, entry: yaml_source.Entry) -> Reading | None:
@@ -238,14 +249,15 @@ class ExpressionReader:
         idle = [item for reading, item in zip(inputs, entry.node.items, strict=True) if reading.holds_unwired]
         for item in idle:
             sentence = "this input of a XOR holds with nothing wired below it"
-            self._findings.add(item.place, sentence, "give its OR a 'k' of 1 or more")
+            self._findings.add(rules.XOR_UNWIRED, item.place, sentence, "give its OR a 'k' of 1 or more")
         return None if idle else _joined(Xor(_expressions(inputs)), inputs, holds_unwired=False)
 
     def _inputs(self, place: Place, gate: str, node: Node, least: int, below_choice: bool) -> list[Reading] | None:
         """Readings of all inputs of a gate; None where one of them, or all together, make no sense."""
         items = node.items if isinstance(node, yaml_source.Sequence) else []
         if len(items) < least:
-            self._findings.add(node.place, f"{gate} takes a list of {least} or more inputs", "write [a, b]")
+            sentence = f"{gate} takes a list of {least} or more inputs"
+            self._findings.add(rules.ARITY, node.place, sentence, "write [a, b]")
             return None
         readings = [self._expression(item, below_choice) for item in items]
         whole = [reading for reading in readings if reading is not None]
@@ -257,17 +269,19 @@ class ExpressionReader:
         for reading, item in zip(readings, items, strict=True):
             if reading.demuxes:
                 sentence = f"DEMUX '{reading.demuxes[0]}' is named below an OR or a XOR"
-                self._findings.add(item.place, sentence, "name it at the root of `needs`, or below ANDs alone")
+                hint = "name it at the root of `needs`, or below ANDs alone"
+                self._findings.add(rules.DEMUX_MISPLACED, item.place, sentence, hint)
         return any(reading.demuxes for reading in readings)
 
     def _is_small(self, place: Place, inputs: list[Reading]) -> bool:
         if sum(len(reading.places) for reading in inputs) > MOST_LEAVES:
             sentence = f"this gate has more than {MOST_LEAVES} inputs when named gates are written out"
-            self._findings.add(place, sentence, "let a module in between give what they are needed for")
+            hint = "let a module in between give what they are needed for"
+            self._findings.add(rules.GATE_TOO_LARGE, place, sentence, hint)
             return False
         if max(reading.depth for reading in inputs) >= DEEPEST:
             sentence = f"this gate is deeper than {DEEPEST} levels when named gates are written out"
-            self._findings.add(place, sentence, "leave out gates that have a single input")
+            self._findings.add(rules.GATE_TOO_LARGE, place, sentence, "leave out gates that have a single input")
             return False
         return True
 

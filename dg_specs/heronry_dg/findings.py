@@ -1,15 +1,19 @@
 """What is wrong with a spec: findings, each with its place, and the error that carries them all.
 
 A reader of a spec does not stop at the first mistake. It adds a finding and goes on with what it still understands, so
-that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: at one place only
-the first finding counts, and whoever meets something that is already known to be broken says nothing.
+that one run shows every independent mistake. Two habits keep echoes of a mistake out of the list: of the mistakes
+that stop a spec from being loaded only the first at a place counts, and whoever meets something that is already known
+to be broken says nothing.
+
+What can be wrong at all, and under which code, is told in rules/.
 """
 
 import difflib
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from heronry_dg.rules.rule import Rule, Severity
 from heronry_wire.errors import HeronryError
 
 _LONGEST_SHOWN = 60
@@ -26,16 +30,19 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """One mistake: where, what, and (where it helps) what to write instead."""
+    """One mistake: where, of which rule, what, and (where it helps) what to write instead."""
 
     file: str
     place: Place
+    code: str
+    severity: Severity
     sentence: str
     hint: str = ""
 
     def __str__(self) -> str:
         hint = f" ({self.hint})" if self.hint else ""
-        return f"{self.file}:{self.place.line}:{self.place.column}: {self.sentence}{hint}"
+        where = f"{self.file}:{self.place.line}:{self.place.column}"
+        return f"{where}: {self.code} {self.severity}: {self.sentence}{hint}"
 
 
 class SpecError(HeronryError, ValueError):
@@ -51,19 +58,23 @@ class Findings:
 
     def __init__(self, file: str) -> None:
         self._file = file
-        self._by_place: dict[Place, Finding] = {}
+        self._found: dict[tuple[Place, str, str], Finding] = {}
         self._comparisons_left = _MOST_COMPARISONS
 
     def __len__(self) -> int:
-        return len(self._by_place)
+        return len(self._found)
 
-    def add(self, place: Place, sentence: str, hint: str = "") -> None:
-        """Note a mistake; a second one at the same place is an echo of the first and is dropped."""
-        self._by_place.setdefault(place, Finding(self._file, place, sentence, hint))
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(sorted(self._found.values()))
 
-    def unknown(self, place: Place, kind: str, name: str, known: Collection[str]) -> None:
+    def add(self, rule: Rule, place: Place, sentence: str, hint: str = "") -> None:
+        """Note a mistake; where it stops the spec from being loaded, only the first one at a place counts."""
+        key = (place, "", "") if rule.stops else (place, rule.code, sentence)
+        self._found.setdefault(key, Finding(self._file, place, rule.code, rule.severity, sentence, hint))
+
+    def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         """Note a name that refers to nothing."""
-        self.add(place, f"no {kind} is named {shown(name)}", self.suggestion(name, known) or _there_is(known))
+        self.add(rule, place, f"no {kind} is named {shown(name)}", self.suggestion(name, known) or _there_is(known))
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
         """Say `did you mean ...?` where a known name is close, nothing otherwise."""
@@ -75,7 +86,7 @@ class Findings:
 
     def error(self) -> SpecError:
         """All findings as one error."""
-        return SpecError(self._by_place.values())
+        return SpecError(self._found.values())
 
 
 def shown(value: object) -> str:

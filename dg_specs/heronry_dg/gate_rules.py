@@ -1,6 +1,6 @@
 """What must hold of the gates of a whole spec: DEMUXes have branches, votes count a producer once, cycles can start.
 
-Source: semantics of the format, section 2, and rule 6 of section 3. A wiring cycle is looked for among all modes at
+Source: docs/semantics.md, section 2, and rule 6 of section 3. A wiring cycle is looked for among all modes at
 once: mode A leads to mode B where A gives a variable without `initial` in a version that a leaf of B accepts. That two
 modes of one module never run together is not used: a cycle through both would be refused, though it cannot be wired.
 """
@@ -13,6 +13,7 @@ from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.expression_reader import ExpressionReader, Reading
 from heronry_dg.findings import Findings, listed, shown_cycle
 from heronry_dg.gates import Expression, leaves
+from heronry_dg.rules import graph as rules
 
 ModeName = tuple[str, str]  # module, mode
 _Datum = tuple[str, int]  # variable, version
@@ -30,14 +31,14 @@ class Gates:
 def read_gates(draft: Draft, findings: Findings) -> Gates:
     """Read every expression and check it; what makes no sense is missing from the result, and there is a finding."""
     reader = ExpressionReader(draft, findings)
-    rules = _GateRules(draft, findings)
+    judge = _GateRules(draft, findings)
     for module in draft.modules.values():
-        rules.read_module(module, reader)
-    rules.check_branches()
-    rules.check_values()
-    rules.check_wiring_cycles()
-    needs = {name: reading.expression if reading else None for name, reading in rules.readings.items()}
-    return Gates(reader.shorthands(), needs, {name: tuple(modules) for name, modules in rules.branches.items()})
+        judge.read_module(module, reader)
+    judge.check_branches()
+    judge.check_values()
+    judge.check_wiring_cycles()
+    needs = {name: reading.expression if reading else None for name, reading in judge.readings.items()}
+    return Gates(reader.shorthands(), needs, {name: tuple(modules) for name, modules in judge.branches.items()})
 
 
 class _GateRules:
@@ -75,7 +76,8 @@ class _GateRules:
             if len(modules) < 2 and self._draft.demuxes[demux].form is not None:
                 found = f"only '{modules[0]}'" if modules else "no module"
                 sentence = f"DEMUX '{demux}' needs two branches or more, and {found} names it"
-                self._findings.add(self._draft.demuxes[demux].place, sentence, "its branches name it in their `needs`")
+                place = self._draft.demuxes[demux].place
+                self._findings.add(rules.DEMUX_BRANCHES, place, sentence, "its branches name it in their `needs`")
 
     def check_values(self) -> None:
         """A function has a value for each mode it may run in, or none at all."""
@@ -89,7 +91,8 @@ class _GateRules:
                     f"'value' of function '{function.name}' must have a number per mode of its output: {max(modes)}"
                 )
                 place = yaml_source.place_at(function.node, ("value",))
-                self._findings.add(place, f"{sentence}, not {len(function.form.value)}", "best mode first")
+                sentence = f"{sentence}, not {len(function.form.value)}"
+                self._findings.add(rules.VALUE_LENGTH, place, sentence, "best mode first")
 
     def check_wiring_cycles(self) -> None:
         """On every possible cycle of wires there is a variable with an `initial` value."""
@@ -106,12 +109,13 @@ class _GateRules:
         for place, (_, leaf) in zip(reading.places, leaves(reading.expression), strict=True):
             data = {(leaf.variable, version) for version in range(leaf.best, leaf.worst + 1)}
             if leaf.demux in demuxes:
-                self._findings.add(place, f"DEMUX '{leaf.demux}' is named twice in one mode", "name it once")
+                sentence = f"DEMUX '{leaf.demux}' is named twice in one mode"
+                self._findings.add(rules.DEMUX_MISPLACED, place, sentence, "name it once")
             elif data & accepted:
                 variable, version = min(data & accepted)
                 sentence = f"version {version} of '{variable}' is accepted by another input of this mode as well"
                 hint = "inputs of one mode accept different versions, so that no producer counts twice"
-                self._findings.add(place, sentence, hint)
+                self._findings.add(rules.READ_TWICE, place, sentence, hint)
             accepted |= data
             if leaf.demux is not None:
                 demuxes.add(leaf.demux)
@@ -125,7 +129,8 @@ class _GateRules:
             understood = (module.name, mode.name) in self.readings
             if understood and demux not in self._demuxes(module.name, mode.name):
                 sentence = f"mode '{mode.name}' of module '{module.name}' does not name DEMUX '{demux}'"
-                self._findings.add(mode.place, sentence, "other modes of the module do: every mode of a branch must")
+                hint = "other modes of the module do: every mode of a branch must"
+                self._findings.add(rules.BRANCH_IN_PART, mode.place, sentence, hint)
 
     def _all_is_read(self) -> bool:
         modules = self._draft.modules.values()
@@ -157,7 +162,7 @@ class _GateRules:
         variables = list(dict.fromkeys(f"'{name}'" for name, step in cycle if isinstance(step, int)))
         which = listed(variables, last="or") if len(variables) <= 12 else "one of the variables on it"
         sentence = f"a cycle that nothing can start: {route}"
-        self._findings.add(first.place, sentence, f"give an 'initial' value to {which}")
+        self._findings.add(rules.CYCLE, first.place, sentence, f"give an 'initial' value to {which}")
 
 
 def _needs(mode: Element[schema.ModeForm]) -> yaml_source.Node | None:

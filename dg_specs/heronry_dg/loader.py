@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
-from heronry_dg.findings import Finding, Findings, Place, SpecError
+from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
 from heronry_dg.model import (
     Bus,
@@ -31,6 +31,7 @@ from heronry_dg.model import (
     When,
 )
 from heronry_dg.reference_rules import check_references, initial_value
+from heronry_dg.rules import file as file_rules
 from heronry_dg.schema import Form
 
 SUFFIX = ".dg.yaml"
@@ -47,7 +48,9 @@ def load(path: str | Path) -> Spec:
             data = file.read(yaml_source.MOST_BYTES + 1)
     except OSError as failure:
         sentence = f"the file cannot be read: {failure.strerror or failure}"
-        raise SpecError([Finding(str(path), Place(1, 1), sentence)]) from failure
+        findings = Findings(str(path))
+        findings.add(file_rules.UNREADABLE, Place(1, 1), sentence, "check the path and the permissions")
+        raise findings.error() from failure
     return _load_bytes(data, str(path))
 
 

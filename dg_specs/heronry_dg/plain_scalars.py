@@ -14,6 +14,9 @@ import re
 from dataclasses import dataclass
 from decimal import Decimal
 
+from heronry_dg.rules import file
+from heronry_dg.rules.rule import Rule
+
 Value = None | bool | int | Decimal | str
 
 _LONGEST_NUMBER = 40
@@ -40,6 +43,7 @@ _MAY_BE_A_NUMBER = frozenset("0123456789+-.")
 class Surprise:
     """A scalar that other readers of YAML take for something else."""
 
+    rule: Rule
     sentence: str
     hint: str
 
@@ -55,14 +59,14 @@ def resolve(text: str) -> Value | Surprise:
 
 def _word(text: str) -> str | Surprise:
     if text in _SPELLINGS:
-        return Surprise(
-            f"'{text}' is read in several ways", f"write {_SPELLINGS[text]}, or '{text}' in quotes for text"
-        )
+        hint = f"write {_SPELLINGS[text]}, or '{text}' in quotes for text"
+        return Surprise(file.WORD_READ_DIFFERENTLY, f"'{text}' is read in several ways", hint)
     if text in _BOOLEANS:
         sentence = f"some programs read '{text}' as {_BOOLEANS[text]}"
-        return Surprise(sentence, f"write {_BOOLEANS[text]}, or '{text}' in quotes for text")
+        hint = f"write {_BOOLEANS[text]}, or '{text}' in quotes for text"
+        return Surprise(file.WORD_READ_DIFFERENTLY, sentence, hint)
     if text in {"<<", "="}:
-        return Surprise(f"'{text}' is a special key of YAML 1.1", "write out what it stands for")
+        return Surprise(file.SPECIAL_KEY, f"'{text}' is a special key of YAML 1.1", "write out what it stands for")
     return text
 
 
@@ -71,9 +75,10 @@ def _number(text: str) -> int | Decimal | str | Surprise:
     if match is None:
         return _odd_number(text)
     if len(text) > _LONGEST_NUMBER:
-        return Surprise("this number is too long", f"write at most {_LONGEST_NUMBER} characters")
+        return Surprise(file.LONG_NUMBER, "this number is too long", f"write at most {_LONGEST_NUMBER} characters")
     if match["exponent"] and (len(match["exponent"]) > 4 or abs(int(match["exponent"])) > _LARGEST_EXPONENT):
-        return Surprise(f"the exponent of {text} is too large", f"write one of at most {_LARGEST_EXPONENT}")
+        hint = f"write one of at most {_LARGEST_EXPONENT}"
+        return Surprise(file.LONG_NUMBER, f"the exponent of {text} is too large", hint)
     if match["fraction"] or match["exponent"]:
         return Decimal(text)
     return int(text)
@@ -83,17 +88,17 @@ def _odd_number(text: str) -> str | Surprise:
     """Judge what looks like a number to some program, though not to this one; anything else is text (`64KiB`)."""
     shown = text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "..."
     if _OTHER_BASE.fullmatch(text):
-        return Surprise(f"'{shown}' is not a decimal number", _decimal_hint(text))
+        return Surprise(file.NOT_DECIMAL, f"'{shown}' is not a decimal number", _decimal_hint(text))
     if _BASE_60.fullmatch(text):
         sentence = f"some programs read '{shown}' as a number to the base 60"
-        return Surprise(sentence, f"write a plain number, or '{shown}' in quotes for text")
+        return Surprise(file.BASE_60, sentence, f"write a plain number, or '{shown}' in quotes for text")
     if _DATE.fullmatch(text):
-        return Surprise(f"some programs read '{shown}' as a date", f"write '{shown}' in quotes for text")
+        return Surprise(file.DATE, f"some programs read '{shown}' as a date", f"write '{shown}' in quotes for text")
     if _NOT_FINITE.fullmatch(text):
-        return Surprise(f"'{shown}' is not a finite number", "write a finite one")
+        return Surprise(file.NOT_FINITE, f"'{shown}' is not a finite number", "write a finite one")
     if _ODD_DECIMAL.fullmatch(text):
         hint = "write digits alone, without '_', '+', leading zeros or a bare point: 1000, 0.5, -3, 1e-5"
-        return Surprise(f"'{shown}' is not written as a plain decimal number", hint)
+        return Surprise(file.NOT_A_PLAIN_NUMBER, f"'{shown}' is not written as a plain decimal number", hint)
     return text
 
 

@@ -11,6 +11,8 @@ from fractions import Fraction
 from typing import Final
 
 from heronry_dg.findings import shown
+from heronry_dg.rules import schema as rules
+from heronry_dg.rules.rule import Rule
 
 MOST_CORES: Final = 1_000
 LARGEST_MEMORY: Final = 1 << 40
@@ -18,15 +20,17 @@ MOST_HZ: Final = 1_000_000
 MOST_MS: Final = 3_600_000
 
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
+_WITH_UNIT = re.compile(r"(?P<number>-?[0-9]+(?:\.[0-9]+)?) ?(?P<unit>%|[A-Za-z][A-Za-z/]*)?")
+_LONGEST_SHOWN_NUMBER: Final = 12
 _UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
 class UnfitError(ValueError):
-    """A value that does not fit its field; the text is a sentence without a subject ("must be ...")."""
+    """A value that does not fit its field: by which rule, and a sentence without a subject ("must be ...")."""
 
-    def __init__(self, sentence: str, hint: str = "") -> None:
+    def __init__(self, rule: Rule, sentence: str, hint: str = "") -> None:
         super().__init__(sentence)
-        self.hint = hint
+        self.rule, self.hint = rule, hint
 
 
 def cpu_millis(value: object) -> int:
@@ -60,7 +64,8 @@ def memory_bytes(value: object) -> int:
         return _whole(value, 1, LARGEST_MEMORY, "a byte")
     match = _MEMORY.fullmatch(value)
     if match is None:
-        raise UnfitError(f"must be a size of memory, not {shown(value)}", "write 64KiB, 2MiB, or a number of bytes")
+        sentence = f"must be a size of memory, not {shown(value)}"
+        raise UnfitError(rules.BAD_MEMORY, sentence, "write 64KiB, 2MiB, or a number of bytes")
     factor = _UNITS[match["unit"]]
     return _whole(Decimal(match["number"]), factor, LARGEST_MEMORY // factor, f"a byte in {match['unit']}")
 
@@ -74,7 +79,7 @@ def share(value: object) -> Fraction:
     """A share of a whole, 0 to 1; raises UnfitError for anything else."""
     exact = number(value)
     if not 0 <= exact <= 1:
-        raise UnfitError(f"must be a share from 0 to 1, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be a share from 0 to 1, not {value}")
     return exact
 
 
@@ -82,28 +87,39 @@ def failures_per_hour(value: object) -> Fraction:
     """A failure rate, 0 or more; raises UnfitError for anything else."""
     exact = number(value)
     if exact < 0:
-        raise UnfitError(f"must be 0 or more failures per hour, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be 0 or more failures per hour, not {value}")
     return exact
 
 
 def number(value: object) -> Fraction:
     """The exact number; raises UnfitError for what is none."""
     if isinstance(value, bool) or not isinstance(value, int | Decimal):
-        quoted = isinstance(value, str) and re.fullmatch(r"-?[0-9.]+", value)
-        raise UnfitError(f"must be a number, not {shown(value)}", "remove the quotes" if quoted else "")
+        numeric = _WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
+        sentence = f"must be a number, not {shown(value)}"
+        if numeric is None:
+            raise UnfitError(rules.WRONG_TYPE, sentence)
+        raise UnfitError(rules.WRONG_UNIT, sentence, _bare_number_hint(numeric["number"], numeric["unit"]))
     return Fraction(value)
+
+
+def _bare_number_hint(number: str, unit: str) -> str:
+    if not unit:
+        return "remove the quotes"
+    if unit == "%" and len(number) <= _LONGEST_SHOWN_NUMBER:
+        return f"write {Decimal(number).scaleb(-2).normalize():f}"
+    return "write the number alone, in the unit that the field is named for"
 
 
 def _whole(value: object, factor: int, most: int, unit: str) -> int:
     exact = number(value)
     if not 0 <= exact <= most:
-        raise UnfitError(f"must be from 0 to {most}, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}")
     if (exact * factor).denominator != 1:
-        raise UnfitError(f"must not be finer than {unit}, as {value} is")
+        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, as {value} is")
     return int(exact * factor)
 
 
 def _positive(result: int, value: object) -> int:
     if result == 0:
-        raise UnfitError(f"must be more than 0, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0, not {value}")
     return result

@@ -3,7 +3,7 @@
 Each rule looks at the draft and adds findings. A rule passes over broken elements, about which there is a finding
 already, and a reference to one of them is good: the name is there.
 
-Source: semantics of the format, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
+Source: docs/semantics.md, section 1; the identifier plan (node-IDs, standard identifiers) is heronry_wire's.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -13,6 +13,8 @@ from typing import Final, TypeVar
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.findings import Findings, Place, shown
+from heronry_dg.rules import graph
+from heronry_dg.rules import schema as rules
 from heronry_dg.schema import Form
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import WireError
@@ -27,16 +29,16 @@ F = TypeVar("F", bound=Form)
 
 def check_references(draft: Draft, findings: Findings) -> None:
     """Apply every rule of this file."""
-    rules = _ReferenceRules(draft, findings)
-    rules.buses()
-    rules.pes()
-    rules.manager()
-    rules.devices()
-    rules.variables()
-    rules.modules()
-    rules.functions()
-    rules.phases()
-    rules.placement()
+    judge = _ReferenceRules(draft, findings)
+    judge.buses()
+    judge.pes()
+    judge.manager()
+    judge.devices()
+    judge.variables()
+    judge.modules()
+    judge.functions()
+    judge.phases()
+    judge.placement()
 
 
 class _ReferenceRules:
@@ -49,10 +51,13 @@ class _ReferenceRules:
         for bus, form in _whole(self._draft.buses):
             if form.max_load <= form.reserve:
                 sentence = f"'reserve' of bus '{bus.name}' leaves nothing of its 'max_load' to data"
-                self._findings.add(_value_place(bus, "reserve"), sentence, "make max_load the larger one")
+                self._findings.add(
+                    rules.NOTHING_LEFT, _value_place(bus, "reserve"), sentence, "make max_load the larger one"
+                )
             if form.kind == "wired" and form.bitrate > FASTEST_WIRE_BITS_PER_S:
                 sentence = f"bus '{bus.name}' is wired and faster than CAN: {form.bitrate} bit/s"
-                self._findings.add(_value_place(bus, "bitrate"), sentence, f"at most {FASTEST_WIRE_BITS_PER_S}")
+                hint = f"at most {FASTEST_WIRE_BITS_PER_S}"
+                self._findings.add(rules.TOO_FAST_A_WIRE, _value_place(bus, "bitrate"), sentence, hint)
 
     def pes(self) -> None:
         """Buses exist and form a forest, node-IDs differ."""
@@ -62,13 +67,13 @@ class _ReferenceRules:
             other = nodes.setdefault(form.node_id, pe.name)
             if other != pe.name:
                 sentence = f"pe '{pe.name}' has the node_id of pe '{other}', {form.node_id}"
-                self._findings.add(_value_place(pe, "node_id"), sentence, "give every PE its own")
+                self._findings.add(graph.NODE_ID_TWICE, _value_place(pe, "node_id"), sentence, "give every PE its own")
             self._names(pe, "buses", form.buses, "bus", self._draft.buses)
             for index, bus in enumerate(form.buses):
                 if bus in self._draft.buses and not network.join(f"pe:{pe.name}", f"bus:{bus}"):
                     sentence = f"bus '{bus}' gives pe '{pe.name}' a second route to where its other buses lead"
                     hint = "buses form a forest: between two PEs there is at most one route"
-                    self._findings.add(_value_place(pe, "buses", index), sentence, hint)
+                    self._findings.add(graph.SECOND_ROUTE, _value_place(pe, "buses", index), sentence, hint)
 
     def manager(self) -> None:
         """The manager's bus exists, and is a wired one where there is one."""
@@ -79,15 +84,16 @@ class _ReferenceRules:
         place = _value_place(manager, "bus")
         if not self._draft.buses:
             place = yaml_source.key_place(self._draft.root, "buses")
-            self._findings.add(place, "there is no bus", "write buses: {can0: {bitrate: 1000000}}")
+            self._findings.add(graph.MANAGER_BUS, place, "there is no bus", "write buses: {can0: {bitrate: 1000000}}")
         elif form.bus is None and not wired:
             place = yaml_source.key_place(self._draft.root, "buses")
-            self._findings.add(place, "no bus is wired, and the manager's is not given", "write manager: {bus: NAME}")
+            sentence = "no bus is wired, and the manager's is not given"
+            self._findings.add(graph.MANAGER_BUS, place, sentence, "write manager: {bus: NAME}")
         elif form.bus is not None and form.bus not in self._draft.buses:
-            self._findings.unknown(place, "bus", form.bus, self._draft.buses.keys())
+            self._findings.unknown(graph.UNKNOWN_NAME, place, "bus", form.bus, self._draft.buses.keys())
         elif form.bus is not None and wired and form.bus not in wired:
             sentence = f"the manager sits on bus '{form.bus}', which is wireless"
-            self._findings.add(place, sentence, f"put it on a wired one, such as {wired[0]}")
+            self._findings.add(graph.MANAGER_BUS, place, sentence, f"put it on a wired one, such as {wired[0]}")
 
     def devices(self) -> None:
         """PEs of devices exist."""
@@ -99,18 +105,21 @@ class _ReferenceRules:
         holders: dict[int, str] = {}
         for variable, form in _whole(self._draft.variables):
             if form.type not in DataType.__members__:
-                self._findings.unknown(_value_place(variable, "type"), "data type", form.type, _TYPE_NAMES)
+                place = _value_place(variable, "type")
+                self._findings.unknown(rules.UNKNOWN_TYPE, place, "data type", form.type, _TYPE_NAMES)
             elif form.initial is not None and not yaml_source.has_refused(_child(variable.node, "initial")):
                 self._initial(variable, form)
             other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
             if other != variable.name:
                 sentence = f"variable '{variable.name}' has the identifier of '{other}', {form.identifier}"
                 hint = "leave it out, and one is allocated"
-                self._findings.add(_value_place(variable, "identifier"), sentence, hint)
+                self._findings.add(graph.IDENTIFIER_TWICE, _value_place(variable, "identifier"), sentence, hint)
         for name, place in self._gate_names():
             if name in self._draft.variables:
                 sentence = f"{shown(name)} is the name of a gate and of a variable"
-                self._findings.add(place, sentence, "rename the gate: an expression could mean either")
+                self._findings.add(
+                    graph.GATE_AND_VARIABLE, place, sentence, "rename the gate: an expression could mean either"
+                )
 
     def modules(self) -> None:
         """Devices, PEs and given variables exist; a device's PE is allowed; versions are in range."""
@@ -130,12 +139,12 @@ class _ReferenceRules:
             place = _value_place(function, "output")
             if form.output in self._draft.shorthands:
                 sentence = f"gate '{form.output}' is no DEMUX, so it cannot be the output of a function"
-                self._findings.add(place, sentence, "name a module, or a DEMUX")
+                self._findings.add(graph.BAD_OUTPUT, place, sentence, "name a module, or a DEMUX")
             elif form.output in self._draft.modules and form.output in self._draft.demuxes:
                 sentence = f"'{form.output}' is the name of a module and of a DEMUX"
-                self._findings.add(place, sentence, "rename one of them")
+                self._findings.add(graph.BAD_OUTPUT, place, sentence, "rename one of them")
             elif form.output not in outputs:
-                self._findings.unknown(place, "module or DEMUX", form.output, outputs.keys())
+                self._findings.unknown(graph.UNKNOWN_NAME, place, "module or DEMUX", form.output, outputs.keys())
             for field, by_phase in (("criticality", form.criticality), ("priority", form.priority)):
                 self._phase_keys(function, field, by_phase)
 
@@ -144,7 +153,8 @@ class _ReferenceRules:
         for phase, form in _whole(self._draft.phases):
             if phase.name == schema.DEFAULT_PHASE:
                 sentence = f"a phase cannot be named '{phase.name}'"
-                self._findings.add(phase.place, sentence, "in the maps by phase this name means all other phases")
+                hint = "in the maps by phase this name means all other phases"
+                self._findings.add(rules.PHASE_NAMED_DEFAULT, phase.place, sentence, hint)
             if form.when is not None:
                 self._when(phase, form.when)
         contingency = self._draft.contingency
@@ -166,7 +176,7 @@ class _ReferenceRules:
             encode_data(0, Datum(0, DataType[form.type], 0, 0, initial_value(form.initial)))
         except (WireError, TypeError) as misfit:
             sentence = f"'initial' of variable '{variable.name}' does not fit: {misfit}"
-            self._findings.add(_value_place(variable, "initial"), sentence)
+            self._findings.add(rules.BAD_INITIAL, _value_place(variable, "initial"), sentence)
 
     def _module_place(self, module: ModuleElement, form: schema.ModuleForm) -> None:
         self._names(module, "runs_on", form.runs_on or (), "pe", self._draft.pes)
@@ -180,7 +190,7 @@ class _ReferenceRules:
         if device.form.pe in self._draft.pes and device.form.pe not in form.runs_on:
             sentence = f"module '{module.name}' can run nowhere: '{form.device}' is on pe '{device.form.pe}'"
             hint = "'runs_on' must allow that PE, or be left out"
-            self._findings.add(yaml_source.key_place(module.node, "runs_on"), sentence, hint)
+            self._findings.add(graph.RUNS_NOWHERE, yaml_source.key_place(module.node, "runs_on"), sentence, hint)
 
     def _gives(self, mode: Element[schema.ModeForm], name: str, version: int) -> None:
         place = yaml_source.key_place(_child(mode.node, "gives"), name)
@@ -190,7 +200,8 @@ class _ReferenceRules:
             most = variable.form.versions
             there = "version 1 alone" if most == 1 else f"versions 1 to {most}"
             sentence = f"version {version} of '{name}' does not exist"
-            self._findings.add(_value_place(mode, "gives", name), sentence, f"'{name}' has {there}")
+            place = _value_place(mode, "gives", name)
+            self._findings.add(graph.VERSION_OUT_OF_RANGE, place, sentence, f"'{name}' has {there}")
 
     def _phase_keys(self, function: Element[schema.FunctionForm], field: str, by_phase: Mapping[str, object]) -> None:
         for phase in by_phase:
@@ -203,10 +214,12 @@ class _ReferenceRules:
         variable = self._draft.variables.get(when.variable)
         if variable is not None and variable.form is not None and variable.form.type in _NOT_NUMERIC:
             sentence = f"'{when.variable}' is no single number, but of type {shown(variable.form.type)}"
-            self._findings.add(_value_place(phase, "when", "variable"), sentence, "watch a number")
+            place = _value_place(phase, "when", "variable")
+            self._findings.add(graph.NOT_A_NUMBER_TO_WATCH, place, sentence, "watch a number")
         if (when.above is None) == (when.below is None):
             sentence = f"'when' of phase '{phase.name}' must have exactly one of 'above' and 'below'"
-            self._findings.add(yaml_source.key_place(phase.node, "when"), sentence)
+            place = yaml_source.key_place(phase.node, "when")
+            self._findings.add(rules.ONE_THRESHOLD, place, sentence, "write one of them")
 
     def _names(
         self, element: Element[Form], field: str, names: Iterable[str], kind: str, known: Collection[str]
@@ -216,7 +229,7 @@ class _ReferenceRules:
 
     def _name(self, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         if name not in known:
-            self._findings.unknown(place, kind, name, known)
+            self._findings.unknown(graph.UNKNOWN_NAME, place, kind, name, known)
 
     def _gate_names(self) -> Iterator[tuple[str, Place]]:
         yield from ((gate.name, gate.place) for gate in self._draft.demuxes.values())

@@ -27,6 +27,7 @@ from heronry_dg import quantities
 from heronry_dg.findings import shown
 from heronry_dg.model import CRITICALITIES, Criticality
 from heronry_dg.quantities import UnfitError
+from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
 from heronry_wire.identifiers import FIRST_PE, LAST_PE, STANDARD_DATA_IDS
 
@@ -50,7 +51,7 @@ def _different(names: list[str]) -> list[str]:
     seen: set[str] = set()
     for name in names:
         if name in seen:
-            raise UnfitError(f"names {shown(name)} twice", "remove one of them")
+            raise UnfitError(rules.LISTED_TWICE, f"names {shown(name)} twice", "remove one of them")
         seen.add(name)
     return names
 
@@ -61,14 +62,15 @@ def _for_all_phases(value: object) -> object:
 
 def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
     if DEFAULT_PHASE not in by_phase:
-        raise UnfitError(f"gives no '{DEFAULT_PHASE}'", f"add {DEFAULT_PHASE}: what counts in all other phases")
+        hint = f"add {DEFAULT_PHASE}: what counts in all other phases"
+        raise UnfitError(rules.NO_DEFAULT, f"gives no '{DEFAULT_PHASE}'", hint)
     return by_phase
 
 
 def _checkpoint(value: object) -> bool | int | str:
     if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
         return value
-    raise UnfitError(f"must be true, false, a whole number or a name, not {shown(value)}")
+    raise UnfitError(rules.WRONG_TYPE, f"must be true, false, a whole number or a name, not {shown(value)}")
 
 
 def _optional_number(value: object) -> Fraction | None:

@@ -18,6 +18,8 @@ import yaml
 
 from heronry_dg.findings import Findings, Place, shown
 from heronry_dg.plain_scalars import Surprise, Value, resolve
+from heronry_dg.rules import file as rules
+from heronry_dg.rules.rule import Rule
 
 MOST_BYTES: Final = 1 << 20
 MOST_NODES: Final = 100_000
@@ -72,7 +74,9 @@ Node = Scalar | Sequence | Mapping
 def read_tree(data: bytes, findings: Findings) -> Node | None:
     """Tree of the one document in `data`; None where it cannot be read at all, and then there is a finding."""
     if len(data) > MOST_BYTES:
-        findings.add(Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text")
+        findings.add(
+            rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text"
+        )
         return None
     text = _decoded(data, findings)
     if text is None:
@@ -80,9 +84,9 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
     try:
         return _Builder(yaml.parse(text, Loader=_PARSER), findings).document()
     except _LimitError as limit:
-        findings.add(limit.place, str(limit), limit.hint)
+        findings.add(limit.rule, limit.place, str(limit), limit.hint)
     except yaml.MarkedYAMLError as error:
-        findings.add(_mark(error.problem_mark or error.context_mark), *_syntax(error))
+        findings.add(rules.SYNTAX, _mark(error.problem_mark or error.context_mark), *_syntax(error))
     return None
 
 
@@ -141,9 +145,9 @@ def key_place(node: Node, key: str) -> Place:
 class _LimitError(Exception):
     """A file beyond a limit; reading stops at once."""
 
-    def __init__(self, place: Place, sentence: str, hint: str) -> None:
+    def __init__(self, rule: Rule, place: Place, sentence: str, hint: str) -> None:
         super().__init__(sentence)
-        self.place, self.hint = place, hint
+        self.rule, self.place, self.hint = rule, place, hint
 
 
 class _Builder:
@@ -159,22 +163,24 @@ class _Builder:
         next(self._events)  # the stream's start
         start = next(self._events)
         if isinstance(start, yaml.StreamEndEvent):
-            self._findings.add(Place(1, 1), "the file is empty", "a spec begins with dg: 1")
+            self._findings.add(rules.EMPTY, Place(1, 1), "the file is empty", "a spec begins with dg: 1")
             return None
         if isinstance(start, yaml.DocumentStartEvent) and (start.version or start.tags):
-            self._refuse(start, "a YAML directive (%...) is not allowed", "leave it out")
+            self._refuse(rules.DIRECTIVE, start, "a YAML directive (%...) is not allowed", "leave it out")
         root = self._node(next(self._events), 1)
         next(self._events)  # the document's end
         after = next(self._events)
         if not isinstance(after, yaml.StreamEndEvent):
-            self._refuse(after, "a second document begins here", "one file holds one spec; remove the '---'")
+            hint = "one file holds one spec; remove the '---'"
+            self._refuse(rules.SECOND_DOCUMENT, after, "a second document begins here", hint)
         return root
 
     def _node(self, event: yaml.Event, level: int) -> Node:
         place = _mark(event.start_mark)
         self._count(place, level)
         if isinstance(event, yaml.AliasEvent):
-            self._refuse(event, "an alias (*) is not allowed", "write the value out; a named gate can shorten `needs`")
+            hint = "write the value out; a named gate can shorten `needs`"
+            self._refuse(rules.ALIAS, event, "an alias (*) is not allowed", hint)
             return Scalar(place, REFUSED)
         self._check_properties(event)
         if isinstance(event, yaml.ScalarEvent):
@@ -186,11 +192,11 @@ class _Builder:
     def _count(self, place: Place, level: int) -> None:
         self._nodes += 1
         if self._nodes > MOST_NODES:
-            raise _LimitError(place, f"the file has more than {MOST_NODES} values", "a spec is a short text")
+            sentence = f"the file has more than {MOST_NODES} values"
+            raise _LimitError(rules.TOO_LARGE, place, sentence, "a spec is a short text")
         if level > MOST_LEVELS:
-            raise _LimitError(
-                place, f"this is nested deeper than {MOST_LEVELS} levels", "named gates keep `needs` flat"
-            )
+            sentence = f"this is nested deeper than {MOST_LEVELS} levels"
+            raise _LimitError(rules.TOO_DEEP, place, sentence, "named gates keep `needs` flat")
 
     def _items(self, level: int) -> list[Node]:
         items = []
@@ -207,7 +213,7 @@ class _Builder:
             if name in entries:
                 first = entries[name].place
                 sentence = f"{shown(name)} is given twice, first at {first.line}:{first.column}"
-                self._findings.add(key.place, sentence, "remove one of them")
+                self._findings.add(rules.DUPLICATE_KEY, key.place, sentence, "remove one of them")
             elif name is not None:
                 entries[name] = Entry(key.place, node)
         return entries
@@ -216,9 +222,10 @@ class _Builder:
         """Text of a key, or None where it has none; a refused one keeps its text, so that nobody misses it."""
         if isinstance(key, Scalar) and isinstance(event, yaml.ScalarEvent):
             if not isinstance(key.value, str):
-                self._findings.add(key.place, f"the key {shown(event.value)} is not text", "put it in quotes")
+                sentence = f"the key {shown(event.value)} is not text"
+                self._findings.add(rules.KEY_NOT_TEXT, key.place, sentence, "put it in quotes")
             return str(event.value)
-        self._findings.add(key.place, "a key must be text", "write key: value")
+        self._findings.add(rules.KEY_NOT_TEXT, key.place, "a key must be text", "write key: value")
         return None
 
     def _value(self, event: yaml.ScalarEvent, place: Place) -> Value | Refused:
@@ -226,18 +233,18 @@ class _Builder:
             return str(event.value)
         value = resolve(event.value)
         if isinstance(value, Surprise):
-            self._findings.add(place, value.sentence, value.hint)
+            self._findings.add(value.rule, place, value.sentence, value.hint)
             return REFUSED
         return value
 
     def _check_properties(self, event: yaml.Event) -> None:
         if getattr(event, "anchor", None) is not None:
-            self._refuse(event, "an anchor (&) is not allowed", "leave it out")
+            self._refuse(rules.ANCHOR, event, "an anchor (&) is not allowed", "leave it out")
         if getattr(event, "tag", None) is not None:
-            self._refuse(event, "a tag (!) is not allowed", "leave it out")
+            self._refuse(rules.TAG, event, "a tag (!) is not allowed", "leave it out")
 
-    def _refuse(self, event: yaml.Event, sentence: str, hint: str) -> None:
-        self._findings.add(_mark(event.start_mark), sentence, hint)
+    def _refuse(self, rule: Rule, event: yaml.Event, sentence: str, hint: str) -> None:
+        self._findings.add(rule, _mark(event.start_mark), sentence, hint)
 
 
 def _decoded(data: bytes, findings: Findings) -> str | None:
@@ -245,13 +252,14 @@ def _decoded(data: bytes, findings: Findings) -> str | None:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start].decode("utf-8", "replace")
-        findings.add(_end_of(before), f"byte 0x{data[error.start]:02x} is not UTF-8", "save the file as UTF-8")
+        sentence = f"byte 0x{data[error.start]:02x} is not UTF-8"
+        findings.add(rules.NOT_UTF8, _end_of(before), sentence, "save the file as UTF-8")
         return None
     bad = _UNPRINTABLE.search(text)
     if bad is None:
         return text
     sentence = f"character U+{ord(bad[0]):04X} is not allowed"
-    findings.add(_end_of(text[: bad.start()]), sentence, "remove it; it cannot be seen")
+    findings.add(rules.INVISIBLE, _end_of(text[: bad.start()]), sentence, "remove it; it cannot be seen")
     return None
 
 

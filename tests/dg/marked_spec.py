@@ -30,7 +30,7 @@ def spec_text(**sections: str) -> str:
 
 
 def complaints(marked: str) -> list[str]:
-    """What the loader says about a spec, without the places, which must be those of the marks."""
+    """What the loader says about a spec, without places and codes; the places must be those of the marks."""
     lines = marked.split("\n")
     marks = [
         Place(number, column - before)
@@ -39,7 +39,7 @@ def complaints(marked: str) -> list[str]:
     ]
     found = findings(marked.replace(MARK, ""))
     assert [finding.place for finding in found] == marks, "\n".join(map(str, found))
-    return [str(finding).split(": ", 1)[1] for finding in found]
+    return [str(finding).split(" error: ", 1)[1] for finding in found]
 
 
 def findings(text: str) -> tuple[Finding, ...]:

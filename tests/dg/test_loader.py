@@ -155,16 +155,18 @@ contingency: {{faults: 3, phases: [land]}}
 
 
 def test_a_file_that_cannot_be_read_is_a_finding_like_any_other(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match=r"missing\.dg\.yaml:1:1: the file cannot be read: No such file or directory"):
+    with pytest.raises(
+        SpecError, match=r"missing\.dg\.yaml:1:1: DG001 error: the file cannot be read: No such file or directory"
+    ):
         load(tmp_path / "missing.dg.yaml")
-    with pytest.raises(SpecError, match=r":1:1: the file cannot be read: Is a directory"):
+    with pytest.raises(SpecError, match=r":1:1: DG001 error: the file cannot be read: Is a directory"):
         load(tmp_path)
 
 
 def test_a_file_that_is_too_long_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "long.dg.yaml"
     path.write_bytes(b"#" * (yaml_source.MOST_BYTES + 1))
-    with pytest.raises(SpecError, match=r"long\.dg\.yaml:1:1: the file has more than 1048576 bytes"):
+    with pytest.raises(SpecError, match=r"long\.dg\.yaml:1:1: DG002 error: the file has more than 1048576 bytes"):
         load(path)
 
 

@@ -291,8 +291,8 @@ def test_an_error_prints_one_line_per_finding_with_file_line_column_and_remedy()
     with pytest.raises(SpecError) as caught:
         loads(text, "wing.dg.yaml")
     assert str(caught.value).split("\n") == [
-        "wing.dg.yaml:5:30: no data type is named 'FLAOT' (did you mean 'FLOAT'?)",
-        "wing.dg.yaml:9:16: no bus is named 'can1' (did you mean 'can0'?)",
+        "wing.dg.yaml:5:30: DG117 error: no data type is named 'FLAOT' (did you mean 'FLOAT'?)",
+        "wing.dg.yaml:9:16: DG201 error: no bus is named 'can1' (did you mean 'can0'?)",
     ]
 
 

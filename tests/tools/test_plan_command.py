@@ -101,7 +101,7 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
     ("arguments", "sentence"),
     [
         (("plan", "nothing"), "'nothing' is neither a file nor a shipped spec"),
-        (("plan", "missing.dg.yaml"), "missing.dg.yaml:1:1: the file cannot be read: No such file or directory"),
+        (("plan", "missing.dg.yaml"), "missing.dg.yaml:1:1: DG001 error: the file cannot be read: No such file or directory"),
         (("plan", "elevator_and_chute", "--down", "pe:tail"), "no pe is named 'tail'; did you mean 'tail_pe'?"),
         (("plan", "elevator_and_chute", "--down", "tail_pe"), "'tail_pe' is not an element; write KIND:NAME"),
         (("plan", "elevator_and_chute", "--limit", "bus:can0=140%"), "more than the capacity there is"),

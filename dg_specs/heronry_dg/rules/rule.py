@@ -1,4 +1,4 @@
-"""A rule: one thing that can be wrong with a spec, under a code that never changes its meaning.
+r"""A rule: one thing that can be wrong with a spec, under a code that never changes its meaning.
 
 A code is `DG` and three digits; the first digit names the family. A code that is no longer found is retired, and never
 given to another rule: people write codes into comments and scripts.
