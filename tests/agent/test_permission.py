@@ -189,3 +189,12 @@ def test_a_frame_that_came_before_another_takes_nothing_back() -> None:
     pe.hear(neighbour_state(7))
     pe.give(Received(0, neighbour_state(7, node=FAR), age_ns=10 * LEASE_NS))
     assert drives(pe.pass_time(50 * MS))
+
+
+def test_a_state_frame_of_another_length_proves_nothing_and_is_counted() -> None:
+    pe = flying()
+    pe.pass_time(2 * LEASE_NS)
+    malformed = Frame(neighbour_state(7).can_id, neighbour_state(7).data[:7])
+    pe.hear(malformed)
+    assert not drives(pe.pass_time(50 * MS))
+    assert pe.core.counts["malformed state", malformed.can_id] == 1
