@@ -127,6 +127,7 @@ def times() -> str:
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
+        ("epochs", f"{core.EPOCHS_PER_TERM} per term", "term t starts behind the (t - 1)-fold of this"),
     ]
     return table(["name", "value", "what it is"], rows)
 
