@@ -36,7 +36,7 @@ KINDS: Mapping[str, str] = {
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
-    "summary": "served, unserved, rivals: what the witness saw at the end",
+    "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw and the manager was at",
 }
 
 

@@ -70,7 +70,7 @@ def flight() -> Iterator[dict[str, Any]]:
     yield event("pe_joined", 5300 * MS, pe="tail_pe", cause="steady for 100 ms")
     yield from reconfiguration(5400, 3, plan_after(without), "pe:tail_pe joined")
     yield event("outage", 5450 * MS, function="elevator", from_ns=2990 * MS, to_ns=5440 * MS)
-    yield event("summary", 6000 * MS, served=list(ELEVATOR.functions), unserved=[], rivals=[])
+    yield event("summary", 6000 * MS, served=list(ELEVATOR.functions), unserved=[], rivals=[], pending=None)
 
 
 STORY = """\
@@ -185,7 +185,14 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
         event("outage", 1500 * MS, function="parachute", from_ns=300 * MS, to_ns=None),
         event("outage", 1500 * MS, function="elevator", from_ns=300 * MS, to_ns=None),  # and nobody promised it
         event("process", 1600 * MS, pe="tail_pe", pid=9, what="killed"),
-        event("summary", 2000 * MS, served=[], unserved=["parachute"], rivals=["servo_driver_1 and servo_driver_2"]),
+        event(
+            "summary",
+            2000 * MS,
+            served=[],
+            unserved=["parachute"],
+            rivals=["servo_driver_1 and servo_driver_2"],
+            pending="epoch 3",
+        ),
     ]
     texts = [line.text.strip() for line in told(story, events)]
     assert texts[:3] == [
@@ -194,7 +201,8 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
         "[  1.60 s] KILL tail_pe (SIGKILL, process 9); it ran nothing",
     ]
     assert texts[3:5] == ["[  2.00 s] heard on the bus at the end: nothing", "planned, but not heard: parachute"]
-    assert texts[5].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
+    assert texts[5] == "still under way: epoch 3"
+    assert texts[6].startswith("not served: elevator: servo_driver_1 needs device elevator_servo_1")
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
 
 

@@ -126,6 +126,8 @@ class Story:
         yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
         if event["unserved"]:
             yield Line(f"planned, but not heard: {', '.join(event['unserved'])}", "bad")
+        if event["pending"] is not None:
+            yield Line(f"still under way: {event['pending']}", "bad")
         for name, function in self._plan.get("functions", {}).items():
             if not function["served"] and self.spec.functions[name].priority_in(self._plan["phase"]) > 0:
                 yield Line(f"not served: {name}: {function['why_not']}")

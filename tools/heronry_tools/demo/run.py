@@ -26,6 +26,7 @@ from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
 
 LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
+GRACE_S = 5.0  # how long a show goes on for what was begun before its time was up
 LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
 _LOOK_S = 0.1  # how often the witness is asked for outages
 
@@ -42,7 +43,7 @@ class Show:
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
         self._start_ns: int | None = None  # the first configuration runs
-        self._settled = False  # nothing is being reconfigured
+        self._pending: str | None = "the first configuration"  # what is under way
         self._plan: Mapping[str, Any] = {}
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
         self._unread = b""
@@ -85,7 +86,11 @@ class Show:
                 raise UserError(f"no configuration ran within {LONGEST_START_S:.0f} s; of the manager: {words}")
 
     def _over(self) -> bool:
-        return self._start_ns is not None and self._show_s() >= self._seconds
+        """Time is up, and what was begun is finished, or has had its grace."""
+        if self._start_ns is None or self._show_s() < self._seconds:
+            return False
+        well = self._pending is None and not self._unserved()
+        return well or self._show_s() >= self._seconds + GRACE_S
 
     def _show_s(self) -> float:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
@@ -107,17 +112,20 @@ class Show:
         if one["event"] != "bus":  # the demo has told it
             self._tell(one)
         match one["event"]:
+            case "plan_requested":
+                self._pending = "a plan"
             case "plan_ready":
                 self._plan = one["plan"]
             case "plan_unchanged":
-                self._settled = True
+                self._pending = None
+            case "epoch_prepared":
+                self._pending = f"epoch {one['epoch']}"
             case "reconfigured":
-                self._settled = True
+                if self._pending == f"epoch {one['epoch']}":
+                    self._pending = None
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
                     self._acts = self._acts or default_acts(self._plan)
-            case "plan_requested":
-                self._settled = False
             case _:
                 pass
 
@@ -148,17 +156,22 @@ class Show:
                 self._told.add(key)
                 self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
 
-    def _summary(self) -> int:
+    def _unserved(self) -> list[str]:
+        """Functions that the plan serves and nobody hears."""
         now_ns = time.monotonic_ns()
-        planned = [name for name, f in self._plan.get("functions", {}).items() if f["served"]]
-        unserved = [name for name in planned if not self._witness.served(name, now_ns)]
+        planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
+        return [name for name in planned if not self._witness.served(name, now_ns)]
+
+    def _summary(self) -> int:
+        unserved = self._unserved()
         self._emit(
             "summary",
-            served=[name for name in planned if name not in unserved],
+            served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
             unserved=unserved,
             rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
+            pending=self._pending,
         )
-        return 1 if unserved or self._witness.rivals or not self._settled else 0
+        return 1 if unserved or self._witness.rivals or self._pending is not None else 0
 
     def _emit(self, kind: str, **data: Any) -> None:
         self._tell(make_event(kind, time.monotonic_ns(), **data))
