@@ -1,7 +1,7 @@
 """A manager of a small spec, and its PEs, spoken for by the test: frames in, actions out, time by hand.
 
-Three PEs on one bus: `left` and `right` can each drive one servo of the elevator (branches of one DEMUX), `middle` or
-either of them can compute its demand. Everything beats every 20 ms.
+Three PEs on one bus: `left` and `right` can each drive one servo of the elevator (branches of one DEMUX), `left` and
+`middle` can compute its demand. Everything beats every 20 ms.
 """
 
 from collections import Counter
@@ -51,7 +51,8 @@ variables:
 gates:
   elevator_out: {demux: demand}
 modules:
-  control: {image: state_estimator, gives: {demand: 1}, cpu: 0.1, ram: 4KiB, flash: 8KiB, rate_hz: 40}
+  control: {image: state_estimator, runs_on: [left, middle], gives: {demand: 1}, cpu: 0.1,
+            ram: 4KiB, flash: 8KiB, rate_hz: 40}
   drive_left:  {image: servo_driver_1, needs: elevator_out, device: servo_left,
                 cpu: 0.1, ram: 1KiB, flash: 2KiB, rate_hz: 40}
   drive_right: {image: servo_driver_1, needs: elevator_out, device: servo_right,
@@ -76,6 +77,7 @@ class OneManager:
         self.events: list[dict[str, Any]] = []
         self.requests: list[RequestPlan] = []
         self.commands: list[ManagementMessage] = []
+        self.frames: list[Frame] = []
         self.stops: list[str] = []
         self.compiler = Compiler(self.spec)
         self.running: dict[str, StatePage0] = {}  # what each PE that lives says each beat
@@ -98,6 +100,7 @@ class OneManager:
         return actions
 
     def _note(self, frame: Frame) -> None:
+        self.frames.append(frame)
         message = decode_command(frame.can_id - management_id(self.node, Command.LEASE), frame.data)
         if not isinstance(message, Malformed):
             self.commands.append(message)

@@ -1,0 +1,360 @@
+"""One epoch after the other, as the manager's core leads them: what goes wrong on the way, and what it does then."""
+
+import pytest
+
+from heronry_manager.core import PLAN_AGAIN_NS
+from heronry_manager.reconfiguration import PATIENCE_PERIODS
+from heronry_manager.vocabulary import PlanFailed, PlanReady
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    PeState,
+    Reason,
+    SliceBody,
+    Step,
+)
+from manager.one_manager import BEAT_NS, MS, OneManager
+
+LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
+CONTROL_RAISED = Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, 0, 0)
+
+
+@pytest.fixture
+def manager() -> OneManager:
+    """The elevator is driven from the left, the first epoch is active everywhere."""
+    flying = OneManager()
+    flying.start()
+    assert flying.last("reconfigured")["started"] == ["control", "drive_left"]
+    return flying
+
+
+def take_everywhere(manager: OneManager, state: PeState = PeState.ACTIVE) -> None:
+    for pe in list(manager.running):
+        manager.take(pe, state)
+
+
+def stage_everywhere(manager: OneManager) -> None:
+    for pe in list(manager.running):
+        manager.stage(pe)
+
+
+def test_the_first_epoch_goes_all_the_way_in_one_step(manager: OneManager) -> None:
+    assert manager.steps() == ["GO_ALL"]
+    lease = manager.said(Lease)[-1]
+    manager.pass_time(BEAT_NS)
+    assert manager.said(Lease)[-1].step is Step.GO_ALL
+    assert manager.said(Lease)[-1].epoch == manager.prepared()[0]
+    assert lease.epoch == 0
+
+
+def test_a_killed_pe_is_planned_around_and_the_four_times_are_told(manager: OneManager) -> None:
+    manager.die("left")
+    manager.pass_time(100 * MS)
+    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].running is not None
+    manager.answer()
+    stage_everywhere(manager)
+    manager.pass_time(5 * MS)
+    assert manager.steps()[-1] == "GO"
+    manager.pass_time(100 * MS)
+    assert manager.steps()[-1] == "GO_ALL"
+    take_everywhere(manager)
+    told = manager.last("reconfigured")
+    assert told["causes"] == ["pe:left: silent for 3 heartbeat periods"]
+    assert told["times_ns"]["detect"] == 65 * MS
+    assert told["started"] == ["drive_right"]
+    assert all(time_ns >= 0 for time_ns in told["times_ns"].values())
+
+
+def test_a_demux_waits_until_its_silent_driver_has_not_been_named_for_t_lease(manager: OneManager) -> None:
+    manager.die("left")
+    manager.pass_time(200 * MS)
+    named_ns = max(
+        told["t_ns"] for told in manager.of("pe_lost")
+    )  # until then every ALIVE named it, the last one at most a period before
+    assert 92 not in manager.said(Alive)[-1].nodes
+    manager.now_ns = named_ns + 10 * MS
+    manager.answer()
+    stage_everywhere(manager)
+    held_from_ns = manager.now_ns
+    manager.pass_time(200 * MS)
+    (go, go_all) = manager.of("epoch_step")[-2:]
+    assert (go["step"], go_all["step"]) == ("GO", "GO_ALL")
+    assert go["t_ns"] == held_from_ns
+    assert 80 * MS <= go_all["t_ns"] - named_ns <= 100 * MS
+
+
+def test_a_demux_waits_no_longer_once_its_driver_is_back_as_a_new_incarnation(manager: OneManager) -> None:
+    manager.reboot("left")
+    manager.answer()
+    assert manager.requests[-1].down == {"pe:left"}
+    manager.stage("middle")
+    manager.stage("right")
+    assert manager.steps()[-1] == "GO_ALL"
+
+
+def test_what_moves_between_healthy_pes_is_broken_before_it_is_made(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    stage_everywhere(manager)
+    assert manager.last("epoch_step")["waiting_for"] == ["left"]
+    assert manager.said(Activate)[-1].step is Step.BREAK
+    manager.take("right", PeState.BROKEN)
+    assert manager.steps()[-1] == "BREAK"
+    manager.take("left", PeState.BROKEN)
+    assert manager.steps()[-1] == "GO_ALL"
+    take_everywhere(manager)
+    assert manager.last("reconfigured")["stopped"] == ["drive_left"]
+
+
+def test_the_death_of_who_must_break_turns_the_wait_into_the_wait_for_its_lease(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    stage_everywhere(manager)
+    manager.die("left")
+    manager.pass_time(70 * MS)
+    assert manager.steps()[-1] == "GO"
+    manager.pass_time(100 * MS)
+    assert manager.steps()[-1] == "GO_ALL"
+
+
+def test_a_reported_fault_is_acknowledged_each_time_and_latched_once(manager: OneManager) -> None:
+    manager.report("middle", CONTROL_RAISED)
+    manager.report("middle", CONTROL_RAISED)
+    acknowledged = manager.said(Control)
+    assert [(c.node, c.operation, c.a, c.b) for c in acknowledged] == [(93, Operation.ACKNOWLEDGE, 2, 0)] * 2
+    assert [told["element"] for told in manager.of("fault_reported")] == ["module:control"]
+    assert manager.requests[-1].down == {"module:control"}
+    assert len(manager.requests) == 2
+
+
+@pytest.mark.parametrize(
+    "emergency",
+    [
+        Emergency(FaultCode.RESET, 0, ElementKind.DEVICE, 0, 0),
+        Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 99, 0),
+    ],
+)
+def test_a_reset_and_an_element_that_does_not_exist_are_no_faults(manager: OneManager, emergency: Emergency) -> None:
+    manager.report("left", emergency)
+    assert manager.said(Control) == []
+    assert manager.of("fault_reported") == []
+
+
+def test_a_fault_while_an_epoch_is_prepared_abandons_its_number(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    abandoned, _ = manager.prepared()
+    manager.report("right", CONTROL_RAISED)
+    assert manager.last("epoch_abandoned")["epoch"] == abandoned
+    manager.answer()
+    assert manager.prepared()[0] == abandoned + 1
+    assert manager.said(Lease)[-1].epoch == 0 or manager.said(Lease)[-1].epoch < abandoned
+
+
+def test_a_fault_after_activation_leaves_the_epoch_standing_until_the_next_one(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    stage_everywhere(manager)
+    standing, _ = manager.prepared()
+    manager.report("right", CONTROL_RAISED)
+    manager.pass_time(BEAT_NS)
+    assert manager.said(Lease)[-1].epoch == standing
+    manager.answer()
+    assert manager.prepared()[0] == standing + 1
+    manager.pass_time(BEAT_NS)
+    assert manager.said(Lease)[-1].epoch == standing
+
+
+def test_causes_that_come_while_an_epoch_is_activated_are_told_with_the_next_one(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    stage_everywhere(manager)
+    manager.report("right", CONTROL_RAISED)
+    take_everywhere(manager)
+    assert manager.last("reconfigured")["causes"] == ["device:servo_left failed, reported by left"]
+    manager.answer()
+    stage_everywhere(manager)
+    take_everywhere(manager, PeState.BROKEN)
+    take_everywhere(manager)
+    told = manager.last("reconfigured")
+    assert told["causes"] == ["module:control failed, reported by right"]
+    assert all(time_ns >= 0 for time_ns in told["times_ns"].values())
+
+
+def test_the_answer_to_an_older_question_is_dropped(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    late = manager.requests[-1]
+    manager.report("right", CONTROL_RAISED)
+    plan = manager.answer()
+    prepared = len(manager.of("epoch_prepared"))
+    manager.give(PlanReady(late.request, plan))
+    manager.give(PlanReady(manager.requests[-1].request, plan))  # and the same answer twice changes nothing
+    manager.give(PlanFailed(late.request, "too late"))
+    assert len(manager.of("epoch_prepared")) == prepared
+    assert manager.of("plan_failed") == []
+
+
+def test_a_planner_that_fails_is_asked_again_a_second_later(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.give(PlanFailed(manager.requests[-1].request, "it was killed"))
+    assert manager.last("plan_failed")["reason"] == "it was killed"
+    asked = len(manager.requests)
+    manager.pass_time(PLAN_AGAIN_NS - MS)
+    assert len(manager.requests) == asked
+    manager.pass_time(2 * MS)
+    assert len(manager.requests) == asked + 1
+    manager.answer()
+    assert manager.of("epoch_prepared")
+
+
+def test_a_plan_that_runs_already_is_no_epoch(manager: OneManager) -> None:
+    useless = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 0)  # the right servo, which nobody drives
+    manager.report("right", useless)
+    manager.answer()
+    assert manager.events[-1]["event"] == "plan_unchanged"
+    assert len(manager.of("epoch_prepared")) == 1
+
+
+def test_a_pe_that_joins_is_given_an_epoch_even_where_the_plan_stays_the_same(manager: OneManager) -> None:
+    manager.reboot("right")
+    manager.answer()
+    assert manager.events[-1]["event"] == "plan_unchanged"
+    manager.pass_time(250 * MS)
+    assert manager.last("pe_joined")["pe"] == "right"
+    manager.answer()
+    assert manager.last("epoch_prepared")["pes"] == ["left", "middle", "right"]
+
+
+def test_who_runs_nothing_although_it_was_configured_has_lost_its_configuration(manager: OneManager) -> None:
+    manager.live("left", PeState.UNCONFIGURED)
+    lost = manager.last("pe_lost")
+    assert (lost["pe"], lost["cause"]) == ("left", "it runs nothing although it was configured")
+    manager.answer()
+    manager.stage("middle")
+    manager.stage("right")
+    assert manager.steps()[-1] == "GO_ALL"  # what runs nothing holds nothing
+
+
+@pytest.mark.parametrize(("epoch", "digest"), [(1, 0xBAD), (77, 5)])
+def test_who_runs_what_nobody_commanded_is_lost(manager: OneManager, epoch: int, digest: int) -> None:
+    manager.live("middle", PeState.ACTIVE, epoch=epoch, digest=digest)
+    assert "which nobody commanded" in manager.last("pe_lost")["cause"]
+
+
+def test_the_identifiers_of_a_pe_that_was_given_up_but_speaks_wait_for_its_lease(manager: OneManager) -> None:
+    manager.live("left", PeState.ACTIVE, epoch=1, digest=0xBAD)
+    given_up_ns = manager.now_ns
+    assert manager.answer().configuration.modules["control"].pe == "middle"
+    for pe in ("middle", "right"):
+        manager.stage(pe)
+    for pe in ("middle", "right"):
+        manager.take(pe, PeState.BROKEN)
+    assert manager.steps()[-1] == "BREAK"
+    manager.pass_time(100 * MS)
+    assert manager.steps()[-1] == "GO_ALL"
+    assert 80 * MS <= manager.last("epoch_step")["t_ns"] - given_up_ns <= 100 * MS
+
+
+def test_who_joins_with_the_epoch_of_an_older_reign_breaks_first() -> None:
+    manager = OneManager(term=2)
+    manager.live("left", PeState.ACTIVE, epoch=5, digest=5)
+    manager.live("middle", PeState.ACTIVE, epoch=5, digest=5)
+    manager.live("right")
+    manager.pass_time(110 * MS)
+    manager.answer()
+    stage_everywhere(manager)
+    (step,) = manager.of("epoch_step")
+    assert (step["step"], step["waiting_for"]) == ("BREAK", ["middle"])  # what the left drives, it may go on driving
+    assert manager.of("pe_lost") == []
+
+
+def test_who_refuses_its_slice_is_planned_around(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.stage("right", Reason.IMAGE)
+    assert manager.last("pe_refused")["reason"] == "IMAGE"
+    assert manager.last("pe_lost")["cause"] == "it cannot stage its slice: IMAGE"
+    assert manager.last("epoch_abandoned")
+
+
+def test_who_obeys_a_higher_term_is_planned_around(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.stage("right", Reason.STALE_TERM)
+    assert manager.last("pe_refused")["reason"] == "STALE_TERM"
+    assert manager.requests[-1].down >= {"pe:right"}
+
+
+def test_who_has_moved_on_already_is_not_blamed(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.stage("right", Reason.STALE_EPOCH)
+    assert manager.of("pe_refused") == []
+
+
+def test_who_does_not_acknowledge_for_long_is_failed_and_planned_around(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.stage("left")
+    manager.stage("middle")
+    manager.pass_time(PATIENCE_PERIODS * BEAT_NS - MS)
+    assert manager.of("pe_lost") == []
+    manager.pass_time(5 * BEAT_NS)
+    assert manager.last("pe_lost")["cause"] == "it does not acknowledge"
+    assert manager.requests[-1].down == {"device:servo_left", "pe:right"}
+
+
+def test_a_lost_answer_costs_a_repetition(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    asked = manager.heads_to("right")
+    manager.pass_time(15 * MS)
+    assert manager.heads_to("right") == asked + 1
+    stage_everywhere(manager)
+    activations = len(manager.said(Activate))
+    manager.pass_time(15 * MS)
+    assert len(manager.said(Activate)) == activations + 1
+
+
+def test_only_bodies_that_changed_go_out_unasked_and_any_goes_out_when_it_is_asked_for(manager: OneManager) -> None:
+    manager.commands.clear()
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.pass_time(2 * MS)
+    assert {body.node for body in manager.said(SliceBody)} == {
+        92,
+        94,
+    }  # control has a new consumer, and the right a job
+    manager.commands.clear()
+    manager.stage("right", Reason.INCOMPLETE)
+    manager.pass_time(15 * MS)
+    assert {body.node for body in manager.said(SliceBody)} == {92, 94}
+
+
+def test_with_nobody_left_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
+    for pe in ("left", "middle", "right"):
+        manager.die(pe)
+    manager.pass_time(100 * MS)
+    assert manager.requests[-1].down == {"pe:left", "pe:middle", "pe:right"}
+    manager.answer()
+    assert manager.last("reconfigured")["stopped"] == ["control", "drive_left"]
+
+
+def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager: OneManager) -> None:
+    for _ in range(9):
+        manager.reboot("right")
+        manager.answer()
+        while manager.last("pe_joined")["t_ns"] < manager.last("pe_heard_again")["t_ns"]:
+            manager.pass_time(200 * MS)
+        manager.answer()
+        stage_everywhere(manager)
+        take_everywhere(manager)
+    manager.live("left", PeState.ACTIVE, epoch=1, digest=5)
+    assert "which nobody commanded" in manager.last("pe_lost")["cause"]

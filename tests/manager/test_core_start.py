@@ -1,0 +1,165 @@
+"""How a manager begins and ends its reign, told by what it says on the bus."""
+
+import pytest
+
+from heronry_manager.core import START_UP_WINDOW_NS
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.management import Alive, ElementKind, Emergency, FaultCode, Lease, PeState, Ping, Prepare, Step
+from heronry_wire.node_services import Service, encode_service, request, service_id
+from heronry_wire.sansio import Tick
+from manager.one_manager import BEAT_NS, MS, OneManager
+
+FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
+
+
+def lease(term: int, node: int) -> Frame:
+    return Frame(management_id(node, Command.LEASE), Lease(term, 0, Step.PREPARED, 0).encode())
+
+
+def test_it_listens_for_t_lease_before_it_says_anything() -> None:
+    manager = OneManager()
+    manager.pass_time(99 * MS)
+    manager.give(Tick())  # a timer that rings early changes nothing
+    assert manager.commands == []
+    manager.pass_time(2 * MS)
+    assert [type(said) for said in manager.commands] == [Lease, Alive]
+
+
+def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_is_not_asked() -> None:
+    manager = OneManager()
+    manager.live("left")
+    manager.report("left", FAULT)
+    manager.die("left")
+    manager.pass_time(90 * MS)
+    assert manager.commands == []
+
+
+def test_a_lease_heard_while_it_listens_is_another_manager_and_it_does_not_start() -> None:
+    manager = OneManager()
+    manager.hear(lease(term=1, node=127))
+    (reason,) = manager.stops
+    assert "manager 127 already reigns on can0" in reason
+    assert manager.last("second_manager")["node"] == 127
+    assert manager.core.next_deadline_ns() is None
+
+
+def test_a_retired_manager_says_nothing_whatever_happens() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.hear(lease(term=2, node=127))
+    assert len(manager.stops) == 1
+    said = len(manager.commands)
+    manager.reboot("left")
+    manager.report("right", FAULT)
+    assert manager.core.next_deadline_ns() is None
+    assert len(manager.commands) == said
+
+
+@pytest.mark.parametrize(
+    ("own", "other", "term", "stops"),
+    [(126, 127, 2, True), (127, 126, 1, True), (126, 127, 1, False), (127, 126, 2, True), (126, 126, 1, False)],
+)
+def test_of_two_managers_the_higher_term_goes_on_and_of_equals_the_lower_node(
+    own: int, other: int, term: int, stops: bool
+) -> None:
+    manager = OneManager(node=own)
+    manager.start()
+    manager.hear(lease(term=term, node=other))
+    assert bool(manager.stops) is stops
+
+
+def test_the_lease_of_a_lower_term_changes_nothing() -> None:
+    manager = OneManager(term=3)
+    manager.start()
+    manager.hear(lease(term=2, node=127))
+    assert manager.stops == []
+
+
+def test_who_is_not_heard_in_the_start_up_window_is_planned_without() -> None:
+    manager = OneManager()
+    for pe in ("left", "middle"):
+        manager.live(pe)
+    manager.pass_time(START_UP_WINDOW_NS - MS)
+    assert manager.requests == []
+    manager.pass_time(2 * MS)
+    assert manager.last("pe_absent")["pe"] == "right"
+    assert manager.requests[-1].down == {"pe:right"}
+
+
+def test_who_dies_while_others_are_awaited_is_lost_and_no_plan_is_asked_for_yet() -> None:
+    manager = OneManager()
+    for pe in ("left", "middle"):
+        manager.live(pe)
+    manager.pass_time(110 * MS)
+    manager.die("middle")
+    manager.pass_time(200 * MS)
+    assert manager.last("pe_lost")["pe"] == "middle"
+    assert manager.requests == []
+
+
+def test_every_period_it_repeats_its_lease_and_whom_it_counts_on() -> None:
+    manager = OneManager()
+    manager.start(fly=False)
+    manager.commands.clear()
+    manager.pass_time(10 * BEAT_NS)
+    assert len(manager.said(Lease)) == 10
+    assert {alive.nodes for alive in manager.said(Alive)} == {frozenset({92, 93, 94})}
+    assert len({alive.sequence for alive in manager.said(Alive)}) == 10
+
+
+def test_who_misses_a_beat_is_asked_until_it_answers_or_is_lost() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.die("right")
+    manager.pass_time(50 * MS)
+    assert manager.last("pe_suspected")["pe"] == "right"
+    assert {ping.node for ping in manager.said(Ping)} == {94}
+    assert len(manager.said(Ping)) >= 2
+
+
+def test_epochs_of_a_later_reign_have_numbers_of_their_own() -> None:
+    manager = OneManager(term=3)
+    manager.start(fly=False)
+    manager.answer()
+    assert manager.prepared()[0] == 33
+
+
+def test_an_epoch_is_newer_than_any_that_a_pe_runs() -> None:
+    manager = OneManager()
+    manager.live("left", PeState.ACTIVE, epoch=65_535, digest=5)
+    manager.live("middle")
+    manager.live("right")
+    manager.pass_time(110 * MS)
+    manager.answer()
+    assert manager.said(Prepare)[-1].epoch == 1
+
+
+def test_it_answers_who_it_is() -> None:
+    manager = OneManager()
+    manager.start()
+    asked = encode_service(request(Service.IDS, node_id=126))
+    assert manager.core.hears(asked.can_id)
+    manager.frames.clear()
+    manager.hear(asked)
+    manager.pass_time(MS)
+    assert service_id(0, is_answer=True) in {frame.can_id for frame in manager.frames}
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(state_id(92), b""),
+        Frame(state_id(92), b"\xff" * 8),
+        Frame(220, b"\x01"),
+        Frame(management_id(127, Command.LEASE), b"\x00"),
+        Frame(state_id(92), bytes(8), extended=True),
+        Frame(0x123, bytes(8)),
+    ],
+)
+def test_frames_that_mean_nothing_change_nothing(frame: Frame) -> None:
+    manager = OneManager()
+    manager.start()
+    events = len(manager.events)
+    manager.hear(frame)
+    assert len(manager.events) == events

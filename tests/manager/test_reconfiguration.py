@@ -1,0 +1,217 @@
+"""The manager's half of the two phases, one epoch at a time: who is asked for what, how often, and for how long."""
+
+import pytest
+
+from heronry_dg.configuration import Configuration, Running
+from heronry_manager.compilation import Compiler
+from heronry_manager.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
+from heronry_wire.management import Activate, PeState, Prepare, SliceBody, SliceHead, Step
+from manager.one_manager import BEAT_NS, MS, two_tails
+
+PES = ("left", "middle", "right")
+NODES = {"left": 92, "middle": 93, "right": 94}
+FLYING = Configuration({"control": Running("left", "only"), "drive_left": Running("left", "only")})
+
+
+def opened(*, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = ()) -> Reconfiguration:
+    """An epoch for all three PEs, opened at time 0; `knows` are those that run the same slice already."""
+    compiled = Compiler(two_tails()).configuration(FLYING)
+    participants = [
+        Participant(
+            pe=pe,
+            node=NODES[pe],
+            period_ns=BEAT_NS,
+            awaited=pe in awaited,
+            runs_digest=compiled.slice_digests[NODES[pe]] if pe in knows else None,
+        )
+        for pe in PES
+    ]
+    return Reconfiguration(
+        term=1,
+        epoch=300,
+        configuration=FLYING,
+        compiled=compiled,
+        placed={},
+        participants=participants,
+        bitrate=1_000_000,
+        started_ns=0,
+    )
+
+
+def staged(epoch: Reconfiguration, *pes: str, now_ns: int = 0) -> None:
+    for pe in pes:
+        epoch.staged(pe, has_staged=True, wants_body=False, now_ns=now_ns)
+
+
+def said(epoch: Reconfiguration) -> list[Prepare | SliceHead | SliceBody | Activate]:
+    messages = list(epoch.outbox)
+    epoch.outbox.clear()
+    return messages
+
+
+def run(
+    epoch: Reconfiguration, from_ns: int, to_ns: int
+) -> tuple[list[Prepare | SliceHead | SliceBody | Activate], list[str]]:
+    """Let time pass, deadline by deadline; gives what was said and who is overdue."""
+    messages, overdue = said(epoch), []
+    now_ns = from_ns
+    while (due_ns := epoch.next_deadline_ns()) is not None and due_ns <= to_ns:
+        now_ns = max(now_ns, due_ns)
+        overdue += epoch.tick(now_ns)
+        messages += said(epoch)
+        if overdue:
+            break
+    return messages, overdue
+
+
+def test_it_begins_with_prepare_and_a_head_for_everybody() -> None:
+    prepare, *heads = said(opened())
+    assert prepare == Prepare(1, 300, Compiler(two_tails()).configuration(FLYING).digest)
+    assert [head.node for head in heads if isinstance(head, SliceHead)] == [92, 93, 94]
+    assert {head.epoch_low for head in heads if isinstance(head, SliceHead)} == {300 & 0xFF}
+
+
+def test_bodies_follow_at_half_the_bus_and_only_where_they_are_needed() -> None:
+    messages, _ = run(opened(), 0, 5 * MS)
+    bodies = [message for message in messages if isinstance(message, SliceBody)]
+    assert [(body.node, body.index) for body in bodies] == [(92, 1), (92, 2)]
+    messages, _ = run(opened(knows=("left",)), 0, 5 * MS)
+    assert not [message for message in messages if isinstance(message, SliceBody)]
+
+
+def test_a_late_timer_sends_no_flood() -> None:
+    epoch = opened()
+    epoch.staged("left", has_staged=False, wants_body=True, now_ns=0)
+    said(epoch)
+    epoch.tick(0)
+    assert len(said(epoch)) == 1
+
+
+def test_a_body_that_is_asked_for_is_sent_once_and_again_only_with_the_next_try() -> None:
+    epoch = opened(knows=("left",))
+    said(epoch)
+    for _ in range(3):
+        epoch.staged("left", has_staged=False, wants_body=True, now_ns=MS)
+    messages, _ = run(epoch, MS, 4 * MS)
+    assert [message.index for message in messages if isinstance(message, SliceBody)] == [1, 2]
+
+
+def test_nobody_who_is_no_participant_can_move_an_epoch() -> None:
+    epoch = opened()
+    staged(epoch, *PES)
+    epoch.drop("left")
+    staged(epoch, "left")
+    epoch.reported("left", PeState.ACTIVE, 0)
+    assert epoch.all_staged()
+
+
+def test_what_is_not_acknowledged_is_repeated_less_and_less_often_and_then_given_up() -> None:
+    epoch = opened()
+    staged(epoch, "left", "middle")
+    messages, overdue = run(epoch, 0, 10_000 * MS)
+    heads = [message for message in messages if isinstance(message, SliceHead) and message.node == 94]
+    assert overdue == ["right"]
+    assert 5 <= len(heads) <= PATIENCE_PERIODS
+    assert len([message for message in messages if isinstance(message, Prepare)]) == len(heads)
+
+
+def test_with_nothing_exclusive_one_activation_goes_all_the_way() -> None:
+    epoch = opened()
+    staged(epoch, *PES)
+    assert epoch.all_staged()
+    said(epoch)
+    epoch.activate(set(), MS)
+    assert (epoch.stage, epoch.step) == (Stage.GOING, Step.GO_ALL)
+    assert [message.step for message in said(epoch) if isinstance(message, Activate)] == [Step.GO_ALL]
+
+
+def test_an_activation_that_was_lost_is_repeated_until_everybody_is_active() -> None:
+    epoch = opened()
+    staged(epoch, *PES)
+    epoch.activate(set(), 0)
+    epoch.reported("left", PeState.ACTIVE, 0)
+    messages, overdue = run(epoch, 0, 100 * MS)
+    assert len([message for message in messages if isinstance(message, Activate)]) > 2
+    assert not epoch.all_active()
+    for pe in ("middle", "right"):
+        epoch.reported(pe, PeState.ACTIVE, 100 * MS)
+    assert epoch.all_active()
+    assert overdue == []
+    epoch.finish(100 * MS)
+    assert epoch.next_deadline_ns() is None
+
+
+def test_a_state_frame_of_the_epoch_proves_that_it_was_staged() -> None:
+    epoch = opened()
+    epoch.reported("left", PeState.UNCONFIGURED, 0)
+    staged(epoch, "middle", "right")
+    assert not epoch.all_staged()
+    epoch.reported("left", PeState.BROKEN, 0)
+    assert epoch.all_staged()
+
+
+def test_it_waits_for_those_who_must_break_and_for_identifiers_that_are_not_free() -> None:
+    epoch = opened(knows=("left",))
+    staged(epoch, *PES)
+    epoch.identifiers_free_ns = 50 * MS
+    epoch.activate({"left", "stranger"}, MS)
+    assert (epoch.stage, epoch.must_break) == (Stage.BREAKING, {"left"})
+    assert not epoch.all_broken()
+    epoch.reported("left", PeState.BROKEN, 2 * MS)
+    assert epoch.all_broken()
+    for pe in ("middle", "right"):
+        epoch.reported(pe, PeState.BROKEN, 2 * MS)
+    assert epoch.next_deadline_ns() == 50 * MS
+    epoch.identifiers_free_ns = None
+    epoch.go(50 * MS)
+    assert epoch.stage is Stage.GOING
+
+
+def test_a_demux_that_is_not_free_holds_the_last_step() -> None:
+    epoch = opened(knows=("left",))
+    staged(epoch, *PES)
+    epoch.demux_free_ns = 70 * MS
+    epoch.activate(set(), MS)
+    assert (epoch.stage, epoch.step) == (Stage.HOLDING, Step.GO)
+    for pe in PES:
+        epoch.reported(pe, PeState.PARTIAL, 2 * MS)
+    assert epoch.next_deadline_ns() == 70 * MS
+    epoch.demux_free_ns = None
+    epoch.go(70 * MS)
+    assert epoch.step is Step.GO_ALL
+
+
+def test_nobody_waits_for_a_pe_beyond_a_radio_but_it_is_served_all_the_same() -> None:
+    epoch = opened(awaited=("left", "middle"))
+    staged(epoch, "left", "middle")
+    assert epoch.all_staged()
+    epoch.activate(set(), 0)
+    for pe in ("left", "middle"):
+        epoch.reported(pe, PeState.ACTIVE, 0)
+    assert epoch.all_active()
+    epoch.finish(0)
+    messages, _ = run(epoch, 0, 30 * MS)
+    assert {message.node for message in messages if isinstance(message, SliceHead)} >= {94}
+    staged(epoch, "right", now_ns=30 * MS)
+    messages, _ = run(epoch, 30 * MS, 60 * MS)
+    assert [message.step for message in messages if isinstance(message, Activate)][-1] is Step.GO_ALL
+
+
+def test_who_must_break_is_awaited_even_beyond_a_radio() -> None:
+    epoch = opened(awaited=("left", "middle"))
+    staged(epoch, *PES)
+    epoch.activate({"right"}, 0)
+    assert not epoch.all_broken()
+    epoch.drop("right")
+    assert epoch.all_broken()
+
+
+@pytest.mark.parametrize("pe", PES)
+def test_an_abandoned_epoch_says_nothing_more_and_cannot_be_moved(pe: str) -> None:
+    epoch = opened()
+    said(epoch)
+    epoch.abandon()
+    staged(epoch, pe)
+    assert epoch.next_deadline_ns() is None
+    assert epoch.tick(10_000 * MS) == []
+    assert said(epoch) == []
