@@ -13,6 +13,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Module, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import identifiers
+from heronry_manager.topology import uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.pe_table import (
     FORMAT,
@@ -61,7 +62,7 @@ class Compiler:
             node_id=own.node_id,
             cpu_millis=own.cpu_millis,
             without_manager=spec.manager.without_manager,
-            uplink=self._uplink(pe),
+            uplink=own.buses.index(uplink_bus(spec, pe)),
             ports=ports,
             modules=tuple(
                 self._module_entry(module)
@@ -103,17 +104,6 @@ class Compiler:
             channels=entry.channels,
             nodes=tuple(p.node_id for p in beyond),
         )
-
-    def _uplink(self, pe: str) -> int:
-        """Port toward the manager's bus: that bus itself, or the one through which its PEs are reached."""
-        buses = self._spec.pes[pe].buses
-        if self._spec.manager.bus in buses:
-            return buses.index(self._spec.manager.bus)
-        for other in self._spec.pes.values():
-            route = self._all_up.route(pe, other.name)
-            if route and self._spec.manager.bus in other.buses:
-                return buses.index(route[0])
-        return 0
 
     def _module_entry(self, module: Module) -> ModuleEntry:
         return ModuleEntry(

@@ -30,7 +30,6 @@ from typing import Any
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation, survivors
 from heronry_manager.beacon import Beacon
 from heronry_manager.compilation import Compiler
 from heronry_manager.events import event as make_event
@@ -38,6 +37,7 @@ from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.latched_faults import LatchedFaults
 from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
+from heronry_manager.topology import reached_by_wire
 from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanFailed, PlanReady, RequestPlan, Stop
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
@@ -102,7 +102,7 @@ class ManagerCore:
         self._period_ns = self._bus.heartbeat_ns
         self._compiler = Compiler(spec)
         self._health = Health(spec, now_ns, window_ns)
-        self._exclusion = Exclusion(spec, LEASE_PERIODS * self._period_ns)
+        self._exclusion = Exclusion(spec)
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * self._period_ns
         self._observed = {pe: _Observed() for pe in spec.pes}
         self._failed = LatchedFaults(spec)
@@ -116,7 +116,7 @@ class ManagerCore:
         self._next: Reconfiguration | None = None  # being prepared
         self._highest_epoch = (term - 1) * EPOCHS_PER_TERM  # the numbers of older reigns are not used again
         self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
-        self._wired = _reached_by_wire(spec)
+        self._wired = reached_by_wire(spec)
         self._beacon = Beacon(node, self._period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -508,9 +508,3 @@ _COMMAND_OF: dict[type[Prepare | SliceHead | SliceBody | Activate], Command] = {
     SliceBody: Command.SLICE,
     Activate: Command.ACTIVATE,
 }
-
-
-def _reached_by_wire(spec: Spec) -> frozenset[str]:
-    """PEs that have no radio between themselves and the manager's bus."""
-    left = survivors(spec, Situation(frozenset(f"bus:{b.name}" for b in spec.buses.values() if b.kind == "wireless")))
-    return frozenset(left.pe_cpu_millis)

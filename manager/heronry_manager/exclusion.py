@@ -18,15 +18,18 @@ from collections.abc import Iterable, Mapping
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import hosts_when_all_is_up
+from heronry_manager.topology import uplink_bus
+from heronry_wire.management import LEASE_PERIODS
 
 
 class Exclusion:
     """Tokens held by each PE, as far as the manager can know."""
 
-    def __init__(self, spec: Spec, lease_ns: int) -> None:
-        """`lease_ns` is T_lease: how long a PE may drive without hearing anybody."""
+    def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        self._lease_ns = lease_ns
+        self._lease_ns = {
+            pe: LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
+        }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._last_named_ns: dict[str, int] = {}
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
@@ -94,7 +97,7 @@ class Exclusion:
     ) -> int | None:
         ends = []
         for pe in self._holds.keys() - set(counted_on):
-            until_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns
+            until_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns[pe]
             if until_ns <= now_ns:
                 self._holds[pe] = set()
             elif any(_is_demux(token) is demux for token in self._rivals(pe, placed)):

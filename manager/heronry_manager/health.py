@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from heronry_dg.model import Spec
+from heronry_manager.topology import uplink_bus
 
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
@@ -89,8 +90,8 @@ class Health:
         self._window_closes_ns: int | None = now_ns + window_ns
         self._records = {}
         for pe in spec.pes.values():
-            bus = _reporting_bus(spec, pe.name)
-            self._records[pe.name] = _Record(pe.name, spec.buses[bus].heartbeat_ns, spec.buses[bus].misses)
+            bus = spec.buses[uplink_bus(spec, pe.name)]
+            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses)
 
     def standing(self, pe: str) -> Standing:
         """Where a PE stands now."""
@@ -201,11 +202,3 @@ class Health:
     def _close_window_if_all_heard(self) -> None:
         if all(r.standing is not Standing.WAITING for r in self._records.values()):
             self._window_closes_ns = None
-
-
-def _reporting_bus(spec: Spec, pe: str) -> str:
-    """Bus on which a PE's state starts its way to the manager: the slowest one tells how often it can be expected."""
-    buses = spec.pes[pe].buses
-    if spec.manager.bus in buses:
-        return spec.manager.bus
-    return max(buses, key=lambda bus: spec.buses[bus].heartbeat_ns)

@@ -23,7 +23,7 @@ def spec() -> Spec:
 
 @pytest.fixture
 def exclusion(spec: Spec) -> Exclusion:
-    return Exclusion(spec, T_LEASE)
+    return Exclusion(spec)
 
 
 def with_servo(number: int, pe: str, control_on: str = "control_pe") -> Configuration:
@@ -116,3 +116,15 @@ def test_a_pe_that_missed_the_last_epoch_still_holds_what_it_ran(exclusion: Excl
     exclusion.activated(second)  # ACTIVATE went out, and tail_pe has not answered
     third = exclusion.tokens(with_servo(2, "control_pe"))
     assert exclusion.must_break(third, PES) == {"tail_pe"}
+
+
+def test_a_pe_beyond_the_radio_has_a_lease_of_its_own_slower_bus() -> None:
+    spec = loads(Path("dg_specs/big_blue.dg.yaml").read_text(), "big_blue.dg.yaml")
+    exclusion = Exclusion(spec)
+    movable = {"image_archive": Running("ground", "only"), "guidance": Running("ground", "route")}
+    activated = exclusion.tokens(Configuration(movable))
+    exclusion.activated(activated)
+    exclusion.named(["ground"], 0)
+    elsewhere = exclusion.tokens(Configuration({"guidance": Running("nav", "route")}))
+    # given up although it speaks: five of its own heartbeat periods of 200 ms, not of the manager's 20 ms
+    assert exclusion.identifiers_free_ns(elsewhere, ["nav"], 100 * MS) == 1000 * MS
