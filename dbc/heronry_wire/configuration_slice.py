@@ -10,7 +10,8 @@ one way to write a slice; bytes that go another (an index twice, a longer number
     number of sources published, then for each: source, bit mask of this PE's buses
     number of sources forwarded (gateways), then for each: source, node-ID of its producer, bit mask of buses to
 
-The slice of a PE that has nothing to do is no bytes at all: its head says everything. The digest covers the spec's digest too: a PE that holds another spec's table stages nothing.
+The slice of a PE that has nothing to do is no bytes at all: its head says everything. The digest covers the spec's
+digest too: a PE that holds another spec's table stages nothing.
 """
 
 import hashlib

@@ -57,13 +57,13 @@ class Link:
 
     def __init__(self, config: Mapping[str, Any]) -> None:
         """Open the bus that python-can's keyword arguments `config` describe; raises LinkError."""
-        self.name = f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
+        self.name = _name(config)
         self.echoes_lost = 0
         self.queue = TransmitQueue()
         self._in_flight: Frame | None = None
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._deadline_ns: int | None = None  # of the echo, or of the next try
-        self._bus = self._open(config)
+        self._bus, self._fileno = open_bus({**config, "receive_own_messages": True})
         self._is_well_known = self._bus.channel_info.startswith(_WELL_KNOWN)
 
     def fileno(self) -> int:
@@ -116,24 +116,6 @@ class Link:
         """Close the bus."""
         self._bus.shutdown()
 
-    def _open(self, config: Mapping[str, Any]) -> can.BusABC:
-        try:
-            bus = can.Bus(**{**config, "receive_own_messages": True})
-        except can.CanInterfaceNotImplementedError as error:
-            if "interface" in config:
-                raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
-            raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
-        except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
-            raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
-        try:
-            self._fileno = bus.fileno()
-        except NotImplementedError:
-            bus.shutdown()
-            raise LinkError(
-                f"{self.name} has no file descriptor to wait on; use socketcan, softbus, or another that has one"
-            ) from None
-        return bus
-
     def _is_echo(self, frame: Frame, now_ns: int) -> bool:
         """Tell whether a frame is one of our own, and let the next one follow."""
         if frame == self._in_flight:
@@ -161,6 +143,29 @@ class Link:
         if self._is_well_known:
             self._in_flight, self._deadline_ns = frame, now_ns + ECHO_TIMEOUT_NS
         return not self._is_well_known
+
+
+def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
+    """Open the bus that python-can's keyword arguments describe, with its descriptor; raises LinkError."""
+    name = _name(config)
+    try:
+        bus = can.Bus(**config)
+    except can.CanInterfaceNotImplementedError as error:
+        if "interface" in config:
+            raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
+        raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
+    except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
+        raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
+    try:
+        return bus, bus.fileno()
+    except NotImplementedError:
+        bus.shutdown()
+        remedy = "use socketcan, softbus, or another that has one"
+        raise LinkError(f"{name} has no file descriptor to wait on; {remedy}") from None
+
+
+def _name(config: Mapping[str, Any]) -> str:
+    return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
 def _frame_of(message: can.Message) -> Frame:

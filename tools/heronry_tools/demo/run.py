@@ -24,6 +24,7 @@ from heronry_tools.demo.script import Act, default_acts
 from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+from heronry_wire.link import open_bus
 
 LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
 GRACE_S = 5.0  # how long a show goes on for what was begun before its time was up
@@ -178,4 +179,5 @@ class Show:
 
 
 def _open(choice: BusChoice) -> can.BusABC:
-    return can.Bus(interface=choice.interface, channel=choice.channel, bitrate=choice.bitrate)
+    config = {"interface": choice.interface, "channel": choice.channel}
+    return open_bus(config if choice.bitrate is None else {**config, "bitrate": choice.bitrate})[0]
