@@ -325,12 +325,4 @@ def _is_points(value: object) -> TypeGuard[int]:
 
 def _names_in(node: Node) -> Iterator[str]:
     """Every name in an expression, without its version."""
-    match node:
-        case yaml_source.Scalar(value=str() as text):
-            yield text.partition("@")[0]
-        case yaml_source.Sequence(items=items):
-            for item in items:
-                yield from _names_in(item)
-        case yaml_source.Mapping(entries=entries):
-            for entry in entries.values():
-                yield from _names_in(entry.node)
+    return (text.partition("@")[0] for text in yaml_source.texts(node))

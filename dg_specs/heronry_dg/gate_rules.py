@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from heronry_dg import cycles, schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
 from heronry_dg.expression_reader import ExpressionReader, Reading
-from heronry_dg.findings import Findings, listed, shown_cycle
+from heronry_dg.findings import Findings, Place, listed, shown_cycle
 from heronry_dg.gates import Expression, leaves
 from heronry_dg.rules import graph as rules
 
@@ -26,6 +26,7 @@ class Gates:
     shorthands: Mapping[str, Expression]
     needs: Mapping[ModeName, Expression | None]
     branches: Mapping[str, tuple[str, ...]]  # DEMUX -> modules
+    places: Mapping[ModeName, tuple[Place, ...]]  # of the leaves of a mode, in the order of `gates.leaves`
 
 
 def read_gates(draft: Draft, findings: Findings) -> Gates:
@@ -38,7 +39,9 @@ def read_gates(draft: Draft, findings: Findings) -> Gates:
     judge.check_values()
     judge.check_wiring_cycles()
     needs = {name: reading.expression if reading else None for name, reading in judge.readings.items()}
-    return Gates(reader.shorthands(), needs, {name: tuple(modules) for name, modules in judge.branches.items()})
+    places = {name: reading.places if reading else () for name, reading in judge.readings.items()}
+    branches = {name: tuple(modules) for name, modules in judge.branches.items()}
+    return Gates(reader.shorthands(), needs, branches, places)
 
 
 class _GateRules:

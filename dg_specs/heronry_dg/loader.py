@@ -8,6 +8,7 @@ the model, which is built here and only when nothing is wrong.
 import hashlib
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -40,36 +41,56 @@ F = TypeVar("F", bound=Form)
 V = TypeVar("V")
 
 
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A spec, and where its parts were written."""
+
+    draft: Draft
+    gates: Gates
+    spec: Spec
+
+
 def load(path: str | Path) -> Spec:
     """Load the spec in a file; raises SpecError, also for a file that cannot be read."""
-    path = Path(path)
-    try:
-        with path.open("rb") as file:
-            data = file.read(yaml_source.MOST_BYTES + 1)
-    except OSError as failure:
-        sentence = f"the file cannot be read: {failure.strerror or failure}"
-        findings = Findings(str(path))
-        findings.add(file_rules.UNREADABLE, Place(1, 1), sentence, "check the path and the permissions")
-        raise findings.error() from failure
-    return _load_bytes(data, str(path))
+    findings = Findings(str(path))
+    data = read_file(Path(path), findings)
+    return _spec_of(data, str(path), findings)
 
 
 def loads(text: str, name: str) -> Spec:
     """Load a spec from text; `name` stands for the file in messages. Raises SpecError."""
-    return _load_bytes(text.encode("utf-8", "surrogatepass"), name)
+    return _spec_of(text.encode("utf-8", "surrogatepass"), name, Findings(name))
 
 
-def _load_bytes(data: bytes, file: str) -> Spec:
-    findings = Findings(file)
+def read_file(path: Path, findings: Findings) -> bytes | None:
+    """Bytes of a file, of one that is too large only so many that this is seen; None, and a finding, where none."""
+    try:
+        with path.open("rb") as file:
+            return file.read(yaml_source.MOST_BYTES + 1)
+    except OSError as failure:
+        sentence = f"the file cannot be read: {failure.strerror or failure}"
+        findings.add(file_rules.UNREADABLE, Place(1, 1), sentence, "check the path and the permissions")
+        return None
+
+
+def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
+    """Read a spec; None where there are findings that stop it from being loaded."""
     root = yaml_source.read_tree(data, findings)
     draft = read_draft(root, findings) if root is not None else None
     if draft is None or not draft.readable:
-        raise findings.error()  # with a section missing, every name in it would look unknown
+        return None  # with a section missing, every name in it would look unknown
     check_references(draft, findings)
     gates = read_gates(draft, findings)
     if findings:
+        return None
+    return Loaded(draft, gates, _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest()))
+
+
+def _spec_of(data: bytes | None, file: str, findings: Findings) -> Spec:
+    loaded = read(data, file, findings) if data is not None else None
+    if loaded is None:
         raise findings.error()
-    return _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest())
+    return loaded.spec
 
 
 def _name_of(file: str) -> str:

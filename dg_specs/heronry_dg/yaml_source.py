@@ -124,6 +124,19 @@ def place_at(node: Node, path: tuple[int | str, ...]) -> Place:
     return follow(node, path)[0].place
 
 
+def texts(node: Node) -> Iterator[str]:
+    """Every text among the values of a tree, in the order of the file."""
+    match node:
+        case Scalar(value=str() as text):
+            yield text
+        case Sequence(items=items):
+            for item in items:
+                yield from texts(item)
+        case Mapping(entries=entries):
+            for entry in entries.values():
+                yield from texts(entry.node)
+
+
 def has_refused(node: Node) -> bool:
     """Tell whether some part of the tree was refused, so that there is a finding about it already."""
     match node:

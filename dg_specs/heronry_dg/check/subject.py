@@ -7,8 +7,8 @@ the draft is there and every name refers to something.
 from dataclasses import dataclass
 
 from heronry_dg import yaml_source
-from heronry_dg.draft import Draft
 from heronry_dg.findings import Place
+from heronry_dg.loader import Loaded
 from heronry_dg.model import Spec
 
 
@@ -17,15 +17,24 @@ class Subject:
     """One loaded spec."""
 
     file: str
-    draft: Draft
-    spec: Spec
+    loaded: Loaded
+
+    @property
+    def spec(self) -> Spec:
+        """What the file means."""
+        return self.loaded.spec
+
+    def leaf_places(self, module: str, mode: str) -> tuple[Place, ...]:
+        """Places of the inputs of a mode, in the order of `Mode.leaves`."""
+        return self.loaded.gates.places[module, mode]
 
     def place(self, *path: str | int) -> Place:
         """Place of a key or list item, as `place("functions", "elevator", "output")`; of what is left of the path.
 
         A field that the file leaves out has the place of the element it belongs to.
         """
-        place, node = self.draft.root.place, self.draft.root
+        root = self.loaded.draft.root
+        place, node = root.place, root
         for step in path:
             match node:
                 case yaml_source.Mapping(entries=entries) if isinstance(step, str) and step in entries:

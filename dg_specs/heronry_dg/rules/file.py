@@ -30,8 +30,8 @@ TOO_LARGE = FAMILY.rule(
     what="The file is larger than any spec can sensibly be.",
     why="Specs come from anywhere. What is beyond the limits is refused before it costs time or memory.",
     fix="A spec is a short text: look for data that was pasted into it, or divide the system into two.",
-    bad="(more bytes, keys or values than the limit)",
-    good="dg: 1\n",
+    bad="(a file with more bytes or values than the limits)",
+    good="(a text that somebody wrote)",
     stops=True,
 )
 NOT_UTF8 = FAMILY.rule(
@@ -85,8 +85,8 @@ TOO_DEEP = FAMILY.rule(
     what="Something is nested deeper than any spec needs.",
     why="Depth beyond reason is how a hostile file exhausts its reader.",
     fix="Give a part of the expression a name under `gates:`, and use the name.",
-    bad="(more levels than the limit)",
-    good="dg: 1\n",
+    bad=f"contingency: {'[' * 64}{']' * 64}\n",
+    good="contingency: {faults: 1}\n",
     stops=True,
 )
 DIRECTIVE = FAMILY.rule(
@@ -162,8 +162,8 @@ KEY_NOT_TEXT = FAMILY.rule(
     what="A key is not text.",
     why="Keys are names of fields and of elements; `1`, `true` and lists are none.",
     fix="Write a name; put it in quotes where YAML would read a number.",
-    bad="devices: {7: {kind: sensor, pe: nav}}\n",
-    good="devices: {seven: {kind: sensor, pe: nav}}\n",
+    bad="phases: {1: {}}\n",
+    good="phases: {first: {}}\n",
     stops=True,
 )
 WORD_READ_DIFFERENTLY = FAMILY.rule(

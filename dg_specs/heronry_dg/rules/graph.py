@@ -365,22 +365,24 @@ UNGIVEN_VERSION = FAMILY.rule(
     what="An input accepts only versions of a variable that no module gives.",
     why="The variable has producers, but none of this quality, so the input will never be wired.",
     fix="Ask for a version that is given, or let a module give this one.",
-    bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n{_display('speed@2')}",
+    bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n"
+    f"{_display('{and: [speed@1, {or: {k: 0, of: [speed@2]}}]}')}",
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n{_display('speed@1')}",
 )
 NEVER_HOLDS = FAMILY.rule(
     "DG232",
     "never-holds",
     Severity.ERROR,
-    what="The `needs` of a mode can never hold, though everything that they read is given by somebody.",
-    why="What the gates ask for excludes itself: the only producers are the module itself, or other branches of the "
-    "same DEMUX, of which one runs; or producers that can themselves never run.",
-    fix="Lower `k`, or let another module give what is missing.",
-    bad=f"variables:\n  speed: {{type: FLOAT}}\n  level: {{type: FLOAT, initial: 0}}\nmodules:\n{_DRIVER}"
-    f"  display: {{device: lamp, needs: {{and: [speed, level]}}, gives: {{level: 1}}, {_RUNS}}}\n",
-    good=f"variables:\n  speed: {{type: FLOAT}}\n  level: {{type: FLOAT, initial: 0}}\n"
-    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, level: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: {{and: [speed, level]}}, {_RUNS}}}\n",
+    what="The `needs` of a mode can never hold, though somebody gives everything that they read.",
+    why="What they ask for excludes itself: several versions of a variable that only one module gives, in modes of "
+    "which one runs; or data of another branch of the same DEMUX, of which one runs.",
+    fix="Lower `k`, ask for one version, or let another module give what is missing.",
+    bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
+    f"      fine: {{gives: {{speed: 1}}, {_RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {_RUNS}}}\n"
+    f'  display: {{device: lamp, needs: {{and: ["speed@1", "speed@2"]}}, {_RUNS}}}\n',
+    good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
+    f"      fine: {{gives: {{speed: 1}}, {_RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {_RUNS}}}\n"
+    f'  display: {{device: lamp, needs: {{or: {{k: 1, of: ["speed@1", "speed@2"]}}}}, {_RUNS}}}\n',
 )
 UNUSED_VARIABLE = FAMILY.rule(
     "DG240",

@@ -5,7 +5,8 @@ given to another rule: people write codes into comments and scripts.
 
 A rule carries all that `heronry explain` tells and docs/rules.md repeats, and its own proof: `bad` is a spec with
 the mistake and `good` its corrected twin. Both are fragments: their sections replace those of a small sound spec
-(examples.py), and the tests check that the one earns this code alone and the other nothing.
+(check/examples.py), and the tests check that the one earns this code alone and the other nothing. What cannot be
+shown is told in parentheses, and the tests make it.
 
 How a rule is added to a family (the family's file says where it is looked for):
 

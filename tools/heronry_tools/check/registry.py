@@ -8,14 +8,20 @@ solver.
 To add a family: write its file, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import Final
 
-from heronry_dg.check.subject import Subject
-from heronry_dg.findings import Findings
+from heronry_dg.check import graph as graph_check
+from heronry_dg.check.judge import Check
+from heronry_dg.rules import file, graph, schema
 from heronry_dg.rules.rule import Family, Rule
 
-Check = Callable[[Subject, Findings], None]
+FAMILIES: Final[tuple[Family, ...]] = (file.FAMILY, schema.FAMILY, graph.FAMILY)
+CHECKS: Final[Mapping[str, Check]] = {graph.FAMILY.prefix: graph_check.check}
+RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
 
-FAMILIES: tuple[Family, ...] = ()
-CHECKS: Mapping[str, Check] = {}
-RULES: Mapping[str, Rule] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
+
+def checks_of(*, fast: bool) -> dict[str, Check]:
+    """Checks by the beginning of their codes; `fast`: only those that need no solver."""
+    slow = {family.prefix for family in FAMILIES if not family.fast}
+    return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

@@ -1,0 +1,122 @@
+"""What a spec says to `heronry check` in its comments.
+
+    altitude: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
+    # dg: ignore[DG240, DG241] for the next line that is neither empty nor a comment
+    # dg: error[DG401]         above the first line of the spec: this warning is an error here
+
+A comment counts from the first `# dg:` of a line on, wherever that stands: whoever writes one into a quoted text is
+told so. What stops a spec from being loaded is never ignored, nor is what is found about the comments themselves.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from heronry_dg.findings import Finding, Findings, Place, shown
+from heronry_dg.rules import file as rules
+from heronry_dg.rules.rule import Rule, Severity
+
+_MAY_HAVE_ONE: Final = re.compile(rb"#[ \t]*dg:")
+_COMMENT: Final = re.compile(r"(?:^|(?<=\s))#[ \t]*dg:[ \t]*(?P<said>.*)$")
+_SAID: Final = re.compile(r"(?P<verb>ignore|error)\[(?P<codes>[^\]]*)\][ \t]*(?P<reason>.*)")
+_LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # as YAML counts lines
+_HINT: Final = "write # dg: ignore[DG240] reason, or # dg: error[DG240] above the first line of the spec"
+
+
+@dataclass(frozen=True, slots=True)
+class Ignore:
+    """One code that is ignored on one line."""
+
+    place: Place  # of the comment
+    code: str
+    line: int
+
+
+@dataclass(slots=True)
+class Instructions:
+    """All that the comments of a file ask for."""
+
+    ignores: list[Ignore] = field(default_factory=list)
+    raised: set[str] = field(default_factory=set)
+
+    def ignores_of(self, finding: Finding) -> Iterator[Ignore]:
+        """What ignores a finding; nothing where it counts."""
+        return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
+
+
+def lines_of(data: bytes) -> list[str]:
+    """The lines of a file; what is no UTF-8 is replaced."""
+    return _LINE_BREAK.split(data.decode("utf-8-sig", "replace"))
+
+
+def read_instructions(data: bytes, known: Mapping[str, Rule], findings: Findings) -> Instructions:
+    """Read the comments of a file; findings for what makes no sense."""
+    reader = _Reader(known, findings)
+    if _MAY_HAVE_ONE.search(data):
+        reader.read(lines_of(data))
+    return reader.found
+
+
+class _Reader:
+    def __init__(self, known: Mapping[str, Rule], findings: Findings) -> None:
+        self._known = known
+        self._findings = findings
+        self.found = Instructions()
+
+    def read(self, lines: list[str]) -> None:
+        """Read all lines, from the last one up: a comment that stands alone speaks of what follows."""
+        content = [number for number, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+        first = following = content[0] if content else len(lines) + 1
+        for number in range(len(lines), 0, -1):
+            line = lines[number - 1]
+            while content and content[-1] > number:
+                following = content.pop()
+            match = _COMMENT.search(line)
+            if match is not None:
+                alone = not line[: match.start()].strip()
+                place = Place(number, match.start() + 1)
+                self._one(place, match["said"], following if alone else number, in_head=alone and number < first)
+
+    def _one(self, place: Place, text: str, line: int, *, in_head: bool) -> None:
+        said = _SAID.match(text)
+        if said is None:
+            self._findings.add(rules.BAD_COMMENT, place, f"{shown(text)} is no instruction to heronry check", _HINT)
+        elif said["verb"] == "error":
+            self._raise(place, said["codes"], in_head=in_head)
+        else:
+            self._ignore(place, said["codes"], said["reason"].strip(), line)
+
+    def _raise(self, place: Place, codes: str, *, in_head: bool) -> None:
+        if not in_head:
+            sentence = "a warning is raised to an error for a whole spec, not for a line"
+            self._findings.add(rules.BAD_COMMENT, place, sentence, "move the comment above the first line of the spec")
+            return
+        for rule in self._rules(place, codes):
+            if rule.severity is Severity.ERROR:
+                self._findings.add(rules.UNKNOWN_CODE, place, f"{rule.code} is an error already", "remove the code")
+            self.found.raised.add(rule.code)
+
+    def _ignore(self, place: Place, codes: str, reason: str, line: int) -> None:
+        if not reason:
+            sentence = "a finding is ignored without a reason"
+            self._findings.add(rules.NO_REASON, place, sentence, f"write # dg: ignore[{codes}] and why")
+        for rule in self._rules(place, codes):
+            if rule.stops or rule.code in _ABOUT_COMMENTS:
+                sentence = f"{rule.code} cannot be ignored"
+                self._findings.add(rules.UNKNOWN_CODE, place, sentence, "mend what is found, and remove the comment")
+            else:
+                self.found.ignores.append(Ignore(place, rule.code, line))
+
+    def _rules(self, place: Place, codes: str) -> Iterator[Rule]:
+        for code in dict.fromkeys(code.strip() for code in codes.split(",")):
+            if code in self._known:
+                yield self._known[code]
+            else:
+                hint = self._findings.suggestion(code, self._known.keys()) or "heronry rules lists all codes"
+                self._findings.add(rules.UNKNOWN_CODE, place, f"there is no code {shown(code)}", hint)
+
+
+_ABOUT_COMMENTS: Final = frozenset(
+    rule.code for rule in (rules.BAD_COMMENT, rules.NO_REASON, rules.UNUSED_IGNORE, rules.UNKNOWN_CODE)
+)

@@ -1,0 +1,43 @@
+"""The examples of rules made whole: a fragment laid over a small sound spec.
+
+A fragment holds top-level keys with what belongs to them; each takes the place of the key of that name in `SOUND`, or
+is added at the end. A fragment that has a `dg` key, or no key at all, is a whole file by itself. Text that is no UTF-8
+is written with surrogate escapes.
+"""
+
+import re
+from typing import Final
+
+SOUND: Final = """\
+dg: 1
+buses: {can0: {bitrate: 1000000}}
+pes:
+  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}
+  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}
+devices:
+  gps: {kind: sensor, pe: nav}
+  lamp: {kind: actuator, pe: tail}
+variables:
+  speed: {type: FLOAT}
+modules:
+  driver: {device: gps, gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}
+  display: {device: lamp, needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}
+functions:
+  showing: {output: display}
+"""
+
+_KEY: Final = re.compile(r"^(?=[A-Za-z_]+:)", re.MULTILINE)
+
+
+def whole_spec(fragment: str) -> bytes:
+    """The file that a fragment stands for."""
+    head, *own = _KEY.split(fragment)
+    sections = {_key(section): section for section in own}
+    if not own or "dg" in sections or head.startswith(("%", "---")):
+        return fragment.encode("utf-8", "surrogateescape")
+    base = {_key(section): section for section in _KEY.split(SOUND) if section}
+    return (head + "".join({**base, **sections}.values())).encode("utf-8", "surrogateescape")
+
+
+def _key(section: str) -> str:
+    return section.partition(":")[0]

@@ -1,0 +1,270 @@
+"""DG23x and DG24x: what makes sense word by word and still cannot be meant.
+
+Looked at without a solver, over all modes at once. What is reported is certain; what is not reported may still be
+impossible for reasons of place and capacity, which are for the families that solve. Echoes are left out: a module that
+never runs because of an input that nobody gives is told once, at that input.
+
+How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
+findings of it, and call the function in `check`.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from heronry_dg import yaml_source
+from heronry_dg.check.subject import Subject
+from heronry_dg.findings import Findings, listed
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.model import Function, Module, Spec
+from heronry_dg.rules import graph as rules
+
+_Datum = tuple[str, int]  # variable, version
+_Accepted = tuple[str, int, int]  # variable, best and worst version
+D = TypeVar("D", _Datum, _Accepted)
+
+
+def check(subject: Subject, findings: Findings) -> None:
+    """Apply every rule of this file."""
+    wiring = _Wiring(subject.spec)
+    _inputs(subject, wiring, findings)
+    _watched(subject, wiring, findings)
+    _needs(subject, wiring, findings)
+    _unused_variables(subject, findings)
+    _unused_gates(subject, findings)
+    _unused_devices(subject, findings)
+    _unused_modules(subject, wiring, findings)
+    _unfed_functions(subject, wiring, findings)
+
+
+class _Wiring:
+    """Who gives what to whom, over all modes; each answer is worked out once."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.demux_of = {name: demux.name for demux in spec.demuxes.values() for name in demux.branches}
+        self.givers: dict[str, dict[int, list[str]]] = {}  # variable -> version -> modules
+        self._reads: dict[str, list[_Accepted]] = {}
+        self._gives: dict[str, list[_Datum]] = {}
+        self._readers: dict[_Datum, list[str]] = defaultdict(list)
+        self._groups: dict[_Accepted, frozenset[str]] = {}
+        for module in spec.modules.values():
+            modes = module.modes.values()
+            self._gives[module.name] = list(dict.fromkeys(datum for mode in modes for datum in mode.gives.items()))
+            self._reads[module.name] = list(dict.fromkeys(_accepted(leaf) for m in modes for _, leaf in m.leaves()))
+            for variable, version in self._gives[module.name]:
+                self.givers.setdefault(variable, {}).setdefault(version, []).append(module.name)
+            for variable, best, worst in self._reads[module.name]:
+                for version in range(best, worst + 1):
+                    self._readers[variable, version].append(module.name)
+
+    def is_given(self, leaf: Leaf) -> bool:
+        """Tell whether some module gives what a leaf accepts."""
+        return any(leaf.accepts(version) for version in self.givers.get(leaf.variable, {}))
+
+    def groups(self, leaf: Leaf) -> frozenset[str]:
+        """Who could be wired to a leaf; branches of one DEMUX, of which one runs, count as one."""
+        key = _accepted(leaf)
+        if key not in self._groups:
+            given = self.givers.get(leaf.variable, {}).items()
+            names = (name for version, modules in given if leaf.accepts(version) for name in modules)
+            self._groups[key] = frozenset(self.demux_of.get(name, name) for name in names)
+        return self._groups[key]
+
+    def upstream(self, modules: Iterable[str]) -> set[str]:
+        """These modules and all that could give them something, directly or through others."""
+        return self._reached(modules, lambda name: self._reads[name], self._read_from)
+
+    def downstream(self, modules: Iterable[str]) -> set[str]:
+        """These modules and all that could be given something of theirs, directly or through others."""
+        return self._reached(modules, lambda name: self._gives[name], lambda datum: self._readers[datum])
+
+    def _read_from(self, accepted: _Accepted) -> Iterable[str]:
+        variable, best, worst = accepted
+        for version, modules in self.givers.get(variable, {}).items():
+            if best <= version <= worst:
+                yield from modules
+
+    def _reached(
+        self, modules: Iterable[str], data: Callable[[str], Iterable[D]], beyond: Callable[[D], Iterable[str]]
+    ) -> set[str]:
+        found, seen = set(modules), set[D]()
+        waiting = list(found)
+        while waiting:
+            for datum in data(waiting.pop()):
+                if datum not in seen:
+                    seen.add(datum)
+                    new = set(beyond(datum)) - found
+                    found |= new
+                    waiting += new
+        return found
+
+
+def _accepted(leaf: Leaf) -> _Accepted:
+    return leaf.variable, leaf.best, leaf.worst
+
+
+def _inputs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    """Find inputs that nobody can ever be wired to."""
+    for module in subject.spec.modules.values():
+        for mode in module.modes.values():
+            places = subject.leaf_places(module.name, mode.name)
+            for place, (_, leaf) in zip(places, mode.leaves(), strict=True):
+                if leaf.variable not in wiring.givers:
+                    sentence = f"module '{module.name}' reads '{leaf.variable}', which no module gives"
+                    hint = f"write gives: {{{leaf.variable}: 1}} in the module that should, or remove the input"
+                    findings.add(rules.UNPRODUCED, place, sentence, hint)
+                elif not wiring.is_given(leaf):
+                    there = listed([f"{leaf.variable}@{version}" for version in sorted(wiring.givers[leaf.variable])])
+                    sentence = f"module '{module.name}' reads {_asked(leaf)}, which no module gives"
+                    findings.add(rules.UNGIVEN_VERSION, place, sentence, f"what is given is {there}")
+
+
+def _asked(leaf: Leaf) -> str:
+    if leaf.best == leaf.worst:
+        return f"'{leaf.variable}@{leaf.best}'"
+    return f"'{leaf.variable}@<={leaf.worst}'"
+
+
+def _watched(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    """Find phases that are never entered because nobody gives what they watch."""
+    for phase in subject.spec.phases.values():
+        if phase.when is not None and phase.when.variable not in wiring.givers:
+            sentence = f"phase '{phase.name}' watches '{phase.when.variable}', which no module gives"
+            place = subject.place("phases", phase.name, "when", "variable")
+            findings.add(rules.UNPRODUCED, place, sentence, "watch another variable, or let a module give this one")
+
+
+def _needs(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    """Find modes that can never run."""
+    for module in subject.spec.modules.values():
+        for mode in module.modes.values():
+            if mode.needs is None or _Possible(module, wiring).holds(mode.needs):
+                continue
+            one_of_many = f"mode '{mode.name}' of module" if len(module.modes) > 1 else "module"
+            sentence = f"{one_of_many} '{module.name}' can never run: what it needs is never given all at once"
+            path = ("modules", module.name, "modes", mode.name, "needs")
+            place = subject.place(
+                *path if len(module.modes) > 1 or _has_modes(subject, module) else (*path[:2], "needs")
+            )
+            findings.add(rules.NEVER_HOLDS, place, sentence, "ask for less, or let another module give a part of it")
+
+
+def _has_modes(subject: Subject, module: Module) -> bool:
+    node = subject.loaded.draft.modules[module.name].node
+    return isinstance(node, yaml_source.Mapping) and "modes" in node.entries
+
+
+@dataclass(frozen=True, slots=True)
+class _Possible:
+    """Whether gates of one module could hold if everything that can run at once did; never False without proof."""
+
+    module: Module
+    wiring: _Wiring
+
+    def holds(self, expression: Expression) -> bool:
+        match expression:
+            case Leaf():
+                return self._sources(expression) != frozenset()
+            case And():
+                inputs = list(_flat(expression))
+                return self._most(inputs) == len(inputs)
+            case Or(k, inputs):
+                return self._most(inputs) >= k
+            case Xor(inputs):
+                return any(map(self.holds, inputs))
+
+    def _most(self, inputs: Sequence[Expression]) -> int:
+        """Bound from above of how many inputs hold at once: one module gives one version of a variable at a time."""
+        leaves: dict[str, list[frozenset[str] | None]] = defaultdict(list)
+        most = 0
+        for expression in inputs:
+            if isinstance(expression, Leaf):
+                leaves[expression.variable].append(self._sources(expression))
+            else:
+                most += self.holds(expression)
+        for sources in leaves.values():
+            unknown = sources.count(None)
+            known = [found for found in sources if found]
+            most += unknown + min(len(known), len(frozenset().union(*known)))
+        return most
+
+    def _sources(self, leaf: Leaf) -> frozenset[str] | None:
+        """Who could be wired to a leaf while this module runs; None where nobody gives it, which is told elsewhere."""
+        if not self.wiring.is_given(leaf):
+            return None
+        groups, own = self.wiring.groups(leaf), self.wiring.demux_of.get(self.module.name)
+        if own not in groups or any(
+            leaf.accepts(mode.gives.get(leaf.variable, 0)) for mode in self.module.modes.values()
+        ):
+            return groups
+        return groups - {own}  # given by another branch of the DEMUX that this module is a branch of
+
+
+def _flat(expression: Expression) -> Iterator[Expression]:
+    """Inputs of an AND, those of ANDs below it among them."""
+    if not isinstance(expression, And):
+        yield expression
+        return
+    for child in expression.inputs:
+        yield from _flat(child)
+
+
+def _unused_variables(subject: Subject, findings: Findings) -> None:
+    spec = subject.spec
+    read = {
+        leaf.variable for module in spec.modules.values() for mode in module.modes.values() for _, leaf in mode.leaves()
+    }
+    read |= {phase.when.variable for phase in spec.phases.values() if phase.when is not None}
+    for name in spec.variables.keys() - read:
+        sentence = f"variable '{name}' is read by no module and watched by no phase"
+        findings.add(rules.UNUSED_VARIABLE, subject.place("variables", name), sentence, "remove it, or read it")
+
+
+def _unused_gates(subject: Subject, findings: Findings) -> None:
+    """Find shorthands that nobody names; a DEMUX that nobody names is refused by the loader."""
+    draft = subject.loaded.draft
+    named: set[str] = set()
+    for module in draft.modules.values():
+        named |= set(yaml_source.texts(module.node))
+    for entry in draft.shorthands.values():
+        named |= set(yaml_source.texts(entry.node))
+    for name in draft.shorthands.keys() - named:
+        sentence = f"gate '{name}' is named by nobody"
+        findings.add(rules.UNUSED_GATE, subject.place("gates", name), sentence, "remove it, or name it in `needs`")
+
+
+def _unused_devices(subject: Subject, findings: Findings) -> None:
+    driven = {module.device for module in subject.spec.modules.values()}
+    for name in subject.spec.devices.keys() - driven:
+        sentence = f"device '{name}' is driven by no module"
+        hint = f"remove it, or write device: {name} in the module that drives it"
+        findings.add(rules.UNUSED_DEVICE, subject.place("devices", name), sentence, hint)
+
+
+def _unused_modules(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    spec = subject.spec
+    outputs = [name for function in spec.functions.values() if _is_ever_wanted(function) for name in function.outputs]
+    for name in spec.modules.keys() - wiring.upstream(outputs):
+        sentence = f"module '{name}' serves no function, so it never runs"
+        hint = "make it the output of a function with a priority, let somebody read what it gives, or remove it"
+        findings.add(rules.UNUSED_MODULE, subject.place("modules", name), sentence, hint)
+
+
+def _is_ever_wanted(function: Function) -> bool:
+    return any(priority > 0 for priority in function.priority.values())
+
+
+def _unfed_functions(subject: Subject, wiring: _Wiring, findings: Findings) -> None:
+    devices = subject.spec.devices
+    sensing = [
+        module.name
+        for module in subject.spec.modules.values()
+        if module.device is not None and devices[module.device].kind == "sensor"
+    ]
+    fed = wiring.downstream(sensing)
+    for function in subject.spec.functions.values():
+        if fed.isdisjoint(function.outputs):
+            sentence = f"function '{function.name}' is fed by no device: no sensor leads to '{function.output}'"
+            hint = "give a module at the beginning of its graph the `device` that it reads"
+            findings.add(rules.NO_SENSOR, subject.place("functions", function.name), sentence, hint)

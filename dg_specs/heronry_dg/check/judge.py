@@ -1,0 +1,97 @@
+"""From the bytes of one file to all that is to be said about it.
+
+The loader speaks first. Only a spec that loads is shown to the checks of the families; what stops a spec from being
+loaded is always told, whatever was selected, because nothing else could be known about it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from heronry_dg import loader
+from heronry_dg.check.comments import Ignore, Instructions, lines_of, read_instructions
+from heronry_dg.check.subject import Subject
+from heronry_dg.findings import Finding, Findings
+from heronry_dg.rules import file as file_rules
+from heronry_dg.rules.rule import Rule, Severity
+
+Check = Callable[[Subject, Findings], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the user wants to hear: beginnings of codes, and the codes of warnings that are errors here."""
+
+    selected: tuple[str, ...] = ("DG",)
+    ignored: tuple[str, ...] = ()
+    raised: frozenset[str] = frozenset()
+
+    def includes(self, code: str) -> bool:
+        """Tell whether findings of a code are wanted."""
+        return code.startswith(self.selected) and not code.startswith(self.ignored)
+
+    def includes_some_of(self, prefix: str) -> bool:
+        """Tell whether findings of some code with this beginning could be wanted."""
+        wanted = any(prefix.startswith(one) or one.startswith(prefix) for one in self.selected)
+        return wanted and not prefix.startswith(self.ignored)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One file and what was found; `lines` is empty where nothing was."""
+
+    file: str
+    findings: tuple[Finding, ...]
+    lines: list[str] = field(default_factory=list)
+
+    def line(self, number: int) -> str:
+        """Text of a line; empty where the file has no such line."""
+        return self.lines[number - 1] if number <= len(self.lines) else ""
+
+
+def judge(
+    data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
+) -> Judged:
+    """Judge a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
+    findings = Findings(file)
+    loaded = loader.read(data, file, findings)
+    said = read_instructions(data, rules, findings)
+    ran = {prefix: check for prefix, check in checks.items() if choice.includes_some_of(prefix)}
+    if loaded is not None:
+        for check in ran.values():
+            check(Subject(file, loaded), findings)
+    told, used = _told(findings, said, rules, choice)
+    if loaded is not None:
+        told += _unused(file, said, used, tuple(ran), choice)
+    told = [_raised(finding, said, choice) for finding in told]
+    return Judged(file, tuple(sorted(told)), lines_of(data) if told else [])
+
+
+def _told(
+    findings: Findings, said: Instructions, rules: Mapping[str, Rule], choice: Choice
+) -> tuple[list[Finding], set[Ignore]]:
+    """Findings that count, and the comments that took others away."""
+    told: list[Finding] = []
+    used: set[Ignore] = set()
+    for finding in findings:
+        ignores = set(said.ignores_of(finding))
+        used |= ignores
+        if rules[finding.code].stops or (choice.includes(finding.code) and not ignores):
+            told.append(finding)
+    return told, used
+
+
+def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:
+    """Findings about comments that ignore nothing, as far as it was looked for."""
+    rule = file_rules.UNUSED_IGNORE
+    unused = Findings(file)
+    for ignore in said.ignores:
+        if ignore not in used and ignore.code.startswith(ran) and choice.includes(ignore.code):
+            sentence = f"there is no {ignore.code} on line {ignore.line} to ignore"
+            unused.add(rule, ignore.place, sentence, "remove the code from the comment")
+    return list(unused) if choice.includes(rule.code) else []
+
+
+def _raised(finding: Finding, said: Instructions, choice: Choice) -> Finding:
+    if finding.code in said.raised or finding.code in choice.raised:
+        return replace(finding, severity=Severity.ERROR)
+    return finding
