@@ -306,6 +306,8 @@ class ManagerCore:
                 self._emit(now_ns, "pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
                 if self._reign is not Reign.LISTENING:
                     self._actions.append(self._beacon.ping(self._term, self._spec.pes[pe].node_id))
+            case Change.ANSWERED:
+                self._emit(now_ns, "pe_answered", pe=pe)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
                 if change.change is Change.REBOOTED:
                     self._exclusion.rebooted(pe)

@@ -18,6 +18,7 @@ KINDS: Mapping[str, str] = {
     "manager_started": "spec, spec_digest, node, term, bus: the manager listens, then reigns",
     "second_manager": "node, term: somebody else sends LEASE",
     "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
+    "pe_answered": "pe: a suspect is heard again in time",
     "pe_lost": "pe, cause, last_heard_ns: no longer counted on",
     "pe_absent": "pe, cause: not heard in the start-up window",
     "pe_heard_again": "pe, cause: a hold-down begins",
@@ -68,6 +69,7 @@ class Snapshot:
 
 _STANDING = {
     "pe_suspected": "suspect",
+    "pe_answered": "up",
     "pe_lost": "down",
     "pe_absent": "down",
     "pe_heard_again": "returning",

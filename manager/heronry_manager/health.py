@@ -43,6 +43,7 @@ class Change(Enum):
 
     JOINED = "joined"  # counted on from now
     SUSPECTED = "suspected"
+    ANSWERED = "answered"  # a suspect is heard again in time
     LOST = "lost"  # was counted on, and is silent
     FAILED = "failed"  # was counted on, and does not do what it was told; it may still drive what it drove
     REBOOTED = "rebooted"  # the same, and what ran there has certainly stopped
@@ -131,6 +132,7 @@ class Health:
                 self._close_window_if_all_heard()
             case Standing.SUSPECT:
                 record.standing = Standing.UP
+                changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
             case Standing.DOWN:
                 record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000

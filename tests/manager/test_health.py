@@ -53,11 +53,11 @@ def test_a_missed_period_makes_suspect_and_three_make_it_lost(spec: Spec) -> Non
     assert sorted(health.counted_on()) == others
 
 
-def test_a_suspect_that_answers_is_up_again_and_nothing_is_reported(spec: Spec) -> None:
+def test_a_suspect_that_answers_is_up_again(spec: Spec) -> None:
     health = everybody_up(spec)
     health.tick(26 * MS)
     assert health.standing("tail_pe") is Standing.SUSPECT
-    assert health.heard("tail_pe", 1, 27 * MS) == []
+    assert changes(health.heard("tail_pe", 1, 27 * MS)) == [("tail_pe", Change.ANSWERED)]
     assert health.standing("tail_pe") is Standing.UP
 
 

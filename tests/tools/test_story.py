@@ -82,8 +82,7 @@ STORY = """\
              tail_pe    100 % CPU  state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
 [  2.00 s] KILL tail_pe (SIGKILL, process 41); it ran \
 state_estimator, elevator_control, servo_driver_1, angle_driver, servo_monitor
-[  2.03 s] tail_pe missed a heartbeat: asked with PING
-[  2.06 s] tail_pe is lost: silent for 3 periods
+[  2.06 s] tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods
 [  2.12 s] epoch 2 runs: 6 modules, 1 of 3 wanted functions served (pe:tail_pe: silent for 3 periods)
            detect 61.0 ms  decide 40.0 ms  distribute 9.0 ms  activate 5.0 ms
              - angle_driver stops (was tail_pe)
@@ -122,7 +121,7 @@ def test_a_kill_and_a_return_word_for_word() -> None:
 
 def test_a_loss_is_a_fault_what_it_costs_is_bad_and_the_return_is_good() -> None:
     tones = {line.text.strip().partition("] ")[2] or line.text.strip(): line.tone for line in told_flight()}
-    assert tones["tail_pe is lost: silent for 3 periods"] == "fault"
+    assert tones["tail_pe is lost: missed a heartbeat, was asked with PING, silent for 3 periods"] == "fault"
     assert next(tone for text, tone in tones.items() if text.startswith("elevator is no longer served")) == "bad"
     assert tones["elevator is served again (only, value 100)"] == "good"
     assert tones["+ servo_monitor starts on tail_pe"] == "quiet"

@@ -16,8 +16,6 @@ Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
-    "pe_suspected": ("{pe} missed a heartbeat: asked with PING", "quiet"),
-    "pe_lost": ("{pe} is lost: {cause}", "fault"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "fault_reported": ("{element} has failed, says {by}", "fault"),
@@ -41,6 +39,7 @@ class Story:
 
     spec: Spec
     _start_ns: int | None = None
+    _suspects: set[str] = field(default_factory=set)
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _next: Mapping[str, Any] = field(default_factory=dict)
     _prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict)  # epoch -> its plan: a newer one may be ready
@@ -61,6 +60,8 @@ class Story:
         match kind:
             case "process":
                 yield from self._process(event)
+            case "pe_suspected" | "pe_answered" | "pe_lost":
+                yield from self._suspicion(event)
             case "pe_joined" if self._plan:
                 yield Line(f"{event['pe']} joins: {event['cause']}", "good")
             case "plan_ready":
@@ -79,6 +80,16 @@ class Story:
                 yield from self._summary(event)
             case _:
                 pass
+
+    def _suspicion(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        """Most suspects answer: a missed heartbeat is worth a word only when nothing comes of it."""
+        pe = event["pe"]
+        if event["event"] == "pe_lost":
+            asked = "missed a heartbeat, was asked with PING, " if pe in self._suspects else ""
+            yield Line(f"{pe} is lost: {asked}{event['cause']}", "fault")
+        self._suspects.discard(pe)
+        if event["event"] == "pe_suspected":
+            self._suspects.add(pe)
 
     def _process(self, event: Mapping[str, Any]) -> Iterator[Line]:
         what, pe = event["what"], event["pe"]
