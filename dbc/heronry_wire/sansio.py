@@ -31,10 +31,14 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13)."""
+    """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13).
+
+    `until_ns`, on the core's clock, is until when it may start; None where the driver's own patience will do.
+    """
 
     port: int
     frame: Frame
+    until_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,8 +111,9 @@ class AgentDriver:
 
     def _carry_out(self, action: Action, decided_ns: int) -> None:
         match action:
-            case Send(port, frame):
-                self._links[port].send(frame, time.monotonic_ns(), decided_ns + self._core.lease_ns)
+            case Send(port, frame, until_ns):
+                latest_ns = decided_ns + self._core.lease_ns if until_ns is None else until_ns
+                self._links[port].send(frame, time.monotonic_ns(), latest_ns)
             case Withdraw(identifiers):
                 for link in self._links:
                     link.withdraw(identifiers)

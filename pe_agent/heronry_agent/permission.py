@@ -14,11 +14,17 @@ while all three hold, asked before every output with the time of that moment, so
         that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
         does a LEASE that names the very one that runs here.
 
+For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
+does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
+quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided.
+
 Lost, late or doubled frames make it more cautious at most. A forged LEASE or state frame can hold the outputs until
 the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.
 """
 
-from heronry_wire.management import is_newer
+from heronry_wire.management import LEASE_PERIODS, is_newer
+
+IDENTIFIER_PERIODS = 2  # of T_lease's five
 
 
 class Permission:
@@ -27,6 +33,7 @@ class Permission:
     def __init__(self, lease_ns: int) -> None:
         """`lease_ns` is T_lease, the time within which another node must be heard."""
         self._lease_ns = lease_ns
+        self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
         self._heard_ns: int | None = None
         self._overtaken = False
@@ -36,6 +43,13 @@ class Permission:
         if not self._named or self._overtaken or self._heard_ns is None:
             return False
         return now_ns - self._heard_ns <= self._lease_ns
+
+    def identifiers_until_ns(self, now_ns: int) -> int | None:
+        """Until when frames may be sent that another PE could send as well; None: not now."""
+        if not self.allows(now_ns) or self._heard_ns is None:
+            return None
+        until_ns = self._heard_ns + self._identifier_ns
+        return until_ns if now_ns <= until_ns else None
 
     def heard(self, arrived_ns: int) -> None:
         """Another node, or a manager, was heard on the uplink."""

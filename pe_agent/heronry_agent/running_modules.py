@@ -8,7 +8,9 @@ its type cannot carry, is stopped: the manager hears of it and decides.
 Rule 6 is asked at the last moment, twice: a DEMUX branch is not stepped without permission, since a step drives its
 device, and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
 
-An answer of a module that has been stopped since it was asked is dropped.
+An answer of a module that has been stopped since it was asked is dropped. While this PE holds back its own exclusive
+outputs no report is believed: a surface that nobody drives does not follow, and that is not its servo's fault. The
+module that judged so is built anew, and judges afresh.
 """
 
 from dataclasses import dataclass
@@ -157,11 +159,14 @@ class RunningModules:
         mask = self._publish.get(source, 0)
         if not mask:
             return
-        if running.entry.movable and not self._permission.allows(self._turn.now_ns):
-            self._turn.count("frame held", frame.can_id)
-            return
+        until_ns = None
+        if running.entry.movable:
+            until_ns = self._permission.identifiers_until_ns(self._turn.now_ns)
+            if until_ns is None:
+                self._turn.count("frame held", frame.can_id)
+                return
         self._publisher.sent(frame)
-        self._turn.out += [Send(port, frame) for port in self._index.ports if mask >> port & 1]
+        self._turn.out += [Send(port, frame, until_ns) for port in self._index.ports if mask >> port & 1]
 
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))
@@ -170,6 +175,10 @@ class RunningModules:
         found = self._index.elements.get(element)
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
+            return
+        if self.has_exclusive_output and not self._permission.allows(self._turn.now_ns):
+            self._turn.count("report while outputs are held", running.entry.index)
+            self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
             return
         if self._found(FaultCode.REPORTED, *found, detail):
             self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")

@@ -165,6 +165,7 @@ class OnePe:
         self.core = AgentCore(table, 5, self.now_ns, missing_images=missing_images)
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
+        self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
@@ -188,7 +189,7 @@ class OnePe:
 
     def answer(self, module: int, release: int) -> list[Action]:
         writes = (("left", 1.5),) if module == SERVO_1 else ()
-        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes))
+        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, self.reports.get(module, ())))
 
     def hear(self, frame: Frame, port: int = 0) -> list[Action]:
         return self.give(Received(port, frame))

@@ -5,14 +5,18 @@ import pytest
 from agent.one_pe import (
     BEAT_NS,
     CONTROL,
+    DEMAND,
     DEMAND_ID,
     FAR,
     FLYING,
     GATEWAY_TABLE,
     LEASE_NS,
+    MONITOR,
     MS,
     NEIGHBOUR,
     NODE,
+    RATE,
+    RUN_MONITOR,
     SERVO_1,
     OnePe,
     command_frame,
@@ -20,13 +24,14 @@ from agent.one_pe import (
     rate_frame,
     sent,
     slice_messages,
+    started,
 )
 from heronry_agent.vocabulary import Action, StepModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import heartbeat_id
+from heronry_wire.identifiers import emcy_id, heartbeat_id
 from heronry_wire.management import Activate, Alive, Lease, PeFlags, Step
-from heronry_wire.sansio import Received, Tick
+from heronry_wire.sansio import Received, Send, Tick
 
 EVERYBODY = frozenset({NEIGHBOUR, NODE})
 
@@ -42,10 +47,13 @@ def flying(table: object = None) -> OnePe:
 
 def drives(actions: list[Action]) -> bool:
     """Tell whether the branch was stepped and the demand published; both or neither."""
-    stepped = any(isinstance(a, StepModule) and a.module == SERVO_1 for a in actions)
-    published = bool(sent(actions, DEMAND_ID))
-    assert stepped == published
-    return stepped
+    assert steps(actions) == bool(sent(actions, DEMAND_ID))
+    return steps(actions)
+
+
+def steps(actions: list[Action]) -> bool:
+    """Tell whether the branch was stepped."""
+    return any(isinstance(a, StepModule) and a.module == SERVO_1 for a in actions)
 
 
 def test_without_a_word_of_alive_nothing_exclusive_is_driven() -> None:
@@ -85,9 +93,34 @@ def test_alive_of_a_deposed_manager_says_nothing() -> None:
 
 def test_a_pe_that_hears_nobody_stops_within_the_lease() -> None:
     pe = flying()
-    assert drives(pe.pass_time(LEASE_NS - BEAT_NS))
+    assert steps(pe.pass_time(LEASE_NS - BEAT_NS))
     pe.pass_time(BEAT_NS)
     assert not drives(pe.pass_time(500 * MS))
+
+
+def test_what_others_could_send_too_is_sent_for_two_periods_and_not_later() -> None:
+    pe = flying()
+    pe.hear(neighbour_state(7))
+    until_ns = pe.now_ns + 2 * BEAT_NS
+    actions = pe.pass_time(2 * BEAT_NS)
+    assert {a.until_ns for a in actions if isinstance(a, Send) and a.frame.can_id == DEMAND_ID} == {until_ns}
+    actions = pe.pass_time(2 * BEAT_NS)
+    assert steps(actions)
+    assert not sent(actions, DEMAND_ID)
+    pe.hear(neighbour_state(7))
+    assert drives(pe.pass_time(2 * BEAT_NS))
+
+
+def test_a_report_is_not_believed_while_outputs_are_held_and_who_made_it_judges_afresh() -> None:
+    pe = OnePe()
+    pe.configure(Slice((*FLYING.modules, RUN_MONITOR), remote={RATE: NEIGHBOUR}, publish={DEMAND: 1}), 7)
+    pe.reports[MONITOR] = (("device:left", 57),)
+    pe.command(Alive(1, 1, frozenset({NEIGHBOUR})))
+    actions = pe.pass_time(50 * MS)
+    assert not sent(actions, emcy_id(NODE))
+    assert MONITOR in started(actions)
+    pe.command(Alive(1, 2, EVERYBODY))
+    assert sent(pe.pass_time(50 * MS), emcy_id(NODE))
 
 
 def test_the_silence_of_the_manager_alone_stops_nobody() -> None:

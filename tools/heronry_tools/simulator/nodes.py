@@ -140,9 +140,10 @@ class SimulatedPe:
 
     def _do(self, now_ns: int, action: Action) -> Answer | None:
         match action:
-            case Send(port, frame):
+            case Send(port, frame, until_ns):
                 bus, station = self._stations[port]
-                bus.offer(station, frame, self._clock.now_ns + self.core.lease_ns)
+                latest_ns = now_ns + self.core.lease_ns if until_ns is None else until_ns
+                bus.offer(station, frame, latest_ns - self._ahead_ns)
             case Withdraw(identifiers):
                 for bus, station in self._stations:
                     bus.withdraw(station, identifiers)
