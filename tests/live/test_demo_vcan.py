@@ -1,0 +1,288 @@
+"""The demo on a SocketCAN vcan0, recorded by candump: the same frames, by name, and what they tell of a kill.
+
+A user-mode Linux, on which these tests mostly run, has one slow processor, and stands still whenever its host is busy:
+for longer than three heartbeats of 20 ms. There a frame costs each process that hears it about half a millisecond, and
+big_blue has ten that hear a thousand frames a second. So both specs are flown with slower heartbeats and lower rates:
+what is shown is function, not speed. The radio is a software bus, as always.
+"""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import can
+import cantools
+import pytest
+import yaml
+from cantools.database import Database
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import situation, survivors
+from heronry_dg.traffic import hops, identifiers
+from heronry_manager.planner.exact import plan
+from heronry_tools.cli import main
+from heronry_tools.witness import Witness
+from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
+from heronry_wire.identifiers import state_id
+from heronry_wire.management import StatePage0, decode_state
+
+pytestmark = pytest.mark.vcan
+
+_PATIENCE_S = 30.0
+_MARK = can.Message(arbitration_id=0x1ABCDEF0, is_extended_id=True)
+
+
+@dataclass(frozen=True)
+class Show:
+    """A spec, how it is slowed down, and what happens to it."""
+
+    name: str
+    killed: str
+    survivor: str
+    restore_s: int
+    seconds: int
+    rates_divided_by: int
+
+    def slow_spec(self, folder: Path) -> Path:
+        """Write the spec as it is flown here."""
+        document = yaml.safe_load(shipped_spec_path(self.name).read_text())
+        for bus in document["buses"].values():
+            bus |= {"heartbeat_ms": 400, "misses": 4}
+        for module in document["modules"].values():
+            for mode in module.get("modes", {"only": module}).values():
+                mode["rate_hz"] = max(1, mode["rate_hz"] // self.rates_divided_by)
+        file = folder / f"{self.name}.dg.yaml"
+        file.write_text(yaml.safe_dump(document, sort_keys=False))
+        return file
+
+
+SHOWS = [
+    Show("elevator_and_chute", "tail_pe", survivor="control_pe", restore_s=4, seconds=15, rates_divided_by=4),
+    Show("big_blue", "flight", survivor="nav", restore_s=4, seconds=20, rates_divided_by=20),
+]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One demo that has been flown, and what candump and the demo itself wrote down meanwhile."""
+
+    show: Show
+    spec: Spec
+    database: Database
+    exit_code: int
+    said: str
+    events: list[dict[str, Any]]
+    dumped: list[LoggedFrame]  # by candump, on can0
+    recorded: list[LoggedFrame]  # by the demo, on can0 and on the radio
+    left_behind: list[str]
+
+    @cached_property
+    def epochs(self) -> tuple[int, int, int]:
+        """Epochs that ran before the kill, after it, and at the end."""
+        killed_ns = next(e["t_ns"] for e in self.events if e["event"] == "process" and e["what"] == "killed")
+        runs = [(e["t_ns"] > killed_ns, e["epoch"]) for e in self.events if e["event"] == "reconfigured"]
+        after = [epoch for is_after, epoch in runs if is_after]
+        return [epoch for is_after, epoch in runs if not is_after][-1], after[0], after[-1]
+
+    def wired_pes(self) -> list[str]:
+        """PEs that speak on can0 themselves."""
+        return [pe.name for pe in self.spec.pes.values() if self.spec.manager.bus in pe.buses]
+
+    def read(self, frame: Frame) -> dict[str, Any]:
+        """What cantools makes of a frame."""
+        read: Any = self.database.decode_message(frame.can_id, frame.data)
+        return dict(read)
+
+    def states_of(self, pe: str) -> list[tuple[int, StatePage0]]:
+        """What a PE said of itself, and when, in order."""
+        own = state_id(self.spec.pes[pe].node_id)
+        pages = [(one.time_ns, decode_state(one.frame.data)) for one in self.dumped if one.frame.can_id == own]
+        return [(at_ns, page) for at_ns, page in pages if isinstance(page, StatePage0)]
+
+    def best_plan(self, *down: str) -> Plan:
+        """What can be served at best, found here and not by the manager that flew."""
+        return plan(self.spec, situation(self.spec, down), None)
+
+    def heard_while(self, pe: str, epoch: int) -> set[str]:
+        """Functions that the witness hears when a PE says for the last time that it runs an epoch."""
+        until_ns = max(at_ns for at_ns, page in self.states_of(pe) if page.epoch == epoch)
+        witness = Witness(self.spec)
+        for logged in self.dumped:
+            if logged.time_ns <= until_ns:
+                witness.see(logged.time_ns, logged.frame)
+        assert witness.rivals == []
+        return {name for name in self.spec.functions if witness.served(name, until_ns)}
+
+
+@pytest.fixture(scope="module", params=SHOWS, ids=lambda show: show.name)
+def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    show: Show = request.param
+    folder = tmp_path_factory.mktemp("flight")
+    home = folder / "home"
+    home.mkdir()
+    file = show.slow_spec(folder)
+    assert main(["dbc", str(file), "-o", str(folder / "bus.dbc")]) == 0
+    with candump(folder / "can0.log"):
+        acts = ["--kill", f"pe:{show.killed}@1", "--restore", f"pe:{show.killed}@{show.restore_s}"]
+        rest = ["--for", str(show.seconds), "--json", "--record", str(folder / "flight.log")]
+        bus = ["-i", "socketcan", "-c", "vcan0"]
+        done = subprocess.run(
+            [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *acts, *rest],
+            env={**os.environ, "TMPDIR": str(home)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    return Flight(
+        show=show,
+        spec=load(file),
+        database=read_dbc(folder / "bus.dbc"),
+        exit_code=done.returncode,
+        said=done.stderr,
+        events=[json.loads(line) for line in done.stdout.splitlines()],
+        dumped=[logged for logged in log_lines(folder / "can0.log") if not logged.frame.extended],
+        recorded=log_lines(folder / "flight.log"),
+        left_behind=[*map(str, home.iterdir()), *processes_that_mention(str(folder))],
+    )
+
+
+@contextmanager
+def candump(file: Path) -> Iterator[None]:
+    """Debian's candump, from when it surely listens: it does not say so, and sees our mark then."""
+    with file.open("wb") as log, can.Bus("vcan0", interface="socketcan") as bus:
+        words = ["candump", "-L", "-r", "8000000", "-d", "vcan0"]  # with room for what comes while it waits
+        process = subprocess.Popen(words, stdout=log, stderr=subprocess.PIPE)
+        while not file.stat().st_size:
+            assert process.poll() is None
+            bus.send(_MARK)
+            bus.recv(0.02)
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, complaint = process.communicate(timeout=_PATIENCE_S)
+    assert complaint == b""  # it would say here that frames were dropped
+
+
+def read_dbc(file: Path) -> Database:
+    database = cantools.database.load_file(file)
+    assert isinstance(database, Database)
+    return database
+
+
+def log_lines(file: Path) -> list[LoggedFrame]:
+    """Read a candump log; every line must be one."""
+    logged = [parse_log_line(line) for line in file.read_text().splitlines()]
+    return [one for one in logged if not isinstance(one, Malformed)]
+
+
+def processes_that_mention(text: str) -> list[str]:
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:
+            continue
+        if text in words:
+            found.append(words)
+    return found
+
+
+def test_the_demo_ends_well_and_leaves_nothing(flight: Flight) -> None:
+    assert flight.exit_code == 0, flight.said
+    assert flight.said == ""
+    assert flight.left_behind == []
+    summary = flight.events[-1]
+    assert (summary["event"], summary["unserved"], summary["rivals"]) == ("summary", [], [])
+
+
+def test_candump_saw_the_frames_that_the_demo_recorded(flight: Flight) -> None:
+    """All of them; more only from after the record's end, while everything was being stopped."""
+    recorded = [logged for logged in flight.recorded if logged.channel == "can0"]
+    ours, theirs = (Counter(one.frame for one in frames) for frames in (recorded, flight.dumped))
+    assert ours - theirs == Counter()
+    end_ns = max(one.time_ns for one in recorded)
+    before_the_end = Counter(one.frame for one in flight.dumped if one.time_ns <= end_ns)
+    assert before_the_end - ours == Counter()
+
+
+def test_cantools_reads_every_frame(flight: Flight) -> None:
+    unknown = {one.frame.can_id for one in flight.recorded} - {message.frame_id for message in flight.database.messages}
+    assert unknown == set()
+    for logged in [*flight.dumped, *flight.recorded]:
+        assert not logged.frame.extended
+        assert flight.read(logged.frame)
+
+
+def test_data_comes_out_by_name_unit_and_version(flight: Flight) -> None:
+    names = {identifier: pair for pair, identifier in identifiers(flight.spec).items()}
+    seen = set()
+    for logged in flight.recorded:
+        pair = names.get(logged.frame.can_id)
+        if pair is None:
+            continue
+        producer, variable = pair
+        entry, message = flight.spec.variables[variable], flight.database.get_message_by_frame_id(logged.frame.can_id)
+        read = flight.read(logged.frame)
+        assert message.name == f"{variable}__{producer}"
+        assert 1 <= read["version"] <= entry.versions
+        assert (read["data_type"], read["validity"]) == (entry.type, "VALID")
+        values = [signal for signal in message.signals if re.fullmatch(rf"{variable}(_\d)?", signal.name)]
+        assert {signal.unit for signal in values} <= {entry.unit or None}
+        assert {signal.name for signal in values} <= read.keys()
+        seen.add(pair)
+    left = survivors(flight.spec, situation(flight.spec))
+    published = {(hop.producer, hop.variable) for hop in hops(left, flight.best_plan().configuration)}
+    assert published - seen == set()
+
+
+def test_management_comes_out_by_field(flight: Flight) -> None:
+    last = {}
+    for logged in flight.dumped:
+        name = flight.database.get_message_by_frame_id(logged.frame.can_id).name
+        last[name] = flight.read(logged.frame)
+    _, _, epoch = flight.epochs
+    lease = last["LEASE_126"]
+    assert (lease["epoch"], lease["term"]) == (epoch, 1)
+    assert last["HEARTBEAT_manager_126"] == {"canopen_state": "OPERATIONAL"}
+    assert {"ALIVE_126", "PREPARE_126", "SLICE_126", "ACTIVATE_126"} <= last.keys()
+    for pe in flight.wired_pes():
+        assert last[f"HEARTBEAT_{pe}"]["canopen_state"] == "OPERATIONAL"
+        assert last[f"STATE_{pe}"]["state"] == "ACTIVE"
+
+
+def test_after_the_kill_the_epoch_rises_everywhere_and_after_the_return_again(flight: Flight) -> None:
+    before, after, last = flight.epochs
+    assert before < after < last
+    for pe in flight.wired_pes():
+        states = [state for _, state in flight.states_of(pe)]
+        epochs = [state.epoch for state in states]
+        if pe == flight.show.killed:
+            assert after not in epochs
+            assert len({state.incarnation for state in states}) == 2
+        else:
+            assert after in epochs
+            assert epochs == sorted(epochs)
+        assert before in epochs
+        assert epochs[-1] == last
+
+
+def test_the_witness_hears_what_a_plan_can_serve(flight: Flight) -> None:
+    before, after, last = flight.epochs
+    killed = flight.show.killed
+    for epoch, down, pe in ((before, [], killed), (after, [f"pe:{killed}"], flight.show.survivor), (last, [], killed)):
+        best = flight.best_plan(*down)
+        assert flight.heard_while(pe, epoch) == {name for name, report in best.functions.items() if report.served}
