@@ -6,6 +6,7 @@ from functools import partial
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_tools.simulator.bus import Clash, Sent
+from heronry_tools.simulator.check_blame import BlameCheck
 from heronry_tools.simulator.check_end_state import end_state
 from heronry_tools.simulator.check_epochs import EpochCheck
 from heronry_tools.simulator.check_exclusion import ExclusionCheck
@@ -19,6 +20,7 @@ from heronry_wire.identifiers import (
     STANDARD_DATA_IDS,
     Command,
     actuator_echo_id,
+    emcy_id,
     management_id,
     state_id,
 )
@@ -34,11 +36,13 @@ class Checks:
         demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
         self._exclusion = ExclusionCheck(demux_of)
         self._epochs = EpochCheck()
+        self._blame = BlameCheck(spec)
         self.witness = Witness(spec)
         self._watchers: dict[int, Callable[[Sent], object]] = dict.fromkeys(
             (*STANDARD_DATA_IDS, *ALLOCATED_DATA_IDS), self._exclusion.published
         )
         self._watchers |= dict.fromkeys(map(state_id, PE_NODES), self._epochs.state)
+        self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._blame.emergency)
         self._watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
         for manager in MANAGER_NODES:
             for command in (Command.LEASE, Command.ACTIVATE):
@@ -54,13 +58,14 @@ class Checks:
         """A branch of a DEMUX drives it."""
         self._exclusion.driven(driven)
 
-    def broken(self, clashes: list[Clash]) -> list[Violation]:
+    def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
         """Give what must never have been, so far; `clashes` are the buses' own."""
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
             for c in clashes
         ]
-        return sorted([*self._exclusion.violations, *self._epochs.violations, *stories])
+        blamed = self._blame.violations(truth)
+        return sorted([*self._exclusion.violations, *self._epochs.violations, *blamed, *stories])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give what must not be once a run has settled."""

@@ -17,7 +17,7 @@ from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
-from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus
+from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
@@ -94,6 +94,19 @@ class Simulation:
         """Let something be done at a time."""
         self.clock.at(when_ns, what)
 
+    def at_end_of(self, frame: Sent, what: Callable[[], None]) -> None:
+        """Let something be done at the end of a frame of a run that is replayed, before anybody has received it."""
+
+        def tap(sent: Sent) -> None:
+            if sent == frame:
+                what()
+
+        self.buses[frame.bus].taps.append(tap)
+
+    def tamper(self, frame: Sent, tampering: Tampering) -> None:
+        """Let one frame of a run that is replayed be lost or doubled."""
+        self.buses[frame.bus].tamper = lambda sent: tampering if sent == frame else None
+
     def run_until(self, end_ns: int) -> None:
         """Let time pass up to and including `end_ns`."""
         self.clock.run_until(end_ns)
@@ -115,7 +128,7 @@ class Simulation:
 
     def broken(self) -> list[Violation]:
         """Give what must never have been, so far."""
-        return self.checks.broken([clash for bus in self.buses.values() for clash in bus.clashes])
+        return self.checks.broken(self.truth, [clash for bus in self.buses.values() for clash in bus.clashes])
 
     def unsettled(self) -> list[Violation]:
         """Give what must not be once the aircraft has been left alone for a while."""

@@ -1,0 +1,59 @@
+"""What the scenarios share: the aircraft that fly in them, and how a flight is begun, disturbed and looked back on."""
+
+from functools import cache
+
+from heronry_dg.loader import load, loads
+from heronry_dg.model import Spec
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.simulation import Simulation
+from heronry_wire.identifiers import Use, classify
+
+MS = 1_000_000
+
+
+@cache
+def big_blue() -> Spec:
+    return load(shipped_spec_path("big_blue"))
+
+
+@cache
+def elevator_and_chute() -> Spec:
+    return load(shipped_spec_path("elevator_and_chute"))
+
+
+@cache
+def two_tails() -> Spec:
+    """Figure 3 with its two servos on two PEs, so that the DEMUX has to move between them."""
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    apart = text.replace(
+        "elevator_servo_2: {kind: actuator, pe: tail_pe", "elevator_servo_2: {kind: actuator, pe: control_pe"
+    )
+    assert apart != text
+    return loads(apart, "two_tails.dg.yaml")
+
+
+def flying(spec: Spec, seed: int = 0, *, keep_trace: bool = False) -> Simulation:
+    """A flight that has settled after its start."""
+    simulation = Simulation(spec, seed, keep_trace=keep_trace)
+    assert simulation.settle() == []
+    return simulation
+
+
+def placed_on(simulation: Simulation, pe: str) -> set[str]:
+    """Modules that the last plan puts on a PE."""
+    modules = simulation.events_of("plan_ready")[-1]["plan"]["modules"]
+    return {name for name, running in modules.items() if running["pe"] == pe}
+
+
+def management_frames(trace: list[Sent], from_ns: int, to_ns: int) -> list[Sent]:
+    """Commands, states and emergencies between two instants."""
+    uses = {Use.MANAGEMENT, Use.STATE, Use.EMCY}
+    return [sent for sent in trace if from_ns <= sent.end_ns <= to_ns and classify(sent.frame.can_id).use in uses]
+
+
+def times_are_told(simulation: Simulation) -> None:
+    """Every reconfiguration tells its four times, and none is negative."""
+    for told in simulation.events_of("reconfigured"):
+        assert set(told["times_ns"]) == {"detect", "decide", "distribute", "activate"}
+        assert min(told["times_ns"].values()) >= 0, told

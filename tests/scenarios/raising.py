@@ -1,0 +1,17 @@
+"""Code of one's own in a module: here, code that fails in flight."""
+
+from heronry_agent.module import Context, Inputs, Module, Value
+
+
+class RaisesAfterHalfASecond(Module):
+    """Estimates nothing, twenty times at 40 Hz, and then raises."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._steps = 0
+
+    def step(self, inputs: Inputs) -> dict[str, Value]:  # noqa: ARG002 - it looks at nothing
+        self._steps += 1
+        if self._steps > 20:
+            raise ZeroDivisionError("a division by zero, in flight")
+        return {"state_info": 0.0}

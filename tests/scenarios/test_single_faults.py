@@ -1,0 +1,106 @@
+"""Start-up, and one thing after the other that goes wrong: what could be served is heard again every time."""
+
+import pytest
+
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.simulator.simulation import Simulation
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, placed_on, times_are_told, two_tails
+
+BIG_BLUE_PES = ("flight", "nav", "air", "tail_a", "tail_b", "wing", "payload", "comms", "ground")
+
+
+@pytest.mark.parametrize("spec", [big_blue(), elevator_and_chute(), two_tails()], ids=lambda spec: str(spec.name))
+def test_everything_starts_at_its_own_moment_and_comes_to_one_epoch(spec: Spec) -> None:
+    simulation = flying(spec)
+    assert len(simulation.events_of("pe_joined")) == len(spec.pes)
+    assert simulation.events_of("pe_lost") == []
+    assert len(simulation.events_of("reconfigured")) == 1
+    times_are_told(simulation)
+
+
+@pytest.mark.parametrize("pe", BIG_BLUE_PES)
+def test_any_pe_is_killed_and_comes_back(pe: str) -> None:
+    simulation = flying(big_blue())
+    simulation.kill(pe)
+    assert simulation.settle() == []
+    assert len(simulation.events_of("reconfigured")) == 2
+    assert placed_on(simulation, pe) == set()
+    simulation.restore(pe)
+    assert simulation.settle() == []
+    assert placed_on(simulation, pe)
+    times_are_told(simulation)
+
+
+@pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
+def test_a_demux_whose_driver_dies_is_driven_from_the_other_side(pe: str) -> None:
+    simulation = flying(two_tails())
+    simulation.kill(pe)
+    assert simulation.settle() == []
+    simulation.restore(pe)
+    assert simulation.settle() == []
+
+
+def test_a_pe_that_starts_late_is_waited_for_and_one_that_starts_very_late_is_taken_in() -> None:
+    simulation = Simulation(elevator_and_chute(), 1)
+    simulation.at(210 * MS, lambda: simulation.kill("tail_pe"))
+    simulation.at(7_000 * MS, lambda: simulation.restore("tail_pe"))
+    simulation.run_until(6_900 * MS)
+    assert simulation.unsettled() == []
+    assert not simulation.witness.served("elevator", simulation.now_ns)
+    assert simulation.settle() == []
+    assert simulation.witness.served("elevator", simulation.now_ns)
+
+
+def test_a_reboot_faster_than_a_heartbeat_is_seen() -> None:
+    simulation = flying(two_tails())
+    simulation.kill("tail_pe")
+    simulation.run_for(3 * MS)
+    simulation.restore("tail_pe")
+    assert simulation.settle() == []
+    assert "rebooted" in simulation.events_of("pe_lost")[-1]["cause"]
+
+
+def test_who_keeps_failing_is_held_down_for_longer_each_time() -> None:
+    simulation = flying(two_tails())
+    downs = []
+    for _ in range(4):
+        simulation.kill("sensor_pe")
+        simulation.run_for(300 * MS)
+        simulation.restore("sensor_pe")
+        assert simulation.settle() == []
+        downs.append(simulation.events_of("pe_joined")[-1]["t_ns"] - simulation.events_of("pe_heard_again")[-1]["t_ns"])
+    assert downs == sorted(downs)
+    assert downs[-1] > 6 * downs[0]
+
+
+@pytest.mark.parametrize("spec", [elevator_and_chute(), two_tails()], ids=["on one PE", "on two PEs"])
+def test_a_servo_that_sticks_is_reported_by_its_monitor_and_the_other_one_drives(spec: Spec) -> None:
+    simulation = flying(spec)
+    simulation.run_for(5_000 * MS)
+    assert simulation.events_of("fault_reported") == []
+    simulation.fail_device("elevator_servo_1", "stuck")
+    simulation.run_for(15_000 * MS)
+    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["device:elevator_servo_1"]
+    assert simulation.settle() == []
+    last = simulation.witness.last_output("elevator")
+    assert last is not None
+    assert last.module == "servo_driver_2"
+
+
+def with_a_twin_of_what_raises() -> Spec:
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    raises = '  state_estimator: {image: "scenarios.raising:RaisesAfterHalfASecond", '
+    text = text.replace("  state_estimator: {", raises)
+    twin = "  twin: {image: state_estimator, gives: {state_info: 1}, cpu: 0.2, ram: 4KiB, flash: 8KiB, rate_hz: 40}"
+    return loads(text.replace("functions:\n", f"{twin}\nfunctions:\n"), "raising.dg.yaml")
+
+
+def test_a_module_that_raises_is_stopped_reported_and_planned_around() -> None:
+    simulation = Simulation(with_a_twin_of_what_raises())
+    simulation.failed("module:state_estimator")  # half a second after it was started it raises
+    simulation.run_for(1_500 * MS)
+    assert simulation.settle() == []
+    assert [told["element"] for told in simulation.events_of("fault_reported")] == ["module:state_estimator"]
+    assert simulation.witness.served("elevator", simulation.now_ns)

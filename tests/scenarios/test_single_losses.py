@@ -1,0 +1,54 @@
+"""Every frame of a reconfiguration, one at a time, lost to everybody, missed by one receiver, or received twice.
+
+CAN sends a destroyed frame again and is not an atomic broadcast: what one node has received another may have missed, or
+have twice. Whatever becomes of any one command, state or emergency frame, the end is the same.
+"""
+
+import pytest
+
+from heronry_tools.simulator.bus import Sent, Tampering
+from heronry_tools.simulator.simulation import Simulation
+from scenarios.flights import MS, flying, management_frames, times_are_told, two_tails
+
+
+def lose_and_regain(simulation: Simulation) -> None:
+    """The tail dies, and comes back: the DEMUX is held, then broken and made again."""
+    simulation.kill("tail_pe")
+    simulation.run_for(300 * MS)
+    simulation.restore("tail_pe")
+    simulation.run_for(300 * MS)
+
+
+def frames() -> list[Sent]:
+    """Management frames of both reconfigurations."""
+    simulation = flying(two_tails(), keep_trace=True)
+    lose_and_regain(simulation)
+    assert len(simulation.events_of("reconfigured")) == 3
+    found = []
+    for begins, done in zip(("pe_lost", "pe_joined"), simulation.events_of("reconfigured")[1:], strict=True):
+        known_ns = simulation.events_of(begins)[-1]["t_ns"]
+        found += management_frames(simulation.trace, known_ns, done["t_ns"])
+    return found
+
+
+def end_of(frame: Sent, tampering: Tampering) -> list[object]:
+    """What is wrong at the end of a flight in which one frame was tampered with."""
+    simulation = flying(two_tails())
+    simulation.tamper(frame, tampering)
+    lose_and_regain(simulation)
+    violations = simulation.settle()
+    times_are_told(simulation)
+    return list(violations)
+
+
+@pytest.mark.parametrize("copies", [0, 2], ids=["lost", "doubled"])
+def test_a_frame_is_lost_to_everybody_or_received_twice(copies: int) -> None:
+    wrong = {frame: found for frame in frames() if (found := end_of(frame, Tampering(copies)))}
+    assert wrong == {}
+
+
+@pytest.mark.parametrize("receiver", ["sensor_pe", "control_pe", "tail_pe", "manager 126"])
+def test_a_frame_is_missed_by_one_receiver_alone(receiver: str) -> None:
+    aimed = [frame for frame in frames() if frame.sender != receiver]
+    wrong = {frame: found for frame in aimed if (found := end_of(frame, Tampering(0, receiver)))}
+    assert wrong == {}

@@ -1,0 +1,127 @@
+"""A second PE dies while the aircraft still deals with the first: at drawn offsets, and at every single message.
+
+The first flight is recorded; then it is flown again, once for every command, state and emergency frame between the
+moment at which the loss is known and the end of the reconfiguration, and at the end of that frame another PE dies.
+"""
+
+from collections.abc import Callable
+from random import Random
+
+import pytest
+
+from heronry_dg.model import Spec
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.simulation import Simulation
+from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+
+BEAT_NS = 20 * MS
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("flight", "nav"), ("tail_a", "tail_b"), ("payload", "flight"), ("comms", "wing"), ("nav", "ground")],
+)
+def test_two_die_within_one_heartbeat(first: str, second: str) -> None:
+    offset_ns = Random(f"{first}{second}").randrange(BEAT_NS)
+    simulation = flying(big_blue())
+    simulation.kill(first)
+    simulation.run_for(offset_ns)
+    simulation.kill(second)
+    assert simulation.settle() == []
+    times_are_told(simulation)
+    simulation.restore(second)
+    simulation.restore(first)
+    assert simulation.settle() == []
+
+
+def loses_tail(simulation: Simulation) -> str:
+    simulation.kill("tail_pe")
+    return "pe_lost"
+
+
+def gets_tail_back(simulation: Simulation) -> str:
+    simulation.kill("tail_pe")
+    simulation.run_for(500 * MS)
+    simulation.restore("tail_pe")
+    return "pe_joined"
+
+
+def servo_sticks(simulation: Simulation) -> str:
+    simulation.run_for(5_000 * MS)
+    simulation.fail_device("elevator_servo_1", "stuck")
+    return "fault_reported"
+
+
+Story = Callable[[Simulation], str]
+
+
+def frames_of(spec: Spec, story: Story) -> list[Sent]:
+    """Management frames of the reconfiguration that a story brings about."""
+    simulation = flying(spec, keep_trace=True)
+    begins = story(simulation)
+    simulation.run_for(15_000 * MS if begins == "fault_reported" else 1_000 * MS)
+    known_ns = simulation.events_of(begins)[-1]["t_ns"]
+    done_ns = simulation.events_of("reconfigured")[-1]["t_ns"]
+    assert done_ns > known_ns
+    return management_frames(simulation.trace, known_ns, done_ns)
+
+
+def flown_again(spec: Spec, story: Story, until: Sent, what: Callable[[Simulation], None]) -> Simulation:
+    """The same flight, with something done at the end of one of its frames."""
+    simulation = flying(spec)
+    simulation.at_end_of(until, lambda: what(simulation))
+    story(simulation)
+    simulation.run_until(until.end_ns + 1)
+    return simulation
+
+
+@pytest.mark.parametrize("second", ["sensor_pe", "control_pe"])
+@pytest.mark.parametrize("story", [loses_tail, gets_tail_back])
+def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str) -> None:
+    frames = frames_of(two_tails(), story)
+    assert len(frames) > 10
+    wrong = {}
+    for frame in frames:
+        simulation = flown_again(two_tails(), story, frame, lambda flight: flight.kill(second))
+        assert second not in simulation.pes
+        violations = simulation.settle()
+        if violations:
+            wrong[frame] = violations
+        times_are_told(simulation)
+    assert wrong == {}
+
+
+def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None:
+    wrong = {}
+    for frame in frames_of(two_tails(), gets_tail_back):
+        simulation = flown_again(two_tails(), gets_tail_back, frame, lambda flight: flight.kill("tail_pe"))
+        violations = simulation.settle()
+        if violations:
+            wrong[frame] = violations
+    assert wrong == {}
+
+
+def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> None:
+    wrong = {}
+    for frame in frames_of(two_tails(), servo_sticks)[::6]:
+        simulation = flown_again(two_tails(), servo_sticks, frame, lambda flight: flight.kill("control_pe"))
+        violations = simulation.settle()
+        if violations:
+            wrong[frame] = violations
+    assert wrong == {}
+
+
+@pytest.mark.parametrize(("first", "second"), [("flight", "nav"), ("tail_a", "comms"), ("payload", "tail_b")])
+def test_a_second_pe_of_big_blue_dies_at_some_messages(first: str, second: str) -> None:
+    def story(simulation: Simulation) -> str:
+        simulation.kill(first)
+        return "pe_lost"
+
+    frames = frames_of(big_blue(), story)
+    wrong = {}
+    for frame in Random(first).sample(frames, 4):
+        simulation = flown_again(big_blue(), story, frame, lambda flight: flight.kill(second))
+        violations = simulation.settle()
+        if violations:
+            wrong[frame] = violations
+    assert wrong == {}
