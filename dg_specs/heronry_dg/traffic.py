@@ -71,7 +71,7 @@ def identifiers(spec: Spec) -> dict[tuple[str, str], int]:
 
     Raises WireError where the spec has more of them than there are identifiers.
     """
-    ranks = _criticality_ranks(spec)
+    ranks = criticality_ranks(spec)
     return allocate(
         _identifier_source(spec, producer, variable, ranks[producer], order)
         for order, (producer, variable) in enumerate(spec.sources())
@@ -91,8 +91,8 @@ def _identifier_source(spec: Spec, producer: str, variable: str, rank: int, orde
     )
 
 
-def _criticality_ranks(spec: Spec) -> dict[str, int]:
-    """Best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
+def criticality_ranks(spec: Spec) -> dict[str, int]:
+    """Give the best criticality, 0 (A) to 4 (E), that each module could serve, in any phase and over all modes."""
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
     feeders = _feeders(spec)
     for function in spec.functions.values():

@@ -12,12 +12,16 @@ from collections.abc import Mapping
 from typing import Final
 
 from heronry_dg.check import graph as graph_check
+from heronry_dg.check import wire as wire_check
 from heronry_dg.check.judge import Check
-from heronry_dg.rules import file, graph, schema
+from heronry_dg.rules import file, graph, schema, wire
 from heronry_dg.rules.rule import Family, Rule
 
-FAMILIES: Final[tuple[Family, ...]] = (file.FAMILY, schema.FAMILY, graph.FAMILY)
-CHECKS: Final[Mapping[str, Check]] = {graph.FAMILY.prefix: graph_check.check}
+FAMILIES: Final[tuple[Family, ...]] = (file.FAMILY, schema.FAMILY, graph.FAMILY, wire.FAMILY)
+CHECKS: Final[Mapping[str, Check]] = {
+    graph.FAMILY.prefix: graph_check.check,
+    wire.FAMILY.prefix: wire_check.check,
+}
 RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
 
 

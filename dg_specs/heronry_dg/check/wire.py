@@ -1,0 +1,192 @@
+"""DG5xx: what a spec says on the bus, beside CANaerospace's list, the identifier plan and arbitration.
+
+Looked at without a solver: who sends what depends on the plan, so for arbitration everything is counted that could be
+on a bus in some configuration, each in its fastest mode. On a bus behind a gateway times count from that bus on.
+
+How a rule is added: define it in rules/wire.py, write a function `_thing(subject, findings)` here, and call it in
+`check`.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from heronry_dg.check.subject import Subject
+from heronry_dg.findings import Findings, listed, shown
+from heronry_dg.model import CRITICALITIES, Module, Spec
+from heronry_dg.response_times import Response, ResponseTimes
+from heronry_dg.rules import wire as rules
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.traffic import Hop, criticality_ranks
+from heronry_wire.identifiers import ALLOCATED_DATA_IDS
+from heronry_wire.standard_identifiers import StandardIdentifier, standard_identifier
+
+_SAME_UNIT: Final[Mapping[str, tuple[str, ...]]] = {  # as the list prints it: other spellings of the same
+    "volt": ("V", "volts"),
+    "ampere": ("A", "amp", "amperes"),
+    "deg": ("°", "degree", "degrees"),
+    "deg/s": ("°/s", "degrees/s"),
+    "1/min": ("rpm", "RPM", "min-1", "min^-1"),
+    "hPa": ("mbar", "mb"),
+    "l": ("L", "litre", "liter"),
+    "l/h": ("L/h",),
+    "min": ("minute", "minutes"),
+    "K": ("kelvin",),
+    "KHz": ("kHz",),
+    "Norm -1/+1": ("norm", "normalized"),
+    "Mach": ("mach",),
+}
+_CONVERSIONS: Final[Mapping[tuple[str, str], str]] = {
+    ("ft", "m"): "1 ft is 0.3048 m",
+    ("kt", "m/s"): "1 kt is 0.514444 m/s",
+    ("km/h", "m/s"): "1 km/h is 0.277778 m/s",
+    ("ft/min", "m/s"): "1 ft/min is 0.00508 m/s",
+    ("rad", "deg"): "1 rad is 57.29578 deg",
+    ("rad/s", "deg/s"): "1 rad/s is 57.29578 deg/s",
+    ("Pa", "hPa"): "100 Pa are 1 hPa",
+    ("kPa", "hPa"): "1 kPa is 10 hPa",
+    ("m/s2", "g"): "9.80665 m/s2 are 1 g",
+    ("degC", "K"): "0 degC is 273.15 K",
+    ("°C", "K"): "0 °C is 273.15 K",
+}
+_OUTRANKED_CLASSES: Final = 2  # A and B
+_SHOWN_IN_THE_WAY: Final = 3
+
+
+def check(subject: Subject, findings: Findings) -> None:
+    """Apply every rule of this file."""
+    _standard_identifiers(subject, findings)
+    if lacks_identifiers(subject.spec):
+        _too_many(subject, findings)
+    else:
+        _outranked(subject, findings)
+
+
+def lacks_identifiers(spec: Spec) -> bool:
+    """Tell whether a spec has more (module, variable) pairs than identifiers; nothing on its buses has a rank then."""
+    return len(_allocated_to(spec)) > len(ALLOCATED_DATA_IDS)
+
+
+def _allocated_to(spec: Spec) -> list[tuple[str, str]]:
+    """(module, variable) pairs for which an identifier is allocated: all but one giver of each standard one."""
+    standard = {name for name, variable in spec.variables.items() if variable.identifier is not None}
+    pairs = []
+    for pair in spec.sources():
+        if pair[1] in standard:
+            standard.remove(pair[1])
+        else:
+            pairs.append(pair)
+    return pairs
+
+
+def _too_many(subject: Subject, findings: Findings) -> None:
+    pairs, there_are = _allocated_to(subject.spec), len(ALLOCATED_DATA_IDS)
+    module, variable = pairs[there_are]
+    sentence = f"{len(pairs)} (module, variable) pairs need an allocated identifier, and there are {there_are}"
+    hint = f"the first one too many is '{variable}' from '{module}'"
+    findings.add(rules.TOO_MANY_SOURCES, subject.place("modules", module), sentence, hint)
+
+
+def _standard_identifiers(subject: Subject, findings: Findings) -> None:
+    """Compare every variable that claims a standard identifier with the list."""
+    for variable in subject.spec.variables.values():
+        if variable.identifier is None:
+            continue
+        name, place = variable.name, subject.place("variables", variable.name, "identifier")
+        standard = standard_identifier(variable.identifier)
+        if standard is None:
+            sentence = f"identifier {variable.identifier} of variable '{name}' is not in CANaerospace's list"
+            findings.add(rules.UNASSIGNED_IDENTIFIER, place, sentence, "leave it out, and one is allocated")
+            continue
+        if standard.byte_2_is_an_index:
+            sentence = f"byte 2 of identifier {standard.can_id} ({standard.name}) is a number, and not the version"
+            hint = f"leave the identifier of '{name}' out, and one is allocated"
+            findings.add(rules.BYTE_2_IS_AN_INDEX, place, sentence, hint)
+        _type(subject, findings, name, standard)
+        _unit(subject, findings, name, standard)
+
+
+def _type(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:
+    given, allowed = subject.spec.variables[name].type, [data_type.name for data_type in standard.types]
+    if given not in allowed:
+        sentence = (
+            f"variable '{name}' is of type {given}; {standard.can_id} ({standard.name}) is {listed(allowed, last='or')}"
+        )
+        place = subject.place("variables", name, "type")
+        findings.add(rules.STANDARD_TYPE, place, sentence, "take that type, or leave the identifier out")
+
+
+def _unit(subject: Subject, findings: Findings, name: str, standard: StandardIdentifier) -> None:
+    unit = subject.spec.variables[name].unit
+    if unit is None or not standard.unit or unit in (standard.unit, *_SAME_UNIT.get(standard.unit, ())):
+        return
+    sentence = f"variable '{name}' is in {shown(unit)}; {standard.can_id} ({standard.name}) is in '{standard.unit}'"
+    hint = _CONVERSIONS.get((unit, standard.unit), "let the producer convert, or leave the identifier out")
+    findings.add(rules.STANDARD_UNIT, subject.place("variables", name, "unit"), sentence, hint)
+
+
+def _outranked(subject: Subject, findings: Findings) -> None:
+    """Find data of class A and B that wait too long for less critical data, bus by bus."""
+    spec = subject.spec
+    times, ranks = ResponseTimes(spec), criticality_ranks(spec)
+    for hops in _possible_hops(spec).values():
+        ahead: list[Hop] = []
+        for response in times.responses(hops):
+            rank = ranks[response.hop.producer]
+            lesser = [hop for hop in ahead if ranks[hop.producer] > rank]
+            ahead.append(response.hop)
+            if rank >= _OUTRANKED_CLASSES or not lesser or _in_half_its_time(response):
+                continue
+            alone = times.responses([hop for hop in ahead if hop not in lesser])[-1]
+            if _in_half_its_time(alone):
+                _starved(subject, findings, response, CRITICALITIES[rank], lesser)
+
+
+def _in_half_its_time(response: Response) -> bool:
+    return response.response_ns is not None and 2 * response.response_ns <= response.deadline_ns
+
+
+def _starved(subject: Subject, findings: Findings, response: Response, level: str, lesser: list[Hop]) -> None:
+    hop, deadline = response.hop, f"{response.deadline_ns / 1e6:g} ms"
+    took = "without bound" if response.response_ns is None else f"up to {response.response_ns / 1e6:.3f} ms"
+    sentence = (
+        f"'{hop.variable}' from '{hop.producer}' (class {level}) can take {took} of its {deadline} on bus '{hop.bus}', "
+        "because less critical data goes first"
+    )
+    shown_ones = [f"'{one.variable}' from '{one.producer}'" for one in lesser[:_SHOWN_IN_THE_WAY]]
+    more = [f"{len(lesser) - len(shown_ones)} more"] if len(lesser) > len(shown_ones) else []
+    hint = f"leave out the identifier of {listed([*shown_ones, *more])}"
+    findings.add(rules.STARVED, subject.place("variables", hop.variable), sentence, hint)
+
+
+def _possible_hops(spec: Spec) -> dict[str, list[Hop]]:
+    """By wired bus, every source that some configuration could send there, in its fastest mode."""
+    left = survivors(spec, Situation())
+    hosts = {name: hosts_when_all_is_up(spec, module) for name, module in spec.modules.items()}
+    readers = _readers(spec)
+    found: dict[str, list[Hop]] = {bus.name: [] for bus in spec.buses.values() if bus.kind == "wired"}
+    for producer, variable in spec.sources():
+        read_on = {pe for reader in readers[variable] if reader != producer for pe in hosts[reader]}
+        crossed = {bus for here in hosts[producer] for there in read_on for bus in left.route(here, there) or ()}
+        mode = _fastest(spec.modules[producer], variable)
+        for bus in found.keys() & crossed:
+            found[bus].append(Hop(producer, variable, mode, bus))
+    return found
+
+
+def _readers(spec: Spec) -> dict[str, set[str]]:
+    readers: dict[str, set[str]] = defaultdict(set)
+    for module in spec.modules.values():
+        for variable in _read_by(module):
+            readers[variable].add(module.name)
+    return readers
+
+
+def _read_by(module: Module) -> Iterator[str]:
+    for mode in module.modes.values():
+        yield from (leaf.variable for _, leaf in mode.leaves())
+
+
+def _fastest(module: Module, variable: str) -> str:
+    giving = [mode for mode in module.modes.values() if variable in mode.gives]
+    return max(giving, key=lambda mode: mode.rate_mhz).name

@@ -1,0 +1,121 @@
+"""DG5xx: the wire. Identifiers mean what CANaerospace says, there are enough of them, and what matters arrives first.
+
+Looked for by check/wire.py in a spec that loads. Two variables under one identifier are DG218, because no spec with
+them can be loaded. How a rule is added is shown in rule.py.
+"""
+
+from typing import Final
+
+from heronry_dg.rules.rule import Family, Severity
+
+FAMILY: Final = Family("DG5", "the wire: identifiers and arbitration", fast=True)
+
+_STANDARD: Final = (
+    "Other people's displays and recorders read a standard identifier by CANaerospace's default list (V1.7, section 5)"
+)
+_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
+_MORE_THAN_THERE_ARE: Final = 222
+
+
+def _many(count: int) -> str:
+    """A driver that gives so many variables, and a display that reads them."""
+    names = [f"datum_{number}" for number in range(count)]
+    gives = ", ".join(f"{name}: 1" for name in names)
+    return (
+        "variables:\n"
+        + "".join(f"  {name}: {{type: UCHAR}}\n" for name in names)
+        + f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {_RUNS}}}\n"
+        + f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {_RUNS}}}\n"
+    )
+
+
+def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str) -> str:
+    """A doubled display of class A on a slow bus, and five variables of no importance with these fields."""
+    rest = "cpu: 0.1, ram: 1KiB, rate_hz: 50"
+    return (
+        "buses: {can0: {bitrate: 125000, channels: 2, heartbeat_ms: 50}}\n"
+        "devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: tail}\n"
+        "  lamp: {kind: actuator, pe: tail}\n  second_lamp: {kind: actuator, pe: nav}\n"
+        "  probe: {kind: sensor, pe: nav}\n  recorder: {kind: actuator, pe: tail}\n"
+        "gates: {light: {demux: speed}}\n"
+        "variables:\n  speed: {type: FLOAT, versions: 2}\n"
+        f"  c1: {{type: FLOAT{first}}}\n  c2: {{type: FLOAT{second}}}\n  c3: {{type: FLOAT{third}}}\n"
+        f"  c4: {{type: FLOAT{fourth}}}\n  c5: {{type: FLOAT{fifth}}}\n"
+        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {rest}}}\n"
+        f"  other_driver: {{device: pitot, gives: {{speed: 2}}, {rest}}}\n"
+        f"  display: {{device: lamp, needs: light, {rest}}}\n"
+        f"  second_display: {{device: second_lamp, needs: light, {rest}}}\n"
+        f"  chatter: {{device: probe, gives: {{c1: 1, c2: 1, c3: 1, c4: 1, c5: 1}}, {rest}}}\n"
+        f"  logger: {{device: recorder, needs: {{and: [c1, c2, c3, c4, c5]}}, {rest}}}\n"
+        "functions: {showing: {output: light, criticality: A}, logging: {output: logger}}\n"
+    )
+
+
+STANDARD_TYPE = FAMILY.rule(
+    "DG501",
+    "standard-type",
+    Severity.ERROR,
+    what="A variable with a standard identifier has another type than CANaerospace gives that identifier.",
+    why=f"{_STANDARD}; they refuse the frame, or show what its bytes happen to mean in the type that they expect.",
+    fix="Take one of the types that are named, or leave `identifier` out, and one is allocated.",
+    bad="variables:\n  speed: {type: LONG, identifier: 315}\n",
+    good="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
+)
+STANDARD_UNIT = FAMILY.rule(
+    "DG502",
+    "standard-unit",
+    Severity.ERROR,
+    what="A variable with a standard identifier has another unit than CANaerospace gives that identifier.",
+    why=f"{_STANDARD}: whoever reads knots as metres per second is off by a factor of two, and no frame tells.",
+    fix="Let the producer convert, write the unit as the list does, or leave `identifier` out. Another spelling of the "
+    "same unit is understood (V for volt, rpm for 1/min, mbar for hPa).",
+    bad="variables:\n  speed: {type: FLOAT, unit: kt, identifier: 315}\n",
+    good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n",
+)
+UNASSIGNED_IDENTIFIER = FAMILY.rule(
+    "DG503",
+    "unassigned-identifier",
+    Severity.WARNING,
+    what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
+    why="It is reserved, or free for a later edition of the list; who reads by the list will not know it.",
+    fix="Leave `identifier` out, and one is allocated from those that are nobody's.",
+    bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
+    good="variables:\n  speed: {type: FLOAT}\n",
+)
+BYTE_2_IS_AN_INDEX = FAMILY.rule(
+    "DG504",
+    "byte-2-is-an-index",
+    Severity.WARNING,
+    what="A variable has one of the identifiers whose byte 2 is the number of a waypoint, a tire or a brake pad: "
+    "1000 to 1035 and 1177 to 1184.",
+    why="This project's frames carry version and validity in byte 2. Others would read them as such a number.",
+    fix="Leave `identifier` out: then no other reader takes version 1 for waypoint 1.",
+    bad="variables:\n  speed: {type: FLOAT, identifier: 1003}\n",
+    good="variables:\n  speed: {type: FLOAT}\n",
+)
+TOO_MANY_SOURCES = FAMILY.rule(
+    "DG505",
+    "too-many-identifiers",
+    Severity.ERROR,
+    what="More (module, variable) pairs need an allocated identifier than there are.",
+    why="Each pair has its own, so that receivers can tell redundant producers apart; 221 lie between CANaerospace's "
+    "data and CANopen's.",
+    fix="Give variables a standard identifier, put several values into one (SHORT2, UCHAR4), or merge modules.",
+    bad=_many(_MORE_THAN_THERE_ARE),
+    good=_many(_MORE_THAN_THERE_ARE - 1),
+)
+STARVED = FAMILY.rule(
+    "DG506",
+    "outranked-on-the-bus",
+    Severity.WARNING,
+    what="Less critical data can hold a datum of class A or B back for more than half of its deadline.",
+    why="The smaller identifier wins the bus. Allocated identifiers follow criticality; standard ones come before "
+    "all of them, and follow CANaerospace's list. Counted is all that could be sent before the datum, each at its "
+    "fastest; reported is a datum that would arrive within half its deadline, were it not for data of less "
+    "importance. The other half is for frames that are destroyed and sent again, and for what no analysis knows.",
+    fix="Leave the `identifier` of less critical variables out, lower their rates, or give the datum a standard one.",
+    bad=_beside_chatter(
+        ", identifier: 320", ", identifier: 321", ", identifier: 322", ", identifier: 323", ", identifier: 324"
+    ),
+    good=_beside_chatter("", "", "", "", ""),
+)
