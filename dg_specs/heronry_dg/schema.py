@@ -97,7 +97,7 @@ Span = Annotated[int, PlainValidator(quantities.span_ns), _number_schema("ms, to
 Share = Annotated[Fraction, PlainValidator(quantities.share), _number_schema("a share, 0 to 1")]
 FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), _number_schema("failures per hour")]
 Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
-Names = Annotated[list[str], AfterValidator(_different)]
+Names = Annotated[list[str], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
 Version = Annotated[int, Field(ge=1)]
 Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
 PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
@@ -291,7 +291,11 @@ class ModuleOfOneModeForm(ModuleForm, ModeForm):
 class ModuleOfModesForm(ModuleForm):
     """A module that lists its modes."""
 
-    modes: dict[str, ModeForm] = Field(min_length=1, description="Its modes by name, best first.")
+    modes: dict[str, ModeForm] = Field(
+        min_length=1,
+        description="Its modes by name, best first.",
+        examples=[{"fused": {"needs": "altitude", "cpu": 0.1, "ram": "2KiB", "rate_hz": 10}}],
+    )
 
 
 class FunctionForm(Form):
@@ -335,7 +339,11 @@ class WhenForm(Form):
 class PhaseForm(Form):
     """A mission phase; the first one listed is the initial one."""
 
-    when: WhenForm | None = Field(default=None, description="Rule by which the phase is entered by itself.")
+    when: WhenForm | None = Field(
+        default=None,
+        description="Rule by which the phase is entered by itself.",
+        examples=[{"variable": "altitude", "above": 17000, "hold_ms": 500}],
+    )
 
 
 class ContingencyForm(Form):
@@ -374,15 +382,45 @@ class HeaderForm(Form):
 class SpecForm(HeaderForm):
     """One dependency-graph file, whole. Names of elements match `[A-Za-z][A-Za-z0-9_]*`."""
 
-    buses: dict[str, BusForm] = Field(default={}, description="CAN segments by name.")
-    manager: ManagerForm = Field(default=ManagerForm(), description="Where the managers sit.")
-    pes: dict[str, PeForm] = Field(default={}, description="Processing elements by name.")
-    devices: dict[str, DeviceForm] = Field(default={}, description="Sensors and actuators by name.")
-    variables: dict[str, VariableForm] = Field(default={}, description="Data that modules exchange, by name.")
-    gates: dict[str, Any] = Field(default={}, description="Named gates: a DEMUX, or a shorthand for an expression.")
-    modules: dict[str, ModuleOfModesForm | ModuleOfOneModeForm] = Field(default={}, description="Modules by name.")
-    functions: dict[str, FunctionForm] = Field(default={}, description="System outputs by name.")
-    phases: dict[str, PhaseForm] = Field(
-        default={}, description="Mission phases by name; the first is the initial one."
+    buses: dict[str, BusForm] = Field(
+        default={}, description="CAN segments by name.", examples=[{"can0": {"bitrate": 1000000}}]
     )
-    contingency: ContingencyForm = Field(default=ContingencyForm(), description="What must be planned ahead.")
+    manager: ManagerForm = Field(
+        default=ManagerForm(), description="Where the managers sit.", examples=[{"bus": "can0"}]
+    )
+    pes: dict[str, PeForm] = Field(
+        default={},
+        description="Processing elements by name.",
+        examples=[{"nav": {"node_id": 92, "buses": ["can0"], "cpu": 0.5, "ram": "32KiB", "flash": "64KiB"}}],
+    )
+    devices: dict[str, DeviceForm] = Field(
+        default={}, description="Sensors and actuators by name.", examples=[{"gps": {"kind": "sensor", "pe": "nav"}}]
+    )
+    variables: dict[str, VariableForm] = Field(
+        default={},
+        description="Data that modules exchange, by name.",
+        examples=[{"altitude": {"type": "FLOAT", "unit": "m", "versions": 3}}],
+    )
+    gates: dict[str, Any] = Field(
+        default={},
+        description="Named gates: a DEMUX, or a shorthand for an expression.",
+        examples=[{"elevator_out": {"demux": "elevator_demand"}, "position": {"and": ["latitude", "longitude"]}}],
+    )
+    modules: dict[str, ModuleOfModesForm | ModuleOfOneModeForm] = Field(
+        default={},
+        description="Modules by name.",
+        examples=[{"gps_driver": {"device": "gps", "gives": {"altitude": 1}, "cpu": 0.1, "ram": 1024, "rate_hz": 10}}],
+    )
+    functions: dict[str, FunctionForm] = Field(
+        default={},
+        description="System outputs by name.",
+        examples=[{"parachute": {"output": "chute_driver", "criticality": "A", "priority": 100}}],
+    )
+    phases: dict[str, PhaseForm] = Field(
+        default={},
+        description="Mission phases by name; the first is the initial one.",
+        examples=[{"climb": {}, "glide": {"when": {"variable": "altitude", "above": 17000}}}],
+    )
+    contingency: ContingencyForm = Field(
+        default=ContingencyForm(), description="For how much must be planned ahead.", examples=[{"faults": 2}]
+    )

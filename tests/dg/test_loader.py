@@ -155,9 +155,7 @@ contingency: {{faults: 3, phases: [land]}}
 
 
 def test_a_file_that_cannot_be_read_is_a_finding_like_any_other(tmp_path: Path) -> None:
-    with pytest.raises(
-        SpecError, match=r"missing\.dg\.yaml:1:1: DG001 error: the file cannot be read: No such"
-    ):
+    with pytest.raises(SpecError, match=r"missing\.dg\.yaml:1:1: DG001 error: the file cannot be read: No such"):
         load(tmp_path / "missing.dg.yaml")
     with pytest.raises(SpecError, match=r":1:1: DG001 error: the file cannot be read: Is a directory"):
         load(tmp_path)

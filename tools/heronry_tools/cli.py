@@ -11,7 +11,15 @@ from importlib import import_module
 
 from heronry_tools.errors import as_user_error
 
-_COMMANDS = ("plan_command", "demo.command", "manager_command", "table_command", "dbc_command")
+_COMMANDS = (
+    "plan_command",
+    "demo.command",
+    "manager_command",
+    "table_command",
+    "dbc_command",
+    "check_command",
+    "rules_command",
+)
 
 _EPILOG = """\
 examples:

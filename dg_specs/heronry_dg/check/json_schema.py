@@ -1,0 +1,170 @@
+"""The JSON schema of a spec (draft 7), for editors: they complete fields, show what each means, and mark mistakes.
+
+It comes from the forms of schema.py, and says here what those leave open: gate expressions, initial values, names. It
+accepts all that the loader accepts, a key without a value included; it knows nothing of what names refer to.
+"""
+
+import json
+from collections.abc import Mapping
+from typing import Any, Final
+
+from heronry_dg.schema import DEFAULT_PHASE, MOST_POINTS, NAME_PATTERN, DemuxForm, SpecForm
+
+_DRAFT: Final = "http://json-schema.org/draft-07/schema#"
+_NAME: Final = f"^{NAME_PATTERN}$"
+_REFERENCE: Final = f"^{NAME_PATTERN}(@(<=)?[0-9]{{1,3}})?$"
+
+_INPUTS: Final[Mapping[str, Any]] = {"type": "array", "minItems": 1, "items": {"$ref": "#/definitions/Expression"}}
+
+
+def _gate(name: str, description: str, inside: Mapping[str, Any], example: Any) -> dict[str, Any]:
+    field = {**inside, "description": description, "examples": [example]}
+    return {
+        "type": "object",
+        "description": description,
+        "properties": {name: field},
+        "required": [name],
+        "additionalProperties": False,
+    }
+
+
+_OR_FIELDS: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "properties": {
+        "k": {
+            "type": "integer",
+            "minimum": 0,
+            "description": "How many inputs must hold at least; with 0 all are optional.",
+            "examples": [1],
+        },
+        "of": {**_INPUTS, "description": "The inputs.", "examples": [["altitude", "release_command"]]},
+    },
+    "required": ["k", "of"],
+    "additionalProperties": False,
+}
+_INPUT: Final[Mapping[str, Any]] = {
+    "type": "object",
+    "description": "A variable whose versions have other points than the usual ones.",
+    "properties": {
+        "var": {
+            "type": "string",
+            "pattern": _REFERENCE,
+            "description": "Variable, and which versions of it are accepted.",
+            "examples": ["altitude", "altitude@<=2"],
+        },
+        "worth": {
+            "type": ["array", "null"],
+            "items": {"type": "integer", "minimum": 0, "maximum": MOST_POINTS},
+            "description": "Points for each version that is accepted (or that there is), best first.",
+            "examples": [[30, 10]],
+        },
+    },
+    "required": ["var"],
+    "additionalProperties": False,
+}
+_EXPRESSION: Final[Mapping[str, Any]] = {
+    "description": "A gate expression: what must be wired for the mode to run.",
+    "anyOf": [
+        {
+            "type": "string",
+            "pattern": _REFERENCE,
+            "description": "A variable in any version, in one (NAME@2) or up to one (NAME@<=2), or a named gate.",
+            "examples": ["altitude", "altitude@2", "altitude@<=2", "elevator_out"],
+        },
+        _gate("and", "All inputs hold.", _INPUTS, ["pitch_angle", "roll_angle"]),
+        _gate("or", "At least k inputs hold.", _OR_FIELDS, {"k": 1, "of": ["altitude", "release_command"]}),
+        _gate("xor", "Exactly one input holds.", {**_INPUTS, "minItems": 2}, ["altitude@1", "altitude@2"]),
+        _INPUT,
+    ],
+}
+_INITIAL: Final[Mapping[str, Any]] = {
+    "anyOf": [
+        {"type": ["number", "string", "null"]},
+        {"type": "array", "items": {"type": "integer"}, "minItems": 1, "maxItems": 4},
+    ]
+}
+_NO_MODES: Final[Mapping[str, Any]] = {
+    "type": "null",
+    "description": "Modes by name; then fields of a mode, such as `cpu`, move into them.",
+    "examples": [None],
+}
+
+
+def schema_text() -> str:
+    """The schema as the file dg.schema.json has it."""
+    return json.dumps(spec_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def spec_schema() -> dict[str, Any]:
+    """The schema of a whole spec."""
+    schema = SpecForm.model_json_schema(by_alias=True, ref_template="#/definitions/{model}")
+    definitions = schema.pop("$defs")
+    definitions["Expression"] = dict(_EXPRESSION)
+    for part in (schema, *definitions.values()):
+        _complete(part)
+    _complete_sections(schema["properties"])
+    definitions["DemuxForm"] = DemuxForm.model_json_schema(by_alias=True)
+    _complete(definitions["DemuxForm"])
+    definitions["WhenForm"]["oneOf"] = [_number_given("above"), _number_given("below")]
+    definitions["ModuleOfOneModeForm"]["properties"]["modes"] = dict(_NO_MODES)
+    return {"$schema": _DRAFT, "title": "Dependency graph of heronry (dg: 1)", **schema, "definitions": definitions}
+
+
+def _complete_sections(sections: dict[str, Any]) -> None:
+    """Say which of several forms an element has, by the field that tells them apart."""
+    sections["modules"]["additionalProperties"] = {
+        "if": {"required": ["modes"], "properties": {"modes": {"not": {"type": "null"}}}},
+        "then": {"$ref": "#/definitions/ModuleOfModesForm"},
+        "else": {"$ref": "#/definitions/ModuleOfOneModeForm"},
+    }
+    sections["gates"]["additionalProperties"] = {
+        "if": {"type": "object", "required": ["demux"]},
+        "then": {"$ref": "#/definitions/DemuxForm"},
+        "else": {"$ref": "#/definitions/Expression"},
+    }
+    sections["phases"]["propertyNames"] = {"pattern": _NAME, "not": {"const": DEFAULT_PHASE}}
+    sections["phases"]["additionalProperties"] = {"anyOf": [{"$ref": "#/definitions/PhaseForm"}, {"type": "null"}]}
+
+
+def _number_given(field: str) -> dict[str, Any]:
+    return {"required": [field], "properties": {field: {"type": "number"}}}
+
+
+def _complete(form: dict[str, Any]) -> None:
+    """Say of one form what the models leave open, and leave out what only repeats a name."""
+    form.pop("title", None)
+    required = form.get("required", ())
+    for name, field in form.get("properties", {}).items():
+        _strip_titles(field)
+        if field.get("default", 0) is None:
+            del field["default"]
+        if name == "needs":
+            field["anyOf"] = [{"$ref": "#/definitions/Expression"}, {"type": "null"}]
+        elif name == "initial":
+            field.update(_INITIAL)
+        elif name not in required:
+            _allow_nothing(field)
+        if "additionalProperties" in field:
+            field["propertyNames"] = {"pattern": _NAME}
+
+
+def _strip_titles(node: Any) -> None:
+    if isinstance(node, dict):
+        node.pop("title", None)
+        for child in node.values():
+            _strip_titles(child)
+    elif isinstance(node, list):
+        for child in node:
+            _strip_titles(child)
+
+
+def _allow_nothing(field: dict[str, Any]) -> None:
+    """Accept null, as the loader does where a key is written without a value."""
+    if isinstance(field.get("type"), str):
+        field["type"] = [field["type"], "null"]
+        if "enum" in field:
+            field["enum"] = [*field["enum"], None]
+    elif "$ref" in field:
+        field["anyOf"] = [{"$ref": field.pop("$ref")}, {"type": "null"}]
+    elif "anyOf" in field and {"type": "null"} not in field["anyOf"]:
+        field["anyOf"] = [*field["anyOf"], {"type": "null"}]

@@ -1,0 +1,161 @@
+"""Findings for programs: JSON, GitHub's workflow commands, SARIF and JUnit.
+
+Lines and columns count from 1, columns in characters, and an end is the column behind the last character.
+
+Sources: SARIF 2.1.0 (OASIS standard, 2020), sections 3.14 to 3.51; workflow commands as GitHub's documentation of
+Actions has them; JUnit's XML as Ant and its readers agree on it.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any, Final
+from urllib.parse import quote
+from xml.sax.saxutils import escape, quoteattr
+
+from heronry_dg.check.judge import Judged
+from heronry_dg.check.text_report import span_end
+from heronry_dg.findings import Finding
+from heronry_dg.rules.rule import Rule, Severity
+
+SARIF_SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+
+
+def json_report(files: Sequence[Judged], rules: Mapping[str, Rule]) -> str:
+    """A list of findings, each an object."""
+    found = [
+        {
+            "file": finding.file,
+            "line": finding.place.line,
+            "column": finding.place.column,
+            "end_column": _end(judged, finding),
+            "code": finding.code,
+            "name": rules[finding.code].name,
+            "severity": str(finding.severity),
+            "sentence": finding.sentence,
+            "hint": finding.hint,
+        }
+        for judged in files
+        for finding in judged.findings
+    ]
+    return json.dumps(found, indent=2, ensure_ascii=False) + "\n"
+
+
+def github_report(files: Sequence[Judged]) -> str:
+    """One workflow command per finding, which GitHub shows beside the line."""
+    return "".join(_command(judged, finding) for judged in files for finding in judged.findings)
+
+
+def _command(judged: Judged, finding: Finding) -> str:
+    line, column = finding.place
+    properties = {
+        "file": finding.file,
+        "line": line,
+        "endLine": line,
+        "col": column,
+        "endColumn": _end(judged, finding),
+        "title": f"heronry {finding.code}",
+    }
+    written = ",".join(f"{key}={_property(str(value))}" for key, value in properties.items())
+    hint = f" ({finding.hint})" if finding.hint else ""
+    return f"::{finding.severity} {written}::{_data(finding.sentence + hint)}\n"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+def sarif_report(files: Sequence[Judged], rules: Mapping[str, Rule], version: str) -> str:
+    """One run of SARIF 2.1.0, with all rules and one result per finding."""
+    order = {code: index for index, code in enumerate(rules)}
+    run = {
+        "tool": {
+            "driver": {
+                "name": "heronry",
+                "version": version,
+                "rules": [_sarif_rule(rule) for rule in rules.values()],
+            }
+        },
+        "columnKind": "unicodeCodePoints",
+        "artifacts": [{"location": {"uri": _uri(judged.file)}} for judged in files],
+        "results": [
+            _sarif_result(judged, finding, order[finding.code]) for judged in files for finding in judged.findings
+        ],
+    }
+    return json.dumps({"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
+
+
+def _sarif_rule(rule: Rule) -> dict[str, Any]:
+    return {
+        "id": rule.code,
+        "name": rule.name,
+        "shortDescription": {"text": rule.what},
+        "fullDescription": {"text": f"{rule.what} {rule.why}"},
+        "help": {"text": rule.fix},
+        "defaultConfiguration": {"level": str(rule.severity)},
+    }
+
+
+def _sarif_result(judged: Judged, finding: Finding, index: int) -> dict[str, Any]:
+    line, column = finding.place
+    region = {"startLine": line, "startColumn": column, "endLine": line, "endColumn": _end(judged, finding)}
+    hint = f" ({finding.hint})" if finding.hint else ""
+    return {
+        "ruleId": finding.code,
+        "ruleIndex": index,
+        "level": str(finding.severity),
+        "message": {"text": finding.sentence + hint},
+        "locations": [{"physicalLocation": {"artifactLocation": {"uri": _uri(finding.file)}, "region": region}}],
+    }
+
+
+def _uri(file: str) -> str:
+    path = PurePath(file)
+    return path.as_uri() if path.is_absolute() else quote(path.as_posix())
+
+
+def junit_report(files: Sequence[Judged]) -> str:
+    """One suite per file: a failed case per error, one passed, with words, per warning, one for a clean file."""
+    suites = "".join(_suite(judged) for judged in files)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'
+
+
+def _suite(judged: Judged) -> str:
+    failures = sum(finding.severity is Severity.ERROR for finding in judged.findings)
+    cases = (
+        "".join(map(_case, judged.findings))
+        or f"    <testcase name={_attribute('all rules')} classname={_attribute(judged.file)}/>\n"
+    )
+    count = max(1, len(judged.findings))
+    head = f'name={_attribute(judged.file)} tests="{count}" failures="{failures}" errors="0" skipped="0"'
+    return f"  <testsuite {head}>\n{cases}  </testsuite>\n"
+
+
+def _case(finding: Finding) -> str:
+    name = _attribute(f"{finding.code} {finding.place.line}:{finding.place.column}")
+    head = (
+        f'name={name} classname={_attribute(finding.file)} file={_attribute(finding.file)} line="{finding.place.line}"'
+    )
+    text = escape(_xml(str(finding)))
+    if finding.severity is Severity.ERROR:
+        body = f"<failure type={_attribute(finding.code)} message={_attribute(finding.sentence)}>{text}</failure>"
+    else:
+        body = f"<system-out>{text}</system-out>"
+    return f"    <testcase {head}>{body}</testcase>\n"
+
+
+def _attribute(text: str) -> str:
+    return quoteattr(_xml(text))
+
+
+def _xml(text: str) -> str:
+    """Text without the characters that XML 1.0 has no way to write."""
+    return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
+
+
+def _end(judged: Judged, finding: Finding) -> int:
+    return span_end(judged.line(finding.place.line), finding.place.column)

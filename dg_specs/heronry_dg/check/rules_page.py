@@ -1,0 +1,99 @@
+"""What is told about rules: one on a terminal, all of them as a page of documentation."""
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from heronry_dg.rules.rule import Family, Rule
+
+_HEAD: Final = """\
+# Rules
+
+All that `heronry check` can find. `heronry rules --docs >docs/rules.md` writes this page; `heronry explain DG203` tells
+the same of one code. How to select, ignore and raise codes is told in [check.md](check.md).
+
+A finding that **stops** keeps the spec from being loaded by any command, and cannot be ignored. Where an example shows
+a part of a file, the rest is a small sound spec.
+"""
+
+
+def explained(rule: Rule) -> str:
+    """What, why, an example and its remedy, for a terminal."""
+    stops = ", and keeps the spec from being loaded" if rule.stops else ""
+    return "\n".join(
+        [
+            f"{rule.code} {rule.name} ({rule.severity}{stops})",
+            "",
+            rule.what,
+            "",
+            f"Why: {rule.why}",
+            f"Fix: {rule.fix}",
+            "",
+            "Bad:",
+            _indented(rule.bad),
+            "",
+            "Good:",
+            _indented(rule.good),
+            "",
+        ]
+    )
+
+
+def table(rules: Iterable[Rule]) -> str:
+    """One line per rule, for a terminal."""
+    return "".join(f"{rule.code}  {rule.severity:7}  {rule.name:24}  {rule.what}\n" for rule in rules)
+
+
+def page(families: Sequence[Family]) -> str:
+    """All rules as Markdown."""
+    parts = [_HEAD, *(_family_table(family) for family in families)]
+    for family in families:
+        parts.append(f"## {family.prefix}xx: {family.title}\n")
+        parts += [_section(rule) for _, rule in sorted(family.rules.items())]
+    return "\n".join(parts)
+
+
+def _family_table(family: Family) -> str:
+    fast = "part of `--fast`" if family.fast else "solves; not part of `--fast`"
+    lines = [f"**{family.prefix}xx: {family.title}** ({fast})\n", "| code | name | severity |", "|---|---|---|"]
+    for code, rule in sorted(family.rules.items()):
+        severity = f"{rule.severity}, stops" if rule.stops else str(rule.severity)
+        lines.append(f"| [{code}](#{_anchor(rule)}) | {rule.name} | {severity} |")
+    return "\n".join([*lines, ""])
+
+
+def _section(rule: Rule) -> str:
+    return "\n".join(
+        [
+            f"### {_title(rule)}\n",
+            f"{rule.what}\n",
+            f"*Why.* {rule.why}\n",
+            f"*Fix.* {rule.fix}\n",
+            _example("Bad", rule.bad),
+            _example("Good", rule.good),
+        ]
+    )
+
+
+def _title(rule: Rule) -> str:
+    return f"{rule.code} {rule.name}"
+
+
+def _anchor(rule: Rule) -> str:
+    return _title(rule).lower().replace(" ", "-")
+
+
+def _example(kind: str, text: str) -> str:
+    if text.startswith("("):
+        return f"{kind}: {text}\n"
+    return f"{kind}:\n\n```yaml\n{_shown(text)}\n```\n"
+
+
+def _indented(text: str) -> str:
+    return "\n".join(f"    {line}" for line in _shown(text).split("\n"))
+
+
+def _shown(text: str) -> str:
+    """An example without what cannot be printed, and with very long lines cut."""
+    visible = re.sub(r"[^\n -~]", lambda found: f"<{ord(found[0]) & 0xFF:02x}>", text.rstrip("\n"))
+    return "\n".join(line if len(line) <= 160 else f"{line[:80]} ... {line[-40:]}" for line in visible.split("\n"))

@@ -1,0 +1,101 @@
+"""Findings for people: in full with the source line and a caret, or one line each."""
+
+import re
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from heronry_dg.check.judge import Judged
+from heronry_dg.findings import Finding
+from heronry_dg.rules.rule import Severity
+
+_Paint = Callable[[str, str], str]  # a text and the name of its style
+
+_WIDEST_SOURCE: Final = 100  # characters of a source line that are shown
+_WORD: Final = re.compile(r'"(?:[^"\\]|\\.)*"|\'(?:[^\']|\'\')*\'|[^\s,\[\]{}:#]+|.')
+_STYLES: Final[Mapping[str, str]] = {
+    "error": "\x1b[1;31m",
+    "warning": "\x1b[1;33m",
+    "place": "\x1b[1m",
+    "quiet": "\x1b[36m",
+}
+
+
+def span_end(line: str, column: int) -> int:
+    """Column behind the word that begins at `column`: a quoted text, a name, or one mark; both count from 1."""
+    match = _WORD.match(line, column - 1)
+    return match.end() + 1 if match else column
+
+
+def concise(files: Sequence[Judged]) -> str:
+    """One line per finding, as `file:line:col: CODE severity: sentence (hint)`."""
+    return "".join(f"{finding}\n" for judged in files for finding in judged.findings)
+
+
+def full(files: Sequence[Judged], *, colour: bool = False) -> str:
+    """Each finding with its source line, a caret and its hint, and a last line that counts."""
+    paint = _painted if colour else _plain
+    parts = [_one(judged, finding, paint) for judged in files for finding in judged.findings]
+    return "".join(f"{part}\n" for part in [*parts, summary(files)])
+
+
+def summary(files: Sequence[Judged]) -> str:
+    """Say how much was found in how many files."""
+    findings = [finding for judged in files for finding in judged.findings]
+    errors = sum(finding.severity is Severity.ERROR for finding in findings)
+    counts = [(errors, "error"), (len(findings) - errors, "warning")]
+    said = " and ".join(_counted(count, noun) for count, noun in counts if count) or "nothing wrong"
+    return f"{_counted(len(files), 'spec')} checked: {said}"
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _plain(text: str, _style: str) -> str:
+    return text
+
+
+def _painted(text: str, style: str) -> str:
+    return f"{_STYLES[style]}{text}\x1b[0m"
+
+
+def _one(judged: Judged, finding: Finding, paint: _Paint) -> str:
+    place = f"{finding.file}:{finding.place.line}:{finding.place.column}:"
+    said = paint(f"{finding.code} {finding.severity}:", finding.severity)
+    lines = [f"{paint(place, 'place')} {said} {finding.sentence}"]
+    source = judged.line(finding.place.line)
+    if source.strip():
+        number = str(finding.place.line)
+        margin = " " * len(number)
+        shown, mark = _excerpt(source, finding.place.column)
+        bar = paint("|", "quiet")
+        lines += [f"{paint(number, 'quiet')} {bar} {shown}", f"{margin} {bar} {paint(mark, finding.severity)}"]
+    if finding.hint:
+        lines.append(f"  {paint('= hint:', 'quiet')} {finding.hint}")
+    return "\n".join([*lines, ""])
+
+
+def _excerpt(line: str, column: int) -> tuple[str, str]:
+    """What is shown of a source line, and the mark below it; of a long line the part around the place."""
+    begin = max(0, column - 1 - _WIDEST_SOURCE // 2) if len(line) > _WIDEST_SOURCE else 0
+    end = min(len(line), begin + _WIDEST_SOURCE)
+    cut = "..." if begin else ""
+    last = min(span_end(line, column) - 1, end)
+    before = "".join(" " * _cells(character) for character in line[begin : column - 1])
+    mark = "^" * max(1, sum(map(_cells, line[column - 1 : last])))
+    shown = "".join(map(_visible, line[begin:end]))
+    return f"{cut}{shown}{'...' if end < len(line) else ''}", f"{' ' * len(cut)}{before}{mark}"
+
+
+def _visible(character: str) -> str:
+    if character == "\t":
+        return " "
+    return character if character.isprintable() or unicodedata.combining(character) else "\ufffd"
+
+
+def _cells(character: str) -> int:
+    """Columns that a character takes on a terminal."""
+    if unicodedata.combining(character):
+        return 0
+    return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1

@@ -1,0 +1,88 @@
+"""Specs that load and still cannot be meant: what the graph's check sees, and what it leaves to others."""
+
+from dg.marked_spec import RUNS
+from heronry_dg.check.examples import whole_spec
+from heronry_dg.check.judge import judge
+from heronry_tools.check.registry import RULES, checks_of
+
+TWO_SENSORS = (
+    "devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
+    "variables:\n  speed: {type: FLOAT, versions: 3}\n"
+)
+
+
+def told(fragment: str) -> list[str]:
+    judged = judge(whole_spec(fragment), "x", checks_of(fast=True), RULES)
+    return [f"{finding.code}: {finding.sentence}" for finding in judged.findings]
+
+
+def display(needs: str, givers: str) -> str:
+    return f"{TWO_SENSORS}modules:\n{givers}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
+
+
+def one(name: str, device: str, version: int) -> str:
+    return f"  {name}: {{device: {device}, gives: {{speed: {version}}}, {RUNS}}}\n"
+
+
+BOTH = one("driver", "gps", 1) + one("other", "pitot", 2)
+MODES = (
+    "  driver:\n    device: gps\n    modes:\n"
+    f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
+    + one("other", "pitot", 3)
+)
+NEVER = ["DG232: module 'display' can never run: what it needs is never given all at once"]
+
+
+def test_two_modules_can_fill_two_inputs_and_one_cannot() -> None:
+    assert told(display('{and: ["speed@1", "speed@2"]}', BOTH)) == []
+    assert told(display('{and: ["speed@1", "speed@2", {or: {k: 0, of: ["speed@3"]}}]}', MODES)) == NEVER
+    assert told(display('{and: ["speed@1", {and: ["speed@2", "speed@3"]}]}', MODES)) == NEVER
+    assert told(display('{and: ["speed@<=2", "speed@3"]}', MODES)) == []
+
+
+def test_a_vote_counts_each_module_once() -> None:
+    assert told(display('{or: {k: 2, of: ["speed@1", "speed@2", "speed@3"]}}', MODES)) == []
+    assert told(display('{or: {k: 3, of: ["speed@1", "speed@2", "speed@3"]}}', MODES)) == NEVER
+    assert told(display('{xor: ["speed@1", "speed@2", "speed@3"]}', MODES)) == []
+
+
+def test_an_input_that_nobody_gives_is_told_once_and_not_again_as_a_gate_that_never_holds() -> None:
+    said = told(display('{and: ["speed@1", "speed@2", "speed@3"]}', BOTH))
+    assert said == ["DG231: module 'display' reads 'speed@3', which no module gives"]
+
+
+def test_a_module_may_feed_itself_where_it_starts_from_a_value() -> None:
+    fragment = (
+        "variables:\n  speed: {type: FLOAT}\n  level: {type: FLOAT, initial: 0}\nmodules:\n"
+        f"  driver: {{device: gps, gives: {{speed: 1}}, {RUNS}}}\n"
+        f"  display: {{device: lamp, needs: {{and: [speed, level]}}, gives: {{level: 1}}, {RUNS}}}\n"
+    )
+    assert told(fragment) == []
+
+
+def test_a_branch_cannot_wait_for_another_branch_of_its_demux() -> None:
+    fragment = (
+        "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
+        "  second: {kind: actuator, pe: nav}\nvariables:\n  speed: {type: FLOAT}\n  told: {type: FLOAT}\n"
+        f"gates: {{light: {{demux: speed}}}}\nmodules:\n  driver: {{device: gps, gives: {{speed: 1}}, {RUNS}}}\n"
+        f"  display: {{device: lamp, needs: light, gives: {{told: 1}}, {RUNS}}}\n"
+        f"  spare: {{device: second, needs: {{and: [light, told]}}, {RUNS}}}\n"
+        "functions: {showing: {output: light}}\n"
+    )
+    assert told(fragment) == ["DG232: module 'spare' can never run: what it needs is never given all at once"]
+
+
+def test_a_function_that_is_wanted_in_no_phase_uses_nothing() -> None:
+    said = told("functions: {showing: {output: display, priority: 0}}\n")
+    assert [line[:5] for line in said] == ["DG241", "DG241"]
+
+
+def test_a_gate_that_only_an_unused_gate_names_is_used() -> None:
+    said = told("gates: {one: speed, two: one}\n")
+    assert said == ["DG243: gate 'two' is named by nobody"]
+
+
+def test_a_phase_that_watches_what_nobody_gives_is_an_error() -> None:
+    fragment = "variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
+    said = told(f"{fragment}phases: {{climb: {{}}, cruise: {{when: {{variable: height, above: 3}}}}}}\n")
+    assert said == ["DG230: phase 'cruise' watches 'height', which no module gives"]
