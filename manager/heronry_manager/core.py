@@ -29,6 +29,7 @@ from typing import Any
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
+from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_manager.beacon import Beacon
 from heronry_manager.compilation import Compiler
@@ -38,7 +39,16 @@ from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.latched_faults import LatchedFaults
 from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.topology import reached_by_wire
-from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanFailed, PlanReady, RequestPlan, Stop
+from heronry_manager.vocabulary import (
+    Emit,
+    ManagerAction,
+    ManagerEvent,
+    PlanFailed,
+    PlanReady,
+    RequestPlan,
+    Settled,
+    Stop,
+)
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
@@ -353,10 +363,8 @@ class ManagerCore:
         self._reign = Reign.REIGNING
         self._request += 1
         self._waiting_for_plan, self._plan_again_ns = True, None
-        down = self._failed.elements | {f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)}
-        running = None
-        if self._current is not None:
-            running = {name: (r.mode, r.pe) for name, r in self._current.configuration.modules.items()}
+        down = self._down()
+        running = placement(self._current.configuration) if self._current is not None else None
         self._actions.append(RequestPlan(self._request, down, self._phase, running))
         self._emit(
             now_ns,
@@ -366,6 +374,14 @@ class ManagerCore:
             phase=self._phase,
             causes=[cause.what for cause in self._causes],
         )
+
+    def _down(self) -> frozenset[str]:
+        return self._failed.elements | {f"pe:{pe}" for pe in self._spec.pes if not self._counted_on(pe)}
+
+    def _settle(self) -> None:
+        """Say that nothing is under way, if nothing is."""
+        if self._current is not None and self._next is None and not self._waiting_for_plan:
+            self._actions.append(Settled(self._down(), self._phase, placement(self._current.configuration)))
 
     def _plan_failed(self, now_ns: int, answer: PlanFailed) -> None:
         if answer.request != self._request:
@@ -382,6 +398,7 @@ class ManagerCore:
         if self._runs_already(answer.plan.configuration):
             self._causes.clear()
             self._emit(now_ns, "plan_unchanged", request=answer.request)
+            self._settle()
         else:
             self._prepare(now_ns, answer.plan)
 
@@ -438,6 +455,7 @@ class ManagerCore:
             if current.stage is Stage.GOING and current.all_active():
                 current.finish(now_ns)
                 self._emit_reconfigured(now_ns, current)
+                self._settle()
         for epoch in (self._current, self._next):
             self._flush(epoch)
 

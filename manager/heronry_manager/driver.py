@@ -14,11 +14,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
-from heronry_manager.planner.client import Planned, PlannerClient
-from heronry_manager.vocabulary import Emit, ManagerAction, PlanFailed, PlanReady, RequestPlan, Stop
+from heronry_manager.planner.foresight import Foresight
+from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, RequestPlan, Settled, Stop
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
@@ -34,14 +32,15 @@ FILTERS = (
 )
 _BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
 
+Emitter = Callable[[dict[str, Any]], None]
+
 
 class ManagerDriver:
     """Runs a core on a link."""
 
-    def __init__(self, spec: Spec, link: Link, planner: PlannerClient, emit: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, core: ManagerCore, link: Link, foresight: Foresight, emit: Emitter) -> None:
         """`emit` gets every event of the stream as it happens."""
-        self._spec, self._link, self._planner, self._emit = spec, link, planner, emit
-        self._core: ManagerCore | None = None
+        self._core, self._link, self._foresight, self._emit = core, link, foresight, emit
         self._stop_reason: str | None = None
         self._stopping = False
 
@@ -49,46 +48,37 @@ class ManagerDriver:
         """End the loop at its next turn; safe in a signal handler."""
         self._stopping = True
 
-    def run(self, node: int, term: int, *, until_eof: bool) -> str | None:
+    def run(self, *, until_eof: bool) -> str | None:
         """Reign until stopped; gives the reason when the core stopped by itself. Raises LinkError."""
-        core = self._core = ManagerCore(self._spec, node, term, time.monotonic_ns())
-        readers: list[Any] = [self._link, self._planner]
-        if until_eof:
-            readers.append(sys.stdin)
+        others: list[Any] = [self._link, *([sys.stdin] if until_eof else [])]
         while not self._stopping and self._stop_reason is None:
-            ready, _, _ = select.select(readers, [], [], self._wait_s(core))
+            ready, _, _ = select.select([*others, *self._foresight.readers()], [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
-            self._take_frames(core)
-            self._take_plans(core)
-            deadline_ns = core.next_deadline_ns()
-            now_ns = time.monotonic_ns()
-            if deadline_ns is not None and now_ns >= deadline_ns:
-                self._carry_out(core.step(now_ns, Tick()), now_ns)
+            self._take_frames()
+            for answer in self._foresight.poll():
+                self._step(answer)
+            deadline_ns = self._core.next_deadline_ns()
+            if deadline_ns is not None and time.monotonic_ns() >= deadline_ns:
+                self._step(Tick())
             self._link.pump(time.monotonic_ns())
         return self._stop_reason
 
-    def _wait_s(self, core: ManagerCore) -> float | None:
-        deadlines = [d for d in (core.next_deadline_ns(), self._link.next_deadline_ns()) if d is not None]
+    def _wait_s(self) -> float | None:
+        deadlines = [d for d in (self._core.next_deadline_ns(), self._link.next_deadline_ns()) if d is not None]
         return max(0, min(deadlines) - time.monotonic_ns()) / 1e9 if deadlines else None
 
-    def _take_frames(self, core: ManagerCore) -> None:
+    def _take_frames(self) -> None:
         for _ in range(_BURSTS):
             arrivals = self._link.receive(time.monotonic_ns())
             for _, frame in arrivals:
-                now_ns = time.monotonic_ns()
-                self._carry_out(core.step(now_ns, Received(0, frame)), now_ns)
+                self._step(Received(0, frame))
             if not arrivals:
                 return
 
-    def _take_plans(self, core: ManagerCore) -> None:
-        for answer in self._planner.poll():
-            now_ns = time.monotonic_ns()
-            if isinstance(answer, Planned):
-                event: PlanReady | PlanFailed = PlanReady(answer.request, answer.plan)
-            else:
-                event = PlanFailed(answer.request, answer.reason)
-            self._carry_out(core.step(now_ns, event), now_ns)
+    def _step(self, event: ManagerEvent) -> None:
+        now_ns = time.monotonic_ns()
+        self._carry_out(self._core.step(now_ns, event), now_ns)
 
     def _carry_out(self, actions: list[ManagerAction], now_ns: int) -> None:
         for action in actions:
@@ -96,8 +86,11 @@ class ManagerDriver:
                 case Send(frame=frame):
                     self._link.send(frame, now_ns)
                 case RequestPlan():
-                    now = Situation(action.down, {}, action.phase)
-                    self._planner.request(action.request, now, action.running)
+                    answer = self._foresight.request(action)
+                    if answer is not None:
+                        self._step(answer)
+                case Settled(down, phase, running):
+                    self._foresight.settled(down, phase, running)
                 case Emit(event):
                     self._emit(event)
                 case Stop(reason):

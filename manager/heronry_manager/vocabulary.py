@@ -39,6 +39,15 @@ class PlanFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class Settled:
+    """What was planned for this runs, and nothing is under way: time to think ahead. Needs no answer."""
+
+    down: frozenset[str]
+    phase: str | None
+    running: Mapping[str, tuple[str, str]]  # module -> (mode, PE)
+
+
+@dataclass(frozen=True, slots=True)
 class Emit:
     """An event for the stream."""
 
@@ -53,4 +62,4 @@ class Stop:
 
 
 ManagerEvent = Received | Tick | PlanReady | PlanFailed
-ManagerAction = Send | RequestPlan | Emit | Stop
+ManagerAction = Send | RequestPlan | Settled | Emit | Stop

@@ -1,10 +1,6 @@
 """`heronry manager`: the system manager of one spec, on one bus."""
 
 import argparse
-import os
-import signal
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -43,47 +39,8 @@ def add_parsers(subparsers: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def default_state_dir(spec_name: str) -> Path:
-    """Folder for what must outlive a restart: below XDG_STATE_HOME, one per spec."""
-    home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(home) / "heronry" / spec_name
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
-    from heronry_manager.driver import FILTERS, ManagerDriver  # noqa: PLC0415 - loads the planner's client and python-can
-    from heronry_manager.planner.client import PlannerClient  # noqa: PLC0415
-    from heronry_manager.term_file import next_term  # noqa: PLC0415
-    from heronry_tools.bus_flags import bus_config  # noqa: PLC0415
-    from heronry_tools.event_printer import print_event  # noqa: PLC0415
-    from heronry_tools.screen import screen  # noqa: PLC0415
-    from heronry_tools.spec_argument import load_spec, spec_path  # noqa: PLC0415
-    from heronry_wire.link import Link  # noqa: PLC0415
+    from heronry_tools.reign import reign  # noqa: PLC0415 - loads everything
 
-    spec = load_spec(arguments.spec)
-    tell = print_event if arguments.json else screen(spec)
-    link = Link({**bus_config(arguments), "can_filters": FILTERS})
-    try:
-        with PlannerClient(spec, spec_path(arguments.spec)) as planner:
-            planner.wait_until_ready()
-            tell(_bus_event(spec.manager.bus, arguments))
-            driver = ManagerDriver(spec, link, planner, tell)
-            for number in (signal.SIGTERM, signal.SIGINT):
-                signal.signal(number, lambda *_: driver.stop())
-            term = next_term(arguments.state_dir or default_state_dir(spec.name))
-            reason = driver.run(arguments.node, term, until_eof=arguments.until_eof)
-    finally:
-        link.close()
-    if reason is not None:
-        print(f"heronry: {reason}", file=sys.stderr)
-    return 0 if reason is None else 1
-
-
-def _bus_event(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    from heronry_manager.events import event  # noqa: PLC0415
-    from heronry_tools.bus_flags import what_it_models  # noqa: PLC0415
-
-    interface = getattr(arguments, "interface", None) or "can.conf's interface"
-    channel = str(getattr(arguments, "channel", None) or "")
-    models = f"{name}: {what_it_models(interface, channel)}"
-    return event("bus", time.monotonic_ns(), name=name, interface=interface, channel=channel, models=models)
+    return reign(arguments)

@@ -62,12 +62,16 @@ class Failed:
 class PlannerClient:
     """One spec's planner, in a process of its own; started at once, so that it is warm when it is needed."""
 
-    def __init__(self, spec: Spec, file: Path) -> None:
-        """Start the process. `file` is what `spec` was loaded from; raises PlannerError where it has changed since."""
+    def __init__(self, spec: Spec, file: Path, *, niceness: int = 0) -> None:
+        """Start the process. `file` is what `spec` was loaded from; raises PlannerError where it has changed since.
+
+        niceness: 0..19; how far the process stands back behind others on a busy computer.
+        """
         data = file.read_bytes()
         if sha256(data).hexdigest() != spec.digest:
             raise PlannerError(f"{file} has changed since it was loaded: load it again")
         self.ready = False
+        self._niceness = niceness
         self._spec = spec
         self._file = _in_memory(data)
         self._selector = DefaultSelector()
@@ -149,7 +153,7 @@ class PlannerClient:
         select.select([self.fileno()], [], [])
 
     def _start(self) -> None:
-        self._process = _Process(self._file.fileno())
+        self._process = _Process(self._file.fileno(), self._niceness)
         self._selector.register(self._process.answers, EVENT_READ)
 
     def _stop(self, *, kill: bool) -> int | None:
@@ -213,10 +217,10 @@ def _in_memory(data: bytes) -> BinaryIO:
 class _Process:
     """One run of the service, with its two pipes."""
 
-    def __init__(self, spec_fd: int) -> None:
+    def __init__(self, spec_fd: int, niceness: int) -> None:
         os.lseek(spec_fd, 0, os.SEEK_SET)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd)],
+            [sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd), str(niceness)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(spec_fd,),

@@ -1,0 +1,110 @@
+"""Plans for what may happen next, made while nothing else is to do.
+
+Once a configuration runs, a second planner's process (the *thinker*, which stands back behind everything else on the
+computer) is asked, one question at a time, what the best plan would be if one more PE were lost, and if one that is
+lost came back. When just that happens, the answer is at hand and deciding takes no time. What was not foreseen goes to
+the planner as ever. The thinker is started with the first configuration; while it is down or slow, nothing is foreseen.
+
+A plan is known under all that it depends on: what is down, the phase, and what runs. It was judged when it was made,
+and these three are its precondition; so nothing stale can be found here. When another configuration runs, everything
+known is forgotten.
+
+Faults of devices and modules, and pairs of faults, are not foreseen: contingency tables are for those.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_manager.planner.client import Failed, Planned
+from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
+
+_AHEAD = 0  # number of every question to the thinker: one is answered at a time
+
+_Key = tuple[frozenset[str], str | None, frozenset[tuple[str, tuple[str, str]]]]
+
+
+class Asked(Protocol):
+    """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
+
+    def request(self, number: int, now: Situation, running: Placement | None) -> None:
+        """Ask for a plan."""
+
+    def poll(self) -> list[Planned | Failed]:
+        """Take what has been answered."""
+
+    def fileno(self) -> int:
+        """Descriptor that is readable when `poll` has something to do."""
+
+
+class Foresight:
+    """Asks a planner, and lets another one think ahead."""
+
+    def __init__(self, spec: Spec, planner: Asked, start_thinker: Callable[[], Asked]) -> None:
+        self._spec, self._planner, self._start_thinker = spec, planner, start_thinker
+        self._thinker: Asked | None = None
+        self._known: dict[_Key, Plan] = {}
+        self._questions: deque[_Key] = deque()
+        self._thinking: _Key | None = None  # the question ahead that is being answered
+
+    @property
+    def is_thinking(self) -> bool:
+        """Tell whether a question ahead is being answered."""
+        return self._thinking is not None
+
+    def readers(self) -> list[Asked]:
+        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        return [self._planner] if self._thinker is None else [self._planner, self._thinker]
+
+    def request(self, asked: RequestPlan) -> PlanReady | None:
+        """Ask for a plan; gives the answer at once if it was foreseen, else it comes from `poll`."""
+        plan = self._known.get(_key(asked.down, asked.phase, asked.running or {}))
+        if plan is not None:
+            return PlanReady(asked.request, plan)
+        self._planner.request(asked.request, Situation(asked.down, {}, asked.phase), asked.running)
+        return None
+
+    def poll(self) -> list[PlanReady | PlanFailed]:
+        """Take what has been answered; the answers to questions ahead are kept."""
+        if self._thinker is not None:
+            for ahead in self._thinker.poll():
+                self._keep(ahead)
+        self._think()
+        return [_told(answer) for answer in self._planner.poll()]
+
+    def settled(self, down: frozenset[str], phase: str | None, running: Placement) -> None:
+        """This configuration runs now, with these elements down: think about what may come next."""
+        losses = [down | {f"pe:{pe}"} for pe in self._spec.pes if f"pe:{pe}" not in down]
+        returns = [down - {element} for element in sorted(down) if element.startswith("pe:")]
+        ahead = [_key(situation, phase, running) for situation in (*losses, *returns)]
+        self._known = {key: plan for key, plan in self._known.items() if key in ahead}
+        self._questions = deque(key for key in ahead if key not in self._known)
+        self._think()
+
+    def _think(self) -> None:
+        if self._thinking is not None or not self._questions:
+            return
+        if self._thinker is None:
+            self._thinker = self._start_thinker()
+        self._thinking = self._questions.popleft()
+        down, phase, running = self._thinking
+        self._thinker.request(_AHEAD, Situation(down, {}, phase), dict(running))
+
+    def _keep(self, answer: Planned | Failed) -> None:
+        key, self._thinking = self._thinking, None
+        if key is not None and isinstance(answer, Planned):
+            self._known[key] = answer.plan
+
+
+def _key(down: frozenset[str], phase: str | None, running: Mapping[str, tuple[str, str]]) -> _Key:
+    return down, phase, frozenset(running.items())
+
+
+def _told(answer: Planned | Failed) -> PlanReady | PlanFailed:
+    if isinstance(answer, Planned):
+        return PlanReady(answer.request, answer.plan)
+    return PlanFailed(answer.request, answer.reason)

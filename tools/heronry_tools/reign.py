@@ -1,0 +1,65 @@
+"""From the arguments of `heronry manager` to a reign: bus, planner, term, core and driver put together."""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from heronry_manager.core import ManagerCore
+from heronry_manager.driver import FILTERS, ManagerDriver
+from heronry_manager.events import event
+from heronry_manager.planner.client import PlannerClient
+from heronry_manager.planner.foresight import Foresight
+from heronry_manager.term_file import next_term
+from heronry_tools.bus_flags import bus_config, what_it_models
+from heronry_tools.event_printer import print_event
+from heronry_tools.screen import screen
+from heronry_tools.spec_argument import load_spec, spec_path
+from heronry_wire.link import Link
+
+THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
+
+
+def reign(arguments: argparse.Namespace) -> int:
+    """Run a manager; gives 0, or 1 where it had to end by itself."""
+    spec = load_spec(arguments.spec)
+    tell = print_event if arguments.json else screen(spec)
+    link = Link({**bus_config(arguments), "can_filters": FILTERS})
+    file = spec_path(arguments.spec)
+    try:
+        with ExitStack() as stack:
+            planner = stack.enter_context(PlannerClient(spec, file))
+            planner.wait_until_ready()
+
+            def start_thinker() -> PlannerClient:
+                return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
+
+            tell(_bus_event(spec.manager.bus, arguments))
+            term = next_term(arguments.state_dir or default_state_dir(spec.name))
+            core = ManagerCore(spec, arguments.node, term, time.monotonic_ns())
+            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker), tell)
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, lambda *_: driver.stop())
+            reason = driver.run(until_eof=arguments.until_eof)
+    finally:
+        link.close()
+    if reason is not None:
+        print(f"heronry: {reason}", file=sys.stderr)
+    return 0 if reason is None else 1
+
+
+def default_state_dir(spec_name: str) -> Path:
+    """Folder for what must outlive a restart: below XDG_STATE_HOME, one per spec."""
+    home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(home) / "heronry" / spec_name
+
+
+def _bus_event(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    interface = getattr(arguments, "interface", None) or "can.conf's interface"
+    channel = str(getattr(arguments, "channel", None) or "")
+    models = f"{name}: {what_it_models(interface, channel)}"
+    return event("bus", time.monotonic_ns(), name=name, interface=interface, channel=channel, models=models)
