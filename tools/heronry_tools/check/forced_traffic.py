@@ -1,0 +1,117 @@
+"""What must cross the buses whenever some functions are served, whatever a planner decides: a bound from below.
+
+A function needs one of its outputs. Whatever runs needs, in whichever mode, the variables that its gates cannot do
+without; each of them comes from one of its givers, which has needs in turn. Where no giver can share a PE with the
+reader, the variable is published on the buses that every way between the two has in common, at no less than the
+slowest rate of those givers. Sums of such bounds are bounds, because each variable is counted once.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import assert_never
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.model import Spec
+from heronry_dg.traffic import frame_bits
+from heronry_manager.planner.candidates import Candidates
+
+_Versions = tuple[int, int]  # best and worst version that serves
+
+
+@dataclass(slots=True)
+class ForcedTraffic:
+    """By bus and variable, the lowest rate at which it must be published, in millihertz."""
+
+    spec: Spec
+    rates: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def mbit_per_s(self, bus: str) -> dict[str, int]:
+        """Bandwidth of each variable on a bus, in thousandths of a bit/s."""
+        return {name: frame_bits(self.spec, name) * rate for name, rate in self.rates.get(bus, {}).items()}
+
+    def overloaded(self, capacities: Mapping[str, int]) -> Iterator[str]:
+        """Buses that must carry more than they may; `capacities` in thousandths of a bit/s."""
+        yield from (bus for bus in self.rates if sum(self.mbit_per_s(bus).values()) > capacities[bus])
+
+
+def forced_traffic(possible: Candidates) -> ForcedTraffic:
+    """Work out what must be published when every function of `possible` that can be served is."""
+    found = ForcedTraffic(possible.spec)
+    outputs = (
+        frozenset(one for one in function.outputs if one in possible.modules)
+        for function in possible.spec.functions.values()
+    )
+    frontier = [readers for readers in outputs if readers]
+    seen = set(frontier)
+    while frontier:
+        readers = frontier.pop()
+        for variable, versions in _needed_by_all(possible, readers).items():
+            givers = {
+                (module, mode)
+                for module, mode, version in possible.givers.get(variable, ())
+                if versions[0] <= version <= versions[1]
+            }
+            _publish(possible, found, variable, givers, readers)
+            names = frozenset(module for module, _ in givers)
+            if names and names not in seen:
+                seen.add(names)
+                frontier.append(names)
+    return found
+
+
+def _publish(
+    possible: Candidates, found: ForcedTraffic, variable: str, givers: set[tuple[str, str]], readers: frozenset[str]
+) -> None:
+    """Note a variable on the buses that it crosses on every way from some giver to some reader."""
+    ways = [
+        frozenset(possible.left.route(here, there) or ())
+        for here in {pe for module, _ in givers for pe in possible.modules[module].pes()}
+        for there in {pe for reader in readers for pe in possible.modules[reader].pes()}
+    ]
+    if not ways:
+        return
+    rate = min(possible.spec.modules[module].modes[mode].rate_mhz for module, mode in givers)
+    for bus in sorted(frozenset.intersection(*ways)):
+        rates = found.rates.setdefault(bus, {})
+        rates[variable] = max(rate, rates.get(variable, 0))
+
+
+def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _Versions]:
+    """Variables that each of some modules needs in each of its modes."""
+    every = [_needed(mode.needs) for name in sorted(readers) for mode in possible.modules[name].modes()]
+    return reduce(_both, every)
+
+
+def _needed(needs: Expression | None) -> dict[str, _Versions]:
+    """Variables without which an expression cannot hold, with the versions that come into question."""
+    match needs:
+        case None:
+            return {}
+        case Leaf(variable, best, worst):
+            return {variable: (best, worst)}
+        case And(inputs):
+            k = len(inputs)
+        case Or(k, inputs):
+            pass
+        case Xor(inputs):
+            k = 1
+        case _:
+            assert_never(needs)
+    each = [_needed(one) for one in inputs]
+    counts: dict[str, int] = {}
+    for variable in (name for one in each for name in one):
+        counts[variable] = counts.get(variable, 0) + 1
+    return {
+        variable: _hull([one[variable] for one in each if variable in one])
+        for variable, count in counts.items()
+        if len(each) - count < k
+    }
+
+
+def _both(one: dict[str, _Versions], other: dict[str, _Versions]) -> dict[str, _Versions]:
+    return {variable: _hull([one[variable], other[variable]]) for variable in one if variable in other}
+
+
+def _hull(versions: list[_Versions]) -> _Versions:
+    return min(best for best, _ in versions), max(worst for _, worst in versions)

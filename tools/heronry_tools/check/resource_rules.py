@@ -1,0 +1,139 @@
+"""DG3xx: resources. With everything up, what is wanted has room, bandwidth and time.
+
+Looked for by resources.py in a spec that loads. Every rule speaks of the system with nothing down: what is lost with a
+fault is told by DG4xx. How a rule is added is shown in heronry_dg/rules/rule.py.
+"""
+
+from typing import Final
+
+from heronry_dg.rules.rule import Family, Severity
+
+FAMILY: Final = Family("DG3", "resources: room, bandwidth, deadlines", fast=False)
+
+_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
+_DRIVER: Final = f"  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
+_DISPLAY: Final = f"  display: {{device: lamp, needs: speed, {_RUNS}}}\n"
+_CHECKED: Final = (
+    "Whatever the planner does, this spec cannot do what it promises, so it is said before anything flies."
+)
+
+
+def _display_with(cpu: str) -> str:
+    return f"modules:\n{_DRIVER}  display: {{device: lamp, needs: speed, cpu: {cpu}, ram: 1KiB, rate_hz: 10}}\n"
+
+
+def _two_functions(cpu: str) -> str:
+    """Two doubled functions of class C, with modules that take so much."""
+    lit = f"cpu: {cpu}, ram: 1KiB, rate_hz: 10"
+    return (
+        "buses: {can0: {bitrate: 1000000, channels: 2}}\n"
+        "devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: tail}\n"
+        "  red_1: {kind: actuator, pe: nav}\n  red_2: {kind: actuator, pe: tail}\n"
+        "  green_1: {kind: actuator, pe: nav}\n  green_2: {kind: actuator, pe: tail}\n"
+        "gates: {red: {demux: speed}, green: {demux: speed}}\n"
+        f"modules:\n{_DRIVER}  other_driver: {{device: pitot, gives: {{speed: 1}}, {_RUNS}}}\n"
+        f"  red_driver_1: {{device: red_1, needs: red, {lit}}}\n"
+        f"  red_driver_2: {{device: red_2, needs: red, {lit}}}\n"
+        f"  green_driver_1: {{device: green_1, needs: green, {lit}}}\n"
+        f"  green_driver_2: {{device: green_2, needs: green, {lit}}}\n"
+        "functions: {warning: {output: red, criticality: C}, safe: {output: green, criticality: C}}\n"
+    )
+
+
+def _on_one_pe(gps_pe: str) -> str:
+    return (
+        f"devices:\n  gps: {{kind: sensor, pe: {gps_pe}}}\n  lamp: {{kind: actuator, pe: tail}}\n"
+        "modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.6, ram: 1KiB, rate_hz: 10}\n"
+        "  display: {device: lamp, needs: speed, cpu: 0.6, ram: 1KiB, rate_hz: 10}\n"
+    )
+
+
+def _slow_bus(rate_hz: str) -> str:
+    return (
+        "buses: {can0: {bitrate: 10000, heartbeat_ms: 1000}}\n"
+        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, cpu: 0.1, ram: 1KiB, rate_hz: {rate_hz}}}\n{_DISPLAY}"
+    )
+
+
+MODULE_FITS_NOWHERE = FAMILY.rule(
+    "DG301",
+    "module-fits-nowhere",
+    Severity.ERROR,
+    what="No mode of a module fits any PE on which the module may run, even with nothing else there.",
+    why="It never runs, and neither does what needs it. A PE must have the module's device and features, be allowed by "
+    "`runs_on`, and offer enough CPU, RAM and flash.",
+    fix="Allow or enlarge a PE, or let the module need less.",
+    bad=_display_with("2"),
+    good=_display_with("0.5"),
+)
+MODE_FITS_NOWHERE = FAMILY.rule(
+    "DG302",
+    "mode-fits-nowhere",
+    Severity.ERROR,
+    what="One mode of a module is too large for every PE on which the module may run; others fit.",
+    why="The mode is never chosen, whatever it is worth: the quality that it promises does not exist.",
+    fix="Let the mode need less, enlarge a PE, or remove the mode.",
+    bad="modules:\n  driver:\n    device: gps\n    modes:\n"
+    "      fine: {gives: {speed: 1}, cpu: 2, ram: 1KiB, rate_hz: 10}\n"
+    f"      coarse: {{gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
+    good="modules:\n  driver:\n    device: gps\n    modes:\n"
+    "      fine: {gives: {speed: 1}, cpu: 0.5, ram: 1KiB, rate_hz: 10}\n"
+    f"      coarse: {{gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
+)
+CRITICAL_DO_NOT_FIT = FAMILY.rule(
+    "DG303",
+    "critical-do-not-fit",
+    Severity.ERROR,
+    what="With everything up, not all functions of class A to D that a phase wants can be served at once.",
+    why="Degrading is for faults. A system that gives up a critical function on a good day has none to spare on a bad "
+    "one. The best plan is asked; it serves the function alone, and not beside the others.",
+    fix="Give the PEs more room, let modules need less or add smaller modes, lower a criticality to E, or set the "
+    "priority to 0 in that phase.",
+    bad=_two_functions("0.95"),
+    good=_two_functions("0.4"),
+)
+NEVER_FITS = FAMILY.rule(
+    "DG304",
+    "never-fits",
+    Severity.ERROR,
+    what="A function cannot be served with everything up, even if nothing else were wanted.",
+    why=f"Each of its modules fits some PE, but not all that it needs fit together. {_CHECKED}",
+    fix="Give the PEs or buses on its way more room, loosen a placement rule, or remove the function.",
+    bad=_on_one_pe("tail"),
+    good=_on_one_pe("nav"),
+)
+BUS_OVERLOADED = FAMILY.rule(
+    "DG305",
+    "bus-overloaded",
+    Severity.ERROR,
+    what="What must cross a bus, wherever modules are placed and whichever modes they take, is more than it may carry.",
+    why="Data may take max_load - reserve of the bit rate, in frames of the greatest length. Counted is only what is "
+    "forced: data that a function cannot do without, from PEs on one side of the bus to PEs on the other, at the "
+    "lowest rate of those who give it.",
+    fix="Lower the rates, add a slower mode, bring producer and consumer to one PE, or raise the bit rate.",
+    bad=_slow_bus("60"),
+    good=_slow_bus("10"),
+)
+LATE = FAMILY.rule(
+    "DG306",
+    "missed-deadline",
+    Severity.ERROR,
+    what="A function is not served with everything up, only because data would miss its deadline on a bus.",
+    why="The response-time analysis of CAN bounds how late a datum can be: it waits for one frame that has just "
+    "started, and for all that has a smaller identifier. A datum without `deadline_ms` must arrive within its period.",
+    fix="Raise the deadline, lower the rates of what goes first, raise the bit rate, or let producer and consumer "
+    "share a PE.",
+    bad="variables:\n  speed: {type: FLOAT, deadline_ms: 0.5}\n",
+    good="variables:\n  speed: {type: FLOAT, deadline_ms: 5}\n",
+)
+RESERVE_TOO_SMALL = FAMILY.rule(
+    "DG307",
+    "reserve-too-small",
+    Severity.ERROR,
+    what="The `reserve` of a bus is less than what management sends there all the time.",
+    why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE, frames of "
+    "up to 135 bits. Without room for them healthy PEs fall silent, and are declared down.",
+    fix="Raise `reserve` to the share that is named, or `heartbeat_ms`.",
+    bad="buses: {can0: {bitrate: 1000000, reserve: 0.01}}\n",
+    good="buses: {can0: {bitrate: 1000000, reserve: 0.1}}\n",
+)

@@ -1,0 +1,107 @@
+"""Questions that a check asks the planner: whether some functions can all be served, and which a phase gives up.
+
+Everything is asked of the exact planner, and the cheap question first: a set of functions is wanted, all alike, and
+nothing else. Where all of them can be served, so they are by every best plan of any phase that wants no critical
+function besides: a level of the objective that can reach its bound does. Only where they cannot is the whole phase
+planned, with its priorities.
+
+Identifiers and with them response times are those of the whole spec: that is what is on the bus.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import placement
+from heronry_dg.plan import Plan
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.situation import Situation
+from heronry_manager.planner.candidates import Candidates, candidates
+from heronry_manager.planner.exact import Search, plan
+from heronry_tools.check.wanted import Phase
+
+_EFFORT: Final = 5.0  # deterministic seconds for one question
+_NO_DEADLINE_NS: Final = 10**18
+_PLENTY: Final = 10**12
+
+
+def without_deadlines(spec: Spec) -> Spec:
+    """Give the same spec with nothing due; what never arrives is still too late."""
+    variables = {name: replace(one, deadline_ns=_NO_DEADLINE_NS) for name, one in spec.variables.items()}
+    return replace(spec, variables=variables)
+
+
+def without_limits(spec: Spec) -> Spec:
+    """Give the same spec with room and time for everything, and no placement rules: what is left is logic."""
+    pes = {name: replace(pe, cpu_millis=_PLENTY, ram=_PLENTY, flash=_PLENTY) for name, pe in spec.pes.items()}
+    buses = {name: replace(bus, bitrate=_PLENTY) for name, bus in spec.buses.items()}
+    return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A configuration that serves all that was asked for; where none was found, whether none is proven to exist."""
+
+    configuration: Configuration | None
+    proven: bool
+
+    @property
+    def impossible(self) -> bool:
+        """Whether no configuration serves all of it."""
+        return self.proven and self.configuration is None
+
+
+class Planning:
+    """Questions about one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.spec = spec
+        self._plans: dict[Phase, Plan] = {}
+
+    @cached_property
+    def times(self) -> ResponseTimes:
+        """Response times on the buses of the spec."""
+        return ResponseTimes(self.spec)
+
+    def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
+        """Tell which of some functions could be served, if each module had its PE to itself."""
+        modules = self.candidates_for(functions, down).modules
+        return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
+
+    def all_at_once(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Answer:
+        """Tell whether some functions can all be served, nothing else being wanted."""
+        search = Search(self.candidates_for(functions, down), None, self.times, _EFFORT)
+        search.run(groups=1)
+        running = search.best.modules
+        served = all(any(one in running for one in self.spec.functions[name].outputs) for name in functions)
+        return Answer(search.best if served else None, search.proven)
+
+    def healthy(self, phase: Phase) -> Plan:
+        """Give the best plan of a phase with everything up."""
+        if phase not in self._plans:
+            self._plans[phase] = plan(self.spec, Situation(phase=phase))
+        return self._plans[phase]
+
+    def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
+        """Tell which of some functions the best plan of a phase gives up; with faults, the contingency plan."""
+        found = self.healthy(phase)
+        if down:
+            found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration))
+        return frozenset(name for name in functions if not found.functions[name].served)
+
+    def candidates_for(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Candidates:
+        """Give what may run where these functions are all that is wanted, each as much as the other in any mode."""
+        wanted = {
+            name: replace(
+                self.spec.functions[name],
+                criticality={None: "A"},
+                priority={None: 1},
+                value=(0,) * max(len(self.spec.modules[one].modes) for one in self.spec.functions[name].outputs),
+            )
+            for name in self.spec.functions
+            if name in functions
+        }
+        return candidates(replace(self.spec, functions=wanted), Situation(down))

@@ -1,0 +1,35 @@
+"""What each phase of a spec wants, and how findings speak of phases."""
+
+from collections.abc import Collection
+
+from heronry_dg.findings import listed
+from heronry_dg.model import CRITICALITIES, Spec
+
+Phase = str | None
+
+
+def phases(spec: Spec) -> tuple[Phase, ...]:
+    """Name the phases of a spec; None stands for the only one of a spec without."""
+    return tuple(spec.phases) or (None,)
+
+
+def wanted_functions(spec: Spec, phase: Phase) -> frozenset[str]:
+    """Functions whose priority in a phase is not 0."""
+    return frozenset(name for name, function in spec.functions.items() if function.priority_in(phase) > 0)
+
+
+def critical_functions(spec: Spec, phase: Phase) -> frozenset[str]:
+    """Functions of class A to D among those."""
+    least = CRITICALITIES[-1]
+    return frozenset(
+        name for name in wanted_functions(spec, phase) if spec.functions[name].criticality_in(phase) != least
+    )
+
+
+def in_phases(spec: Spec, chosen: Collection[Phase]) -> str:
+    """Write ` in glide and landing`; nothing for a spec without phases."""
+    if not spec.phases:
+        return ""
+    if len(chosen) == len(spec.phases):
+        return " in every phase"
+    return f" in {listed(phase for phase in spec.phases if phase in chosen)}"
