@@ -5,9 +5,11 @@ gates written out (expression_reader, gate_rules), names and numbers checked aga
 the model, which is built here and only when nothing is wrong.
 """
 
+import gc
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -75,6 +77,11 @@ def read_file(path: Path, findings: Findings) -> bytes | None:
 
 def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     """Read a spec; None where there are findings that stop it from being loaded."""
+    with _collector_at_rest():
+        return _read(data, file, findings)
+
+
+def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     root = yaml_source.read_tree(data, findings)
     draft = read_draft(root, findings) if root is not None else None
     if draft is None or not draft.readable:
@@ -84,6 +91,18 @@ def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     if findings:
         return None
     return Loaded(draft, gates, _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest()))
+
+
+@contextmanager
+def _collector_at_rest() -> Iterator[None]:
+    """Everything that loading makes lives on; looking for garbage in it again and again would take quadratic time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def _spec_of(data: bytes | None, file: str, findings: Findings) -> Spec:

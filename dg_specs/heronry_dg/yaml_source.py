@@ -4,9 +4,10 @@ Only plain YAML is understood: maps, lists and scalars, one document. Anchors, a
 duplicate keys are refused, because they let a file mean something else than it seems to. So are scalars on which
 programs disagree (plain_scalars.py). A refused part becomes `REFUSED` in the tree, and its readers are silent about it.
 
-A spec comes from anywhere, so nothing is built before it is known to be small: the size is checked first, then the
-parser's events are read one by one, and depth and node count are checked on the way: a file beyond a limit never costs
-more than one at the limit. No alias is ever followed, so a small file cannot unfold into a large tree.
+A spec comes from anywhere, so nothing is built before it is known to be small: bytes are counted first, then the marks
+that keys and items end with, which needs no parser; then the parser's events are read one by one, and depth, node count
+and repeated keys are checked on the way. A file beyond a limit never costs more than one at the limit. No alias is ever
+followed, so a small file cannot unfold into a large tree. The limits leave room for 10 000 modules.
 """
 
 import re
@@ -21,9 +22,10 @@ from heronry_dg.plain_scalars import Surprise, Value, resolve
 from heronry_dg.rules import file as rules
 from heronry_dg.rules.rule import Rule
 
-MOST_BYTES: Final = 1 << 20
-MOST_NODES: Final = 100_000
+MOST_BYTES: Final = 4 << 20
+MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
+MOST_REPEATED_KEYS: Final = 100  # a file with more was not written by somebody who wants to know where each one is
 
 _PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower
 _UNPRINTABLE: Final = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -76,6 +78,11 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
     if len(data) > MOST_BYTES:
         findings.add(
             rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_BYTES} bytes", "a spec is a short text"
+        )
+        return None
+    if data.count(b":") + data.count(b",") + data.count(b"- ") > MOST_NODES:
+        findings.add(
+            rules.TOO_LARGE, Place(1, 1), f"the file has more than {MOST_NODES} values", "a spec is a short text"
         )
         return None
     text = _decoded(data, findings)
@@ -169,7 +176,7 @@ class _Builder:
     def __init__(self, events: Iterator[yaml.Event], findings: Findings) -> None:
         self._events = events
         self._findings = findings
-        self._nodes = 0
+        self._nodes = self._repeated_keys = 0
 
     def document(self) -> Node | None:
         """Read the whole stream, which must hold one document."""
@@ -211,6 +218,12 @@ class _Builder:
             sentence = f"this is nested deeper than {MOST_LEVELS} levels"
             raise _LimitError(rules.TOO_DEEP, place, sentence, "named gates keep `needs` flat")
 
+    def _count_repeated(self, place: Place) -> None:
+        self._repeated_keys += 1
+        if self._repeated_keys > MOST_REPEATED_KEYS:
+            sentence = f"the file has more than {MOST_REPEATED_KEYS} repeated keys, and is read no further"
+            raise _LimitError(rules.TOO_LARGE, place, sentence, "look at what wrote it")
+
     def _items(self, level: int) -> list[Node]:
         items = []
         while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
@@ -226,6 +239,7 @@ class _Builder:
             if name in entries:
                 first = entries[name].place
                 sentence = f"{shown(name)} is given twice, first at {first.line}:{first.column}"
+                self._count_repeated(key.place)
                 self._findings.add(rules.DUPLICATE_KEY, key.place, sentence, "remove one of them")
             elif name is not None:
                 entries[name] = Entry(key.place, node)

@@ -164,7 +164,7 @@ def test_a_file_that_cannot_be_read_is_a_finding_like_any_other(tmp_path: Path) 
 def test_a_file_that_is_too_long_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "long.dg.yaml"
     path.write_bytes(b"#" * (yaml_source.MOST_BYTES + 1))
-    with pytest.raises(SpecError, match=r"long\.dg\.yaml:1:1: DG002 error: the file has more than 1048576 bytes"):
+    with pytest.raises(SpecError, match=r"long\.dg\.yaml:1:1: DG002 error: the file has more than 4194304 bytes"):
         load(path)
 
 

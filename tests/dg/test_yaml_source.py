@@ -181,17 +181,17 @@ MIB = 1 << 20
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a" * (MIB + 1), "the file has more than 1048576 bytes"),
+        ("a" * (4 * MIB + 1), "the file has more than 4194304 bytes"),
         ("[" * MIB, "nested deeper than 64 levels"),
         ("{a: " * (MIB // 4), "nested deeper than 64 levels"),
-        ("- " * (MIB // 2), "nested deeper than 64 levels"),
+        ("- " * 400_000, "nested deeper than 64 levels"),
         ("? " * (MIB // 2), "nested deeper than 64 levels"),
-        ("x: [" + "1," * 200_000 + "1]", "more than 100000 values"),
+        ("x: [" + "1," * 500_000 + "1]", "more than 500000 values"),
         ("---\n" * (MIB // 4), "a second document begins here"),
         ("'" * (MIB - 1), "this is not YAML"),
         ("\t" * MIB, "this is not YAML"),
-        (":" * MIB, "this is not YAML"),
-        ("," * MIB, "this is not YAML"),
+        (":" * 400_000, "this is not YAML"),
+        ("," * 400_000, "this is not YAML"),
         ("\n" * MIB, "the file is empty"),
     ],
     ids=[
@@ -212,6 +212,18 @@ MIB = 1 << 20
 def test_hostile_files_end_in_one_sentence(text: str, sentence: str) -> None:
     (finding,) = findings(text)
     assert sentence in finding.sentence
+
+
+@pytest.mark.parametrize("text", ["k: 1\n" * 400_000, "? k\n" * 1_000_000, "{" + "k: ," * 200_000 + "}"])
+def test_a_file_of_repeated_keys_is_not_read_to_its_end(text: str) -> None:
+    found = findings(text)
+    assert len([finding for finding in found if finding.code == "DG015"]) == 100
+    assert "more than 100 repeated keys" in found[-1].sentence
+
+
+def test_a_file_of_more_keys_than_any_spec_has_is_not_parsed_at_all() -> None:
+    (finding,) = findings("k:\n" * 1_000_000)
+    assert finding.sentence == "the file has more than 500000 values"
 
 
 def test_laughing_a_billion_times_is_an_anchor_that_is_not_allowed() -> None:

@@ -1,6 +1,6 @@
 """Errors of the command line: a sentence with the place and the remedy, and never a traceback."""
 
-import can
+import sys
 
 from heronry_wire.errors import HeronryError
 
@@ -11,7 +11,8 @@ class UserError(HeronryError):
 
 def as_user_error(error: Exception) -> str | None:
     """Sentence for an error that a user can mend; None for a defect of ours."""
-    if isinstance(error, (HeronryError, can.CanError)):
+    can = sys.modules.get("can")  # slow to import; who has not imported it has none of its errors
+    if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"

@@ -6,6 +6,8 @@ from typing import Final
 
 from heronry_dg.rules.rule import Family, Rule
 
+_MOST_LINES: Final = 24
+
 _HEAD: Final = """\
 # Rules
 
@@ -94,6 +96,10 @@ def _indented(text: str) -> str:
 
 
 def _shown(text: str) -> str:
-    """An example without what cannot be printed, and with very long lines cut."""
+    """An example without what cannot be printed, long lines cut, and many lines left out."""
     visible = re.sub(r"[^\n -~]", lambda found: f"<{ord(found[0]) & 0xFF:02x}>", text.rstrip("\n"))
-    return "\n".join(line if len(line) <= 160 else f"{line[:80]} ... {line[-40:]}" for line in visible.split("\n"))
+    lines = [line if len(line) <= 160 else f"{line[:80]} ... {line[-40:]}" for line in visible.split("\n")]
+    if len(lines) > _MOST_LINES:
+        left_out = f"# ... and {len(lines) - _MOST_LINES} lines more like these ..."
+        lines = [*lines[: _MOST_LINES // 2], left_out, *lines[-_MOST_LINES // 2 :]]
+    return "\n".join(lines)
