@@ -6,7 +6,7 @@ from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
 from heronry_wire.identifiers import Use, classify
 
 MS = 1_000_000
@@ -33,9 +33,9 @@ def two_tails() -> Spec:
     return loads(apart, "two_tails.dg.yaml")
 
 
-def flying(spec: Spec, seed: int = 0, *, keep_trace: bool = False) -> Simulation:
+def flying(spec: Spec, seed: int = 0, *, keep_trace: bool = False, decide_ns: int = DEFAULT_DECIDE_NS) -> Simulation:
     """A flight that has settled after its start."""
-    simulation = Simulation(spec, seed, keep_trace=keep_trace)
+    simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns)
     assert simulation.settle() == []
     return simulation
 

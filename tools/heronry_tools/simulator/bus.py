@@ -9,8 +9,8 @@ Faults: `loss` is the probability that a frame is destroyed and has to be sent a
 `omission` that one receiver alone misses a frame which the others, and the sender, believe delivered (what CAN can
 do at the last bit but one: it is not an atomic broadcast); `doubled` that a receiver gets it twice, the other half of
 that flaw. `tamper` decides the same for one frame at a time. A station that is cut off neither sends nor receives, and
-sends later what it was given meanwhile, as far as that has not expired. A station that leaves while it sends destroys
-that frame.
+sends later what it was given meanwhile, as far as that has not expired; one that is deaf sends and does not receive. A
+station that leaves while it sends destroys that frame.
 
 Two stations that have the same identifier waiting when the bus falls free would destroy each other's frames: that is
 noted in `clashes`, and the one that was offered first is sent.
@@ -78,6 +78,7 @@ class Station:
     listener: Callable[[Received], None]
     present: bool = True
     cut_off: bool = False
+    deaf: bool = False
     stranded: list[tuple[Frame, int]] = field(default_factory=list)  # while cut off: frames, and until when they serve
 
 
@@ -202,7 +203,7 @@ class SimulatedBus:
             return
         events: dict[int, Received] = {}
         for station in self._stations.copy():
-            if station is sender or station.cut_off or not station.present:
+            if station is sender or station.cut_off or station.deaf or not station.present:
                 continue
             event = events.get(station.port)
             if event is None:
@@ -211,7 +212,7 @@ class SimulatedBus:
 
     def _deliver_with_faults(self, sender: Station, frame: Frame, tampering: Tampering | None) -> None:
         for station in self._stations.copy():
-            if station is sender or station.cut_off:
+            if station is sender or station.cut_off or station.deaf:
                 continue
             event = Received(station.port, frame)
             for _ in range(self._copies(station, tampering)):

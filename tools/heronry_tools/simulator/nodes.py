@@ -112,6 +112,11 @@ class SimulatedPe:
         for bus, station in self._stations:
             bus.mend(station)
 
+    def deafen(self, *, deaf: bool) -> None:
+        """Let it hear nothing, on no bus, or hear again."""
+        for _, station in self._stations:
+            station.deaf = deaf
+
     def _receive(self, event: Received) -> None:
         core = self.core
         if core.hears(event.frame.can_id):

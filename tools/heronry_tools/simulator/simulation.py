@@ -192,6 +192,12 @@ class Simulation:
             self.pes[pe].mend()
         self._cut.discard(f"pe:{pe}")
 
+    def deafen(self, pe: str, duration_ns: int) -> None:
+        """Let a PE hear nothing for a while, and be heard all the same."""
+        deaf = self.pes[pe]
+        deaf.deafen(deaf=True)
+        self.at(self.now_ns + duration_ns, lambda: deaf.deafen(deaf=False))
+
     def fail_device(self, device: str, how: Failure) -> None:
         """Let a device fail; whether anybody notices is for the monitors."""
         self.world.fail(device, how, self.clock.now_ns)

@@ -1,0 +1,61 @@
+"""A PE that lives and is not heard, or does not hear: it drives on for a while, and nobody may take its place too soon.
+
+Here planning is quick (2 ms), so that nothing but the protocol keeps the new driver waiting.
+"""
+
+from random import Random
+
+import pytest
+
+from heronry_tools.simulator.simulation import Simulation
+from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+
+
+@pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
+def test_a_pe_is_cut_off_and_mended_after_any_time(pe: str) -> None:
+    for seed in range(12):
+        simulation = flying(two_tails(), seed, decide_ns=2 * MS)
+        simulation.cut(pe)
+        simulation.run_for(Random(seed).choice((30, 66, 70, 80, 95, 110, 150, 400)) * MS)
+        simulation.mend(pe)
+        assert simulation.settle() == [], seed
+        times_are_told(simulation)
+
+
+@pytest.mark.parametrize(
+    ("pe", "cut_ms"), [("flight", 68), ("flight", 90), ("nav", 105), ("tail_a", 90), ("comms", 300)]
+)
+def test_a_pe_of_big_blue_is_cut_off_and_mended(pe: str, cut_ms: int) -> None:
+    simulation = flying(big_blue(), cut_ms, decide_ns=2 * MS)
+    simulation.cut(pe)
+    simulation.run_for(cut_ms * MS)
+    simulation.mend(pe)
+    assert simulation.settle() == []
+
+
+def servo_sticks(simulation: Simulation) -> None:
+    """The elevator is driven from the tail, and from `control_pe` as soon as the monitor has noticed."""
+    simulation.fail_device("elevator_servo_1", "stuck")
+
+
+def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
+    recorded = flying(two_tails(), keep_trace=True, decide_ns=2 * MS)
+    servo_sticks(recorded)
+    recorded.run_for(10_000 * MS)
+    assert [step["step"] for step in recorded.events_of("epoch_step")] == ["GO_ALL", "BREAK", "GO_ALL"]
+    known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
+    for frame in management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"]):
+        simulation = flying(two_tails(), decide_ns=2 * MS)
+        simulation.at_end_of(frame, lambda flight=simulation: flight.deafen("tail_pe", 150 * MS))
+        servo_sticks(simulation)
+        simulation.run_until(frame.end_ns + 150 * MS)
+        assert simulation.settle() == [], frame
+
+
+def test_a_pe_that_stays_deaf_is_given_up_although_it_speaks() -> None:
+    simulation = flying(two_tails(), decide_ns=2 * MS)
+    simulation.kill("sensor_pe")
+    simulation.deafen("tail_pe", 1_000 * MS)
+    simulation.run_for(1_000 * MS)
+    assert simulation.events_of("pe_lost")[-1]["cause"] == "it does not acknowledge"
+    assert simulation.settle() == []
