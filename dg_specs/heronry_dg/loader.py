@@ -77,7 +77,7 @@ def read_file(path: Path, findings: Findings) -> bytes | None:
 
 def read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     """Read a spec; None where there are findings that stop it from being loaded."""
-    with _collector_at_rest():
+    with collector_at_rest():
         return _read(data, file, findings)
 
 
@@ -94,7 +94,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
 
 
 @contextmanager
-def _collector_at_rest() -> Iterator[None]:
+def collector_at_rest() -> Iterator[None]:
     """Everything that loading makes lives on; looking for garbage in it again and again would take quadratic time."""
     was_enabled = gc.isenabled()
     gc.disable()

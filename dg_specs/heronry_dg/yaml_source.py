@@ -195,14 +195,15 @@ class _Builder:
             self._refuse(rules.SECOND_DOCUMENT, after, "a second document begins here", hint)
         return root
 
-    def _node(self, event: yaml.Event, level: int) -> Node:
+    def _node(self, event: Any, level: int) -> Node:
         place = _mark(event.start_mark)
         self._count(place, level)
         if isinstance(event, yaml.AliasEvent):
             hint = "write the value out; a named gate can shorten `needs`"
             self._refuse(rules.ALIAS, event, "an alias (*) is not allowed", hint)
             return Scalar(place, REFUSED)
-        self._check_properties(event)
+        if event.anchor is not None or event.tag is not None:
+            self._refuse_properties(event)
         if isinstance(event, yaml.ScalarEvent):
             return Scalar(place, self._value(event, place))
         if isinstance(event, yaml.SequenceStartEvent):
@@ -264,10 +265,10 @@ class _Builder:
             return REFUSED
         return value
 
-    def _check_properties(self, event: yaml.Event) -> None:
-        if getattr(event, "anchor", None) is not None:
+    def _refuse_properties(self, event: Any) -> None:
+        if event.anchor is not None:
             self._refuse(rules.ANCHOR, event, "an anchor (&) is not allowed", "leave it out")
-        if getattr(event, "tag", None) is not None:
+        if event.tag is not None:
             self._refuse(rules.TAG, event, "a tag (!) is not allowed", "leave it out")
 
     def _refuse(self, rule: Rule, event: yaml.Event, sentence: str, hint: str) -> None:

@@ -1,5 +1,6 @@
 """`heronry check` and its kin as a person or a CI uses them: what they print, and how they exit."""
 
+import argparse
 import io
 import json
 import os
@@ -7,6 +8,7 @@ import pty
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ import pytest
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.json_schema import schema_text
 from heronry_tools.check import registry
-from heronry_tools.cli import main
+from heronry_tools.cli import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
 SPARE = SOUND.replace("  speed: {type: FLOAT}\n", "  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n")  # a warning
@@ -210,3 +212,10 @@ def test_the_shipped_schema_is_current(capsys: pytest.CaptureFixture[str]) -> No
     """Otherwise: heronry schema >dg_specs/dg.schema.json."""
     assert main(["schema"]) == 0
     assert capsys.readouterr().out == schema_text() == (ROOT / "dg_specs/dg.schema.json").read_text()
+
+
+@pytest.mark.parametrize("file", COMMANDS)
+def test_each_file_of_commands_adds_those_that_it_is_listed_with(file: str) -> None:
+    subparsers = argparse.ArgumentParser().add_subparsers()
+    import_module(f"heronry_tools.{file}").add_parsers(subparsers)
+    assert tuple(subparsers.choices) == COMMANDS[file]

@@ -6,20 +6,21 @@ that a user can mend are `UserError`: one sentence on stderr, exit code 2. Ctrl-
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
+from typing import Final
 
 from heronry_tools.errors import as_user_error
 
-_COMMANDS = (
-    "plan_command",
-    "demo.command",
-    "manager_command",
-    "table_command",
-    "dbc_command",
-    "check_command",
-    "rules_command",
-)
+COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that it adds
+    "plan_command": ("plan", "verify"),
+    "demo.command": ("demo",),
+    "manager_command": ("manager",),
+    "table_command": ("table",),
+    "dbc_command": ("dbc",),
+    "check_command": ("check",),
+    "rules_command": ("rules", "explain", "schema"),
+}
 
 _EPILOG = """\
 examples:
@@ -29,6 +30,7 @@ examples:
   heronry verify big_blue plan.json              is that plan legal?
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
+  heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
 
 A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_and_chute.
 'heronry COMMAND --help' teaches each command by example.
@@ -37,6 +39,7 @@ A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_an
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    argv = sys.argv[1:] if argv is None else argv
     parser = argparse.ArgumentParser(
         prog="heronry",
         description="Graceful degradation for CAN-bus avionics: plan, deploy, watch and try.",
@@ -44,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name in _COMMANDS:
+    for name in _files_for(argv):
         import_module(f"heronry_tools.{name}").add_parsers(subparsers)
     arguments = parser.parse_args(argv)
     try:
@@ -60,6 +63,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"heronry: {known}", file=sys.stderr)
         return 2
     return code
+
+
+def _files_for(argv: Sequence[str]) -> list[str]:
+    """The file of the command that is asked for; all of them where none is, as for --help."""
+    return [name for name, commands in COMMANDS.items() if argv and argv[0] in commands] or list(COMMANDS)
 
 
 if __name__ == "__main__":

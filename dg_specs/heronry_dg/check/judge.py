@@ -52,6 +52,11 @@ def judge(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
 ) -> Judged:
     """Judge a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
+    with loader.collector_at_rest():
+        return _judge(data, file, checks, rules, choice)
+
+
+def _judge(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice) -> Judged:
     findings = Findings(file)
     loaded = loader.read(data, file, findings)
     said = read_instructions(data, rules, findings)
