@@ -17,6 +17,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "demo.command": ("demo",),
     "manager_command": ("manager",),
     "table_command": ("table",),
+    "sim_command": ("sim",),
     "dbc_command": ("dbc",),
     "check_command": ("check",),
     "rules_command": ("rules", "explain", "schema"),
@@ -29,6 +30,7 @@ examples:
   heronry plan big_blue --json >plan.json        ... as JSON
   heronry verify big_blue plan.json              is that plan legal?
   heronry manager my.dg.yaml -i socketcan -c can0
+  heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
 
