@@ -4,10 +4,11 @@ from collections.abc import Iterable
 
 import pytest
 
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
+from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
@@ -438,3 +439,17 @@ def test_a_search_without_effort_gives_the_empty_plan_and_says_that_it_is_not_pr
     assert found.configuration.modules == {}
     assert not found.optimal
     assert verify(spec, found.now, found.configuration) == []
+
+
+def test_a_search_cut_short_gives_a_legal_plan_and_says_whether_it_is_proven() -> None:
+    """Effort is counted in the solver's work, so the same cut gives the same plan on every machine."""
+    spec = load(shipped_spec_path("big_blue"))
+    now = situation(spec, phase="glide")
+    best = plan(spec, now)
+    for effort in (0.0001, 0.001, 0.01, 0.1):
+        found = plan(spec, now, effort=effort)
+        assert verify(spec, now, found.configuration) == []
+        assert found.objective.key() <= best.objective.key()
+        assert found.objective.key() == best.objective.key() or not found.optimal
+        assert found == plan(spec, now, effort=effort)
+    assert not plan(spec, now, effort=0.0001).optimal

@@ -76,16 +76,13 @@ class Search:
     def _fix_leading_at_bound(self, group: list[Level]) -> list[Level]:
         """Fix the first levels of a group as far as they already stand at their bounds; return the others."""
         for number, level in enumerate(group):
-            if self._value(level.terms) < level.high:
+            if _sum(level.terms, self._values) < level.high:
                 return group[number:]
             self._fix(level)
         return []
 
     def _fix(self, level: Level) -> None:
-        self._model.add(weighted(level.terms) >= self._value(level.terms))
-
-    def _value(self, terms: Terms) -> int:
-        return sum(worth for literal, worth in terms if self._values[literal.index])
+        self._model.add(weighted(level.terms) >= _sum(level.terms, self._values))
 
     def _maximise(self, group: list[Level]) -> bool:
         """Search the best of a group of levels; tell whether it is proven to be the best."""
@@ -105,8 +102,7 @@ class Search:
             if conflicts:
                 continue
             self._take(found, list(solver.response_proto.solution), goal)
-            if status == OPTIMAL:
-                return True
+            return status == OPTIMAL
         return False
 
     def _forbid(self, messages: frozenset[Hop]) -> None:
@@ -128,13 +124,8 @@ class Search:
 
     def _take(self, found: Configuration, values: list[int], goal: Terms) -> None:
         """Keep a legal configuration, unless a search cut short found a worse one."""
-        before = self._values
-        standing = self._value(goal)
-        self._values = values
-        if self._value(goal) < standing:
-            self._values = before
-        else:
-            self.best = found
+        if _sum(goal, values) >= _sum(goal, self._values):
+            self.best, self._values = found, values
 
     def _configuration(self, solver: CpSolver) -> Configuration:
         """Read a solution."""
@@ -152,6 +143,10 @@ class Search:
                 if solver.boolean_value(literal)
             }
         )
+
+
+def _sum(terms: Terms, values: list[int]) -> int:
+    return sum(worth for literal, worth in terms if values[literal.index])
 
 
 def _solver(effort: float) -> CpSolver:
