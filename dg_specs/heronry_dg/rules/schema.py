@@ -66,7 +66,7 @@ NOT_A_CHOICE = FAMILY.rule(
     why="Each choice means something else; there is no nearest one.",
     fix="Write one of the choices named, in exactly that spelling.",
     bad="functions: {showing: {output: display, criticality: high}}\n",
-    good="functions: {showing: {output: display, criticality: C}}\n",
+    good="functions: {showing: {output: display, criticality: E}}\n",
     stops=True,
 )
 OUT_OF_RANGE = FAMILY.rule(

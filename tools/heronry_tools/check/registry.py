@@ -16,12 +16,20 @@ from heronry_dg.check import wire as wire_check
 from heronry_dg.check.judge import Check
 from heronry_dg.rules import file, graph, schema, wire
 from heronry_dg.rules.rule import Family, Rule
-from heronry_tools.check import resource_rules, resources
+from heronry_tools.check import dependability, dependability_rules, resource_rules, resources
 
-FAMILIES: Final[tuple[Family, ...]] = (file.FAMILY, schema.FAMILY, graph.FAMILY, resource_rules.FAMILY, wire.FAMILY)
+FAMILIES: Final[tuple[Family, ...]] = (
+    file.FAMILY,
+    schema.FAMILY,
+    graph.FAMILY,
+    resource_rules.FAMILY,
+    dependability_rules.FAMILY,
+    wire.FAMILY,
+)
 CHECKS: Final[Mapping[str, Check]] = {
     graph.FAMILY.prefix: graph_check.check,
     resource_rules.FAMILY.prefix: resources.check,
+    dependability_rules.FAMILY.prefix: dependability.check,
     wire.FAMILY.prefix: wire_check.check,
 }
 RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}

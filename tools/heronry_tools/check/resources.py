@@ -20,6 +20,7 @@ from heronry_dg.response_times import Late, ResponseTimes
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import Hop, hops
 from heronry_tools.check import resource_rules as rules
+from heronry_tools.check.homes import fits
 from heronry_tools.check.wanted import Phase, critical_functions, in_phases, phases, wanted_functions
 from heronry_wire.timing import WORST_BLOCKING_BITS
 
@@ -45,7 +46,7 @@ def _fits(subject: Subject, findings: Findings, module: Module) -> None:
     """Hold each mode of a module against the PEs on which it may run."""
     spec = subject.spec
     hosts = hosts_when_all_is_up(spec, module)
-    large = [mode for mode in module.modes.values() if not any(_fits_on(spec, module, mode, pe) for pe in hosts)]
+    large = [mode for mode in module.modes.values() if not any(fits(spec, module, mode, pe) for pe in hosts)]
     if len(large) == len(module.modes):
         sentence = f"module '{module.name}' fits no PE: {_why_no_pe(spec, module, hosts)}"
         hint = "allow or enlarge a PE, or let the module need less"
@@ -55,11 +56,6 @@ def _fits(subject: Subject, findings: Findings, module: Module) -> None:
         sentence = f"mode '{mode.name}' of module '{module.name}' fits no PE: {_too_large(spec, module, mode, hosts)}"
         place = subject.place("modules", module.name, "modes", mode.name)
         findings.add(rules.MODE_FITS_NOWHERE, place, sentence, "let it need less, enlarge a PE, or remove the mode")
-
-
-def _fits_on(spec: Spec, module: Module, mode: Mode, pe: str) -> bool:
-    offers = spec.pes[pe]
-    return mode.cpu_millis <= offers.cpu_millis and mode.ram <= offers.ram and module.flash <= offers.flash
 
 
 def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:

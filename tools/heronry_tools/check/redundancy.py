@@ -1,0 +1,103 @@
+"""What alternatives have in common, seen from the graph alone: DG410 to DG412.
+
+An expression depends on an element when it could not hold without it, were resources endless (`heronry_dg.why_not`
+works that out). Alternatives that all depend on one element are none. Left out is what takes their reader along, for
+then nobody misses them, and the manager's bus, without which nothing runs.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from heronry_dg.findings import listed
+from heronry_dg.gates import Expression, Leaf, Or, Xor, child_path
+from heronry_dg.model import Demux, Mode, Module, Spec
+from heronry_dg.situation import Situation, elements
+from heronry_dg.why_not import Feasible, feasible
+
+INDEPENDENT_SOURCES = 3
+_NEVER_LOST = 10**9  # a round after all others
+
+
+@dataclass(frozen=True, slots=True)
+class Alternatives:
+    """A XOR or a voter of a mode, by the path of its gate, and on what each of its inputs depends."""
+
+    gate: Or | Xor
+    path: str
+    inputs: Sequence[frozenset[str]]
+
+
+class Dependence:
+    """What depends on which element of a spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.spec = spec
+        self._healthy = feasible(spec, Situation())
+        hopeless = f"bus:{spec.manager.bus}"
+        named = [one for one in elements(spec) if one != hopeless and not one.startswith("channel:")]
+        self._without = {element: feasible(spec, Situation(frozenset({element}))) for element in named}
+
+    def of_branches(self, demux: Demux) -> frozenset[str]:
+        """Elements without which no branch of a DEMUX can run, though its variable is given."""
+        branches = [self.spec.modules[name] for name in demux.branches]
+        if not all(self._healthy.can_run(branch) for branch in branches):
+            return frozenset()
+        demanded = Leaf(demux.variable, 1, self.spec.variables[demux.variable].versions, ())
+        unserved = self._where(lambda found: not any(found.can_run(branch) for branch in branches))
+        return unserved - self._where(lambda found: not found.can_hold(demanded, _NEVER_LOST))
+
+    def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
+        """Every XOR and voter of a mode whose inputs could all hold with everything up."""
+        for path, gate in _gates(mode.needs):
+            chooses = isinstance(gate, Xor) or 2 <= gate.k < len(gate.inputs)
+            if chooses and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
+                yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
+
+    def shown(self, shared: frozenset[str]) -> str:
+        """Name what is shared; not the PE of a shared device, nor the driver of one, which say the same again."""
+        spec = self.spec
+        implied = {f"pe:{device.pe}" for device in spec.devices.values() if f"device:{device.name}" in shared}
+        implied |= {f"module:{m.name}" for m in spec.modules.values() if f"device:{m.device}" in shared}
+        named = [one.partition(":") for one in elements(spec) if one in shared - implied]
+        return listed(f"{kind} '{name}'" for kind, _, name in named)
+
+    def _of(self, needs: Expression, reader: Module) -> frozenset[str]:
+        """Elements without which an expression cannot hold, though its reader has a PE to run on."""
+        silent = self._where(lambda found: not found.can_hold(needs, _NEVER_LOST))
+        return silent - self._where(lambda found: not found.left.hosts(reader))
+
+    def _where(self, lost: Callable[[Feasible], bool]) -> frozenset[str]:
+        return frozenset(element for element, found in self._without.items() if lost(found))
+
+
+def independent(inputs: Sequence[frozenset[str]]) -> int:
+    """How many inputs can be picked such that no two depend on one element; more than three are not counted."""
+
+    def most(left: Sequence[frozenset[str]], wanted: int) -> int:
+        best = 0
+        for index, one in enumerate(left):
+            if best < wanted:
+                best = max(best, 1 + most([other for other in left[index + 1 :] if not one & other], wanted - 1))
+        return min(best, wanted)
+
+    return most(inputs, INDEPENDENT_SOURCES)
+
+
+def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
+    """Give the first two inputs that depend on one element."""
+    return next(
+        (first, second)
+        for first in range(len(inputs))
+        for second in range(first + 1, len(inputs))
+        if inputs[first] & inputs[second]
+    )
+
+
+def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Or | Xor]]:
+    """Every OR and XOR of an expression with its path."""
+    if needs is None or isinstance(needs, Leaf):
+        return
+    if isinstance(needs, Or | Xor):
+        yield path, needs
+    for index, child in enumerate(needs.inputs):
+        yield from _gates(child, child_path(path, index))

@@ -1,0 +1,88 @@
+"""Which critical functions one fault takes away, by asking the planner; DG401 to DG404.
+
+A function is lost with an element when the best plan with everything up serves it and the contingency plan without the
+element does not. Only phases whose critical functions all fit with everything up are looked at: what does not even fit
+then is DG303.
+
+Few plans are needed. Elements that leave the same candidates behind (a device and its only driver) are asked about
+once. What no candidate can serve is lost. If all the others of all phases can still be served at once, no plan loses
+one of them; only where they cannot, each phase is planned.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import elements
+from heronry_manager.planner.candidates import Candidates
+from heronry_tools.check.servable import Planning
+from heronry_tools.check.wanted import Phase, critical_functions, phases
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What is lost with one element: functions, each with the phases in which it is."""
+
+    element: str
+    functions: Mapping[str, tuple[Phase, ...]]
+
+
+def losses(planning: Planning) -> Iterator[Loss]:
+    """Every element with which something critical is lost, in the spec's order; none for a driver of such a device."""
+    spec = planning.spec
+    critical = _fitting(planning)
+    known: dict[object, Mapping[str, tuple[Phase, ...]]] = {_signature(planning.candidates_for(spec.functions)): {}}
+    told: set[tuple[str, object]] = set()
+    for element in _single(spec):
+        left = _signature(planning.candidates_for(spec.functions, frozenset({element})))
+        if left not in known:
+            known[left] = _lost(planning, critical, frozenset({element}))
+        told.add((element, left))
+        if known[left] and (_device_of(spec, element), left) not in told:
+            yield Loss(element, known[left])
+
+
+def _single(spec: Spec) -> Iterator[str]:
+    """Elements that one fault can take away: of a replicated bus that is a channel, which nobody misses."""
+    for element in elements(spec):
+        kind, _, name = element.partition(":")
+        if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
+            yield element
+
+
+def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
+    """Critical functions by phase, of phases in which all of them are served with everything up."""
+    by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
+    if planning.all_at_once(frozenset[str]().union(*by_phase.values())).configuration is not None:
+        return by_phase
+    return {phase: names for phase, names in by_phase.items() if planning.all_at_once(names).configuration is not None}
+
+
+def _lost(
+    planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]
+) -> dict[str, tuple[Phase, ...]]:
+    """Critical functions that a fault takes away, in the spec's order."""
+    possible = planning.possible(frozenset[str]().union(*critical.values()), down)
+    gone = {phase: wanted - possible for phase, wanted in critical.items()}
+    if planning.all_at_once(possible, down).configuration is None:
+        for phase, wanted in critical.items():
+            if planning.all_at_once(wanted & possible, down).configuration is None:
+                gone[phase] = planning.unserved(wanted, phase, down)
+    by_function = {name: tuple(phase for phase in critical if name in gone[phase]) for name in planning.spec.functions}
+    return {name: at for name, at in by_function.items() if at}
+
+
+def _signature(left: Candidates) -> object:
+    """All that a plan depends on: two faults with one signature have the same plans."""
+    return (
+        tuple((name, tuple(candidate.hosts.items())) for name, candidate in left.modules.items()),
+        tuple(left.left.pe_cpu_millis.items()),
+        tuple(left.left.bus_mbit_per_s.items()),
+        frozenset(left.left.routes.items()),
+    )
+
+
+def _device_of(spec: Spec, element: str) -> str | None:
+    kind, _, name = element.partition(":")
+    device = spec.modules[name].device if kind == "module" else None
+    return f"device:{device}" if device is not None else None
