@@ -25,10 +25,12 @@ from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.world import Window
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick, Withdraw, require
 
 _MOST_RINGS_AT_ONCE = 1000
+_ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 
 
 class Driven(NamedTuple):
@@ -93,6 +95,8 @@ class SimulatedPe:
         self._stations = [
             (buses[port.bus], buses[port.bus].join(table.name, i, self._receive)) for i, port in enumerate(table.ports)
         ]
+        # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
+        self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
         self._alarm = Alarm(clock, self._wake)
         self._alarm.set(self.core.next_deadline_ns() - ahead_ns)
 
@@ -118,8 +122,8 @@ class SimulatedPe:
             station.deaf = deaf
 
     def _receive(self, event: Received) -> None:
-        core = self.core
-        if core.hears(event.frame.can_id):
+        core, identifier = self.core, event.frame.can_id
+        if core.hears(identifier) and identifier not in self._ignored:
             now_ns = self._clock.now_ns + self._ahead_ns
             actions = core.step(now_ns, event)
             if actions:
