@@ -9,17 +9,20 @@
     ABANDONED   given up before ACTIVATE: the number is never used again
 
 A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
-half a heartbeat period, then half as often each time: a lost frame costs little, a doubled one nothing, and a slow PE
+a heartbeat period, then half as often each time: a lost frame costs little, a doubled one nothing, and a slow PE
 is not flooded. One that owes an answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After
 the first ACTIVATE there is no way back, only on to a newer epoch.
 
 *Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
 waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
 
-Bodies of slices are paced to half the bus, because their identifier outranks all data.
+Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
+and ACTIVATE are for everybody, and everybody answers them: however many PEs are late, they are repeated once in half a
+heartbeat period.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -38,7 +41,7 @@ from heronry_wire.management import (
 PATIENCE_PERIODS = 25  # heartbeat periods of the PE; one that is silent altogether is declared down long before
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
-_LONGEST_BURST = 8  # bodies sent at once by a driver whose timer was late
+_LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late
 
 
 class Stage(Enum):
@@ -93,8 +96,8 @@ class _Progress:
     asked_times: int = 0
 
     def again_ns(self) -> int:
-        """When to ask again: half a period after the first time, later and later after that."""
-        return self.asked_ns + self.who.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY) // 2
+        """When to ask again: a period after the first time, later and later after that."""
+        return self.asked_ns + self.who.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
 
     def owes(self, now_ns: int) -> None:
         """It has answered: from now on it owes the next thing."""
@@ -137,9 +140,12 @@ class Reconfiguration:
         self.identifiers_free_ns: int | None = None  # BREAKING waits until then
         self.demux_free_ns: int | None = None  # HOLDING waits until then
         self._progress = {p.pe: _Progress(p, wants_body=self._differs(p)) for p in self.participants}
-        self._bodies: deque[SliceBody] = deque()
-        self._next_body_ns = self.started_ns
-        self._body_gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
+        self._by_node = {progress.who.node: progress for progress in self._progress.values()}
+        self._paced: deque[SliceHead | SliceBody] = deque()
+        self._next_paced_ns = self.started_ns
+        self._gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
+        self._repeat_ns = min((p.period_ns for p in self.participants), default=0) // 2
+        self._broadcast_ns = self.started_ns
         self._send_prepare()
         for progress in self._progress.values():
             progress.owes(self.started_ns)
@@ -158,9 +164,9 @@ class Reconfiguration:
         if has_staged and not progress.staged:
             progress.staged = True
             progress.owes(now_ns)
-        elif wants_body and not progress.staged and not progress.wants_body:
+        elif wants_body and not progress.staged:
             progress.wants_body = True
-            self._queue_body(progress.who, now_ns)
+            self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
         """Page 0 of a PE names this epoch: it has taken a step."""
@@ -210,19 +216,20 @@ class Reconfiguration:
     def abandon(self) -> None:
         """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
         self.stage = Stage.ABANDONED
-        self._bodies.clear()
+        self._paced.clear()
         self._progress.clear()
 
     def tick(self, now_ns: int) -> list[str]:
         """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
-        self._pace_bodies(now_ns)
+        self._pace(now_ns)
         waiting = self._waiting_for()
         overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
         again = [p for pe, p in waiting.items() if pe not in overdue and now_ns >= p.again_ns()]
-        if any(not progress.staged for progress in again):
-            self._send_prepare()
-        if any(progress.staged for progress in again):
-            self._send_step()
+        if again and self._may_repeat(now_ns):
+            if any(not progress.staged for progress in again):
+                self._send_prepare()
+            if any(progress.staged for progress in again):
+                self._send_step()
         for progress in again:
             if progress.staged:
                 progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
@@ -233,8 +240,8 @@ class Reconfiguration:
     def next_deadline_ns(self) -> int | None:
         """When `tick` has something to do."""
         deadlines = [progress.again_ns() for progress in self._waiting_for().values()]
-        if self._bodies:
-            deadlines.append(self._next_body_ns)
+        if self._paced:
+            deadlines.append(self._next_paced_ns)
         free_ns = {Stage.BREAKING: self.identifiers_free_ns, Stage.HOLDING: self.demux_free_ns}.get(self.stage)
         if free_ns is not None:
             deadlines.append(free_ns)
@@ -242,7 +249,7 @@ class Reconfiguration:
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
         """Take a step: everybody owes it from now on."""
-        self.stage = stage
+        self.stage, self._broadcast_ns = stage, now_ns
         for progress in self._progress.values():
             progress.owes(now_ns)
         self._send_step()
@@ -255,31 +262,42 @@ class Reconfiguration:
         return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send the head of a slice, and its body again if it was asked for before."""
+        """Send the head of a slice, and its body if it is wanted."""
         who = progress.who
-        body, digest = self.compiled.slices[who.node], self.compiled.slice_digests[who.node]
-        self.outbox.append(SliceHead(who.node, self.epoch & 0xFF, len(body), digest))
         if progress.wants_body:
-            self._queue_body(who, now_ns)
+            if all(frame.node != who.node for frame in self._paced):
+                self._paced += [self._head(who), *self._body(who)]
+            progress.asked_ns = now_ns + len(self._paced) * self._gap_ns
         else:
+            self.outbox.append(self._head(who))
             progress.asked_ns = now_ns
         progress.asked_times += 1
 
-    def _queue_body(self, who: Participant, now_ns: int) -> None:
-        queued = {(frame.node, frame.index) for frame in self._bodies}
+    def _head(self, who: Participant) -> SliceHead:
+        length, digest = len(self.compiled.slices[who.node]), self.compiled.slice_digests[who.node]
+        return SliceHead(who.node, self.epoch & 0xFF, length, digest)
+
+    def _body(self, who: Participant) -> Iterator[SliceBody]:
         body = self.compiled.slices[who.node]
         for index, start in enumerate(range(0, len(body), SLICE_BYTES_PER_FRAME), start=1):
-            if (who.node, index) not in queued:
-                chunk = body[start : start + SLICE_BYTES_PER_FRAME]
-                self._bodies.append(SliceBody(who.node, self.epoch & 0xFF, index, chunk))
-        progress = self._progress[who.pe]
-        progress.asked_ns = now_ns + len(self._bodies) * self._body_gap_ns
+            yield SliceBody(who.node, self.epoch & 0xFF, index, body[start : start + SLICE_BYTES_PER_FRAME])
 
-    def _pace_bodies(self, now_ns: int) -> None:
-        self._next_body_ns = max(self._next_body_ns, now_ns - _LONGEST_BURST * self._body_gap_ns)
-        while self._bodies and now_ns >= self._next_body_ns:
-            self.outbox.append(self._bodies.popleft())
-            self._next_body_ns += self._body_gap_ns
+    def _pace(self, now_ns: int) -> None:
+        self._next_paced_ns = max(self._next_paced_ns, now_ns - _LONGEST_BURST * self._gap_ns)
+        while self._paced and now_ns >= self._next_paced_ns:
+            frame = self._paced.popleft()
+            self.outbox.append(frame)
+            self._next_paced_ns += self._gap_ns
+            progress = self._by_node.get(frame.node)
+            if progress is not None:
+                progress.asked_ns = now_ns  # its answer is due from its last frame on
+
+    def _may_repeat(self, now_ns: int) -> bool:
+        """Tell whether what is for everybody may be said again, and note that it will be."""
+        may = now_ns >= self._broadcast_ns + self._repeat_ns
+        if may:
+            self._broadcast_ns = now_ns
+        return may
 
     def _send_prepare(self) -> None:
         self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))

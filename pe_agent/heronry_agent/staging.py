@@ -6,8 +6,8 @@
 
 A newer epoch, or one from a higher term, replaces whatever was collected or staged; a repeated command about what is
 already staged is answered again and changes nothing else. A head that announces the slice which already runs here
-stages it at once. For any other the manager sends no body before it is asked: the first head is answered INCOMPLETE at
-once, and again whenever the frames of a body have stopped coming for half a heartbeat period while some are missing.
+stages it at once. For any other the body follows, unless the manager thinks that it runs here already: INCOMPLETE is
+answered whenever frames have stopped coming for half a heartbeat period while some are missing.
 
 An answer is a page 1 of the state; every method tells whether one is due now. A restart loses all of this: the PE is
 then unconfigured, and the manager starts again.
@@ -114,11 +114,10 @@ class Staging:
             return self.refuse(Reason.UNKNOWN_INDEX)
         if collection.head is not None and collection.head != command:
             collection.bodies = None
-        first = collection.bodies is None
         collection.head = command
         if running.epoch != NO_EPOCH and (command.digest, command.length) == (running.slice_digest, running.length):
             return self._stage(running.slice)
-        return self._check(now_ns) or (first and self.refuse(Reason.INCOMPLETE))
+        return self._check(now_ns)
 
     def body(self, command: SliceBody, now_ns: int) -> bool:
         """Five bytes of this PE's slice came from the reigning manager."""

@@ -2,6 +2,8 @@
 
 import pytest
 
+import itertools
+
 from heronry_dg.configuration import Configuration, Running
 from heronry_manager.compilation import Compiler
 from heronry_manager.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
@@ -64,11 +66,22 @@ def run(
     return messages, overdue
 
 
-def test_it_begins_with_prepare_and_a_head_for_everybody() -> None:
-    prepare, *heads = said(opened())
+def test_it_begins_with_prepare_and_a_head_for_everybody_just_before_its_body() -> None:
+    (prepare, *slices), _ = run(opened(), 0, 5 * MS)
     assert prepare == Prepare(1, 300, Compiler(two_tails()).configuration(FLYING).digest)
-    assert [head.node for head in heads if isinstance(head, SliceHead)] == [92, 93, 94]
-    assert {head.epoch_low for head in heads if isinstance(head, SliceHead)} == {300 & 0xFF}
+    heads = [frame for frame in slices if isinstance(frame, SliceHead)]
+    assert sorted(head.node for head in heads) == [92, 93, 94]
+    assert {head.epoch_low for head in heads} == {300 & 0xFF}
+    for before, after in itertools.pairwise(slices):
+        if isinstance(after, SliceBody):
+            assert isinstance(before, SliceHead | SliceBody)
+            assert before.node == after.node
+
+
+def test_however_many_are_late_prepare_is_repeated_once_in_half_a_period() -> None:
+    messages, _ = run(opened(), 0, 4 * BEAT_NS)
+    repeated = [message for message in messages if isinstance(message, Prepare)]
+    assert 1 < len(repeated) <= 1 + 4 * 2
 
 
 def test_bodies_follow_at_half_the_bus_and_only_where_they_are_needed() -> None:
