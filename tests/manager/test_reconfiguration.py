@@ -1,8 +1,8 @@
 """The manager's half of the two phases, one epoch at a time: who is asked for what, how often, and for how long."""
 
-import pytest
-
 import itertools
+
+import pytest
 
 from heronry_dg.configuration import Configuration, Running
 from heronry_manager.compilation import Compiler
