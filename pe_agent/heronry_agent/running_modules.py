@@ -9,8 +9,8 @@ Rule 6 is asked at the last moment, twice: a DEMUX branch is not stepped without
 device, and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
 
 An answer of a module that has been stopped since it was asked is dropped. While this PE holds back its own exclusive
-outputs no report is believed: a surface that nobody drives does not follow, and that is not its servo's fault. The
-module that judged so is built anew, and judges afresh.
+outputs, and for a second after that, no report is believed: a surface that nobody drives does not follow, and that is
+not its servo's fault. The module that judged so is built anew, and judges afresh.
 """
 
 from dataclasses import dataclass
@@ -29,6 +29,8 @@ from heronry_wire.frame import Frame, WireError
 from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Send, require
+
+JUDGED_AFTER_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,7 @@ class RunningModules:
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns)
+        self._held_ns = -JUDGED_AFTER_NS  # when something exclusive was last held back
         self.has_exclusive_output = False
         self.load_percent = 0
 
@@ -71,6 +74,7 @@ class RunningModules:
         while (module := self.schedule.due(self._turn.now_ns)) is not None:
             if self._running[module].entry.demux and not self._permission.allows(self._turn.now_ns):
                 self._turn.count("step held", module)
+                self._held_ns = self._turn.now_ns
                 continue
             inputs = self.mailboxes.inputs(module, self._turn.now_ns)
             self._turn.out.append(StepModule(module, self.schedule.begin(module), inputs))
@@ -164,6 +168,7 @@ class RunningModules:
             until_ns = self._permission.identifiers_until_ns(self._turn.now_ns)
             if until_ns is None:
                 self._turn.count("frame held", frame.can_id)
+                self._held_ns = self._turn.now_ns
                 return
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame, until_ns) for port in self._index.ports if mask >> port & 1]
@@ -176,7 +181,7 @@ class RunningModules:
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
             return
-        if self.has_exclusive_output and not self._permission.allows(self._turn.now_ns):
+        if self._turn.now_ns < self._held_ns + JUDGED_AFTER_NS:
             self._turn.count("report while outputs are held", running.entry.index)
             self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
             return

@@ -26,6 +26,7 @@ from agent.one_pe import (
     slice_messages,
     started,
 )
+from heronry_agent.running_modules import JUDGED_AFTER_NS
 from heronry_agent.vocabulary import Action, StepModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
@@ -119,8 +120,8 @@ def test_a_report_is_not_believed_while_outputs_are_held_and_who_made_it_judges_
     actions = pe.pass_time(50 * MS)
     assert not sent(actions, emcy_id(NODE))
     assert MONITOR in started(actions)
-    pe.command(Alive(1, 2, EVERYBODY))
-    assert sent(pe.pass_time(50 * MS), emcy_id(NODE))
+    assert not sent(pe.fly(JUDGED_AFTER_NS - 50 * MS, epoch=7, digest=1007), emcy_id(NODE))
+    assert sent(pe.fly(150 * MS, epoch=7, digest=1007), emcy_id(NODE))
 
 
 def test_the_silence_of_the_manager_alone_stops_nobody() -> None:
