@@ -1,0 +1,169 @@
+"""The simulated bus: who wins it, for how long, and what can become of a frame on the way."""
+
+from random import Random
+
+from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Station, Tampering
+from heronry_tools.simulator.clock import LATE, Clock
+from heronry_wire.frame import Frame
+from heronry_wire.sansio import Received
+from heronry_wire.timing import exact_bits
+
+LOW, HIGH = Frame(0x700, b"\x01"), Frame(0x100, b"\x02")
+
+
+class Nodes:
+    """Three stations on a bus of 1 Mbit/s, and what each has received."""
+
+    def __init__(self, faults: Faults | None = None) -> None:
+        self.clock = Clock()
+        self.bus = SimulatedBus("can0", 1_000_000, self.clock, Random(1), faults or Faults())
+        self.sent: list[Sent] = []
+        self.bus.taps.append(self.sent.append)
+        self.heard: dict[str, list[Frame]] = {}
+        self.a, self.b, self.c = (self.join(name) for name in "abc")
+
+    def join(self, name: str) -> Station:
+        heard = self.heard[name] = []
+        return self.bus.join(name, 0, lambda event: heard.append(frame_of(event)))
+
+    def run(self, duration_ns: int = 10_000_000) -> None:
+        self.clock.run_until(self.clock.now_ns + duration_ns)
+
+
+def frame_of(event: Received) -> Frame:
+    return event.frame
+
+
+def test_the_clock_lets_arbitration_wait_for_everybody_who_speaks_at_that_instant() -> None:
+    clock, order = Clock(), list[str]()
+    clock.at(5, lambda: order.append("late"), LATE)
+    clock.at(5, lambda: clock.at(1, lambda: order.append("third")))
+    clock.at(5, lambda: order.append("second"))
+    clock.run_until(4)
+    assert (order, clock.now_ns) == ([], 4)
+    clock.run_until(9)
+    assert order == ["second", "third", "late"]
+
+
+def test_of_frames_offered_at_one_instant_the_most_urgent_wins_and_takes_the_time_of_its_bits() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run()
+    first_ns = exact_bits(HIGH) * 1000
+    assert nodes.sent == [Sent(first_ns, "can0", "b", HIGH), Sent(first_ns + exact_bits(LOW) * 1000, "can0", "a", LOW)]
+    assert nodes.bus.busy_bits == exact_bits(HIGH) + exact_bits(LOW)
+
+
+def test_a_frame_on_the_bus_is_not_interrupted_by_a_more_urgent_one() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run(10_000)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
+
+
+def test_everybody_hears_a_frame_but_its_sender() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run()
+    assert nodes.heard == {"a": [], "b": [LOW], "c": [LOW]}
+
+
+def test_a_destroyed_frame_is_sent_again_and_costs_its_time() -> None:
+    nodes = Nodes(Faults(loss=0.5))
+    for _ in range(20):
+        nodes.bus.offer(nodes.a, LOW)
+    nodes.run(100_000_000)
+    assert nodes.heard["b"] == [LOW] * 20
+    assert nodes.bus.busy_bits > 25 * exact_bits(LOW)
+
+
+def test_one_receiver_may_miss_a_frame_or_have_it_twice() -> None:
+    nodes = Nodes(Faults(omission=0.3, doubled=0.3))
+    for _ in range(200):
+        nodes.bus.offer(nodes.a, LOW)
+    nodes.run(100_000_000)
+    assert len(nodes.sent) == 200
+    assert len({len(nodes.heard["b"]), len(nodes.heard["c"]), 200}) == 3
+
+
+def test_who_leaves_says_nothing_more_and_destroys_what_it_was_sending() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run(10_000)
+    nodes.bus.leave(nodes.a)
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.run()
+    assert nodes.sent == []
+
+
+def test_who_is_cut_off_sends_later_what_has_not_expired() -> None:
+    nodes = Nodes()
+    nodes.bus.cut(nodes.a)
+    nodes.bus.offer(nodes.a, LOW, 50_000_000)
+    nodes.bus.offer(nodes.a, HIGH, 5_000_000)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run()
+    assert [(sent.sender, sent.frame) for sent in nodes.sent] == [("b", HIGH)]
+    assert nodes.heard["a"] == []
+    nodes.bus.mend(nodes.a)
+    nodes.run()
+    assert [(sent.sender, sent.frame) for sent in nodes.sent[1:]] == [("a", LOW)]
+
+
+def test_a_frame_cut_in_the_middle_is_sent_again_when_the_wire_is_mended() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run(10_000)
+    nodes.bus.cut(nodes.a)
+    nodes.run()
+    assert nodes.sent == []
+    nodes.bus.mend(nodes.a)
+    nodes.run()
+    assert nodes.heard["b"] == [LOW]
+
+
+def test_who_is_deaf_is_heard() -> None:
+    nodes = Nodes(Faults(doubled=1.0))
+    nodes.a.deaf = True
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run()
+    assert nodes.heard["a"] == []
+    assert nodes.heard["b"] == [LOW, LOW]
+
+
+def test_what_is_withdrawn_is_not_sent() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.b, LOW)
+    nodes.run(1_000)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.bus.withdraw(nodes.a, frozenset({LOW.can_id}))
+    nodes.run()
+    assert [(sent.sender, sent.frame) for sent in nodes.sent] == [("b", LOW), ("a", HIGH)]
+
+
+def test_two_stations_that_want_to_send_one_identifier_clash() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run()
+    assert nodes.bus.clashes == []
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.b, LOW)
+    nodes.run()
+    (clash,) = nodes.bus.clashes
+    assert (clash.can_id, clash.stations) == (LOW.can_id, ("a", "b"))
+
+
+def test_one_frame_is_tampered_with_and_no_other() -> None:
+    nodes = Nodes()
+    nodes.bus.tamper = lambda sent: {HIGH: Tampering(2), LOW: Tampering(0, "b")}.get(sent.frame)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.run()
+    assert nodes.heard == {"a": [], "b": [HIGH, HIGH], "c": [HIGH, HIGH, LOW]}
