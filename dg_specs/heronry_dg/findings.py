@@ -28,6 +28,13 @@ class Place(NamedTuple):
     column: int
 
 
+class Use(NamedTuple):
+    """Where a name is used that refers to nothing, and the known name that is closest to it."""
+
+    place: Place
+    closest: str | None
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
     """One mistake: where, of which rule, what, and (where it helps) what to write instead."""
@@ -60,6 +67,7 @@ class Findings:
         self._file = file
         self._found: dict[tuple[Place, str, str], Finding] = {}
         self._comparisons_left = _MOST_COMPARISONS
+        self.unknown_names: dict[str, list[Use]] = {}
 
     def __len__(self) -> int:
         return len(self._found)
@@ -74,15 +82,25 @@ class Findings:
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         """Note a name that refers to nothing."""
-        self.add(rule, place, f"no {kind} is named {shown(name)}", self.suggestion(name, known) or _there_is(known))
+        closest = self._closest(name, known)
+        self.unknown_names.setdefault(name, []).append(Use(place, closest))
+        hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
+        self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
         """Say `did you mean ...?` where a known name is close, nothing otherwise."""
+        closest = self._closest(name, known)
+        return f"did you mean '{closest}'?" if closest is not None else ""
+
+    def withdraw(self, place: Place) -> None:
+        """Take back what was noted at a place and stops the spec: another finding tells of it better."""
+        self._found.pop((place, "", ""), None)
+
+    def _closest(self, name: str, known: Collection[str]) -> str | None:
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
-            return ""
+            return None
         self._comparisons_left -= len(known)
-        close = difflib.get_close_matches(name, known, n=1)
-        return f"did you mean '{close[0]}'?" if close else ""
+        return next(iter(difflib.get_close_matches(name, known, n=1)), None)
 
     def error(self) -> SpecError:
         """All findings as one error."""

@@ -18,6 +18,7 @@ from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement, read_draft
 from heronry_dg.findings import Findings, Place
 from heronry_dg.gate_rules import Gates, read_gates
+from heronry_dg.misspelt import blame_declarations
 from heronry_dg.model import (
     Bus,
     Contingency,
@@ -89,6 +90,7 @@ def _read(data: bytes, file: str, findings: Findings) -> Loaded | None:
     check_references(draft, findings)
     gates = read_gates(draft, findings)
     if findings:
+        blame_declarations(draft, findings)
         return None
     return Loaded(draft, gates, _built(draft, gates, _name_of(file), hashlib.sha256(data).hexdigest()))
 

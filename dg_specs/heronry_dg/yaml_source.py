@@ -21,6 +21,7 @@ from heronry_dg.findings import Findings, Place, shown
 from heronry_dg.plain_scalars import Surprise, Value, resolve
 from heronry_dg.rules import file as rules
 from heronry_dg.rules.rule import Rule
+from heronry_dg.yaml_syntax import mistake_of
 
 MOST_BYTES: Final = 4 << 20
 MOST_NODES: Final = 500_000
@@ -93,7 +94,8 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
     except _LimitError as limit:
         findings.add(limit.rule, limit.place, str(limit), limit.hint)
     except yaml.MarkedYAMLError as error:
-        findings.add(rules.SYNTAX, _mark(error.problem_mark or error.context_mark), *_syntax(error))
+        mistake = mistake_of(error, text)
+        findings.add(rules.SYNTAX, mistake.place, mistake.sentence, mistake.hint)
     return None
 
 
@@ -297,13 +299,3 @@ def _end_of(text: str) -> Place:
 
 def _mark(mark: Any) -> Place:
     return Place(1, 1) if mark is None else Place(mark.line + 1, mark.column + 1)
-
-
-def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str]:
-    """Sentence and hint for what the parser could not read."""
-    sentence = f"this is not YAML: {error.problem}"
-    if error.context_mark is not None:
-        begin = _mark(error.context_mark)
-        sentence += f", {error.context} that begins at {begin.line}:{begin.column}"
-    hint = "indent with spaces" if "\\t" in str(error.problem) else "look for a missing quote, comma, colon or bracket"
-    return sentence, hint

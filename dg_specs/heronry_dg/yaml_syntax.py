@@ -1,0 +1,108 @@
+"""What the parser could not read, told at the place where it should be mended.
+
+A parser stops where it can go on no longer, and that is often a line or more below the mistake: a bracket that is not
+closed swallows what follows. Here the place is moved up to where the mistake began, as far as the parser knows that or
+the lines around tell it; the parser's own place is kept in the sentence.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+import yaml
+
+from heronry_dg.findings import Place
+
+_CLOSING: Final = {"{": "}", "[": "]", '"': '"', "'": "'"}
+_KEY: Final = re.compile(r":(?:\s|$)")
+_LOOK: Final = "look for a missing quote, comma, colon or bracket"
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Where the text is no YAML, and why."""
+
+    place: Place
+    sentence: str
+    hint: str
+
+
+def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
+    """What to tell about an error of the parser."""
+    lines = text.split("\n")
+    stopped = _place(error.problem_mark or error.context_mark)
+    begun = _place(error.context_mark) if error.context_mark is not None else stopped
+    if "tab character" in str(error.problem) or "\\t" in str(error.problem):  # libyaml's words, and PyYAML's
+        return Mistake(stopped, f"this is not YAML: {error.problem}", "indent with spaces")
+    match error.context:
+        case "while parsing a flow mapping" | "while parsing a flow sequence" | "while scanning a quoted scalar":
+            if begun.line < stopped.line:
+                return _not_closed(begun, stopped, lines)
+        case "while scanning a simple key":
+            where = f"{stopped.line}:{stopped.column}"
+            return Mistake(begun, f"this is not YAML: ':' is missing between here and {where}", _LOOK)
+        case None | "while parsing a block mapping":
+            odd = _odd_line(error, stopped, lines)
+            if odd is not None:
+                return odd
+    sentence = f"this is not YAML: {error.problem}"
+    if error.context_mark is not None:
+        sentence += f", {error.context} that begins at {begun.line}:{begun.column}"
+    return Mistake(stopped, sentence, _LOOK)
+
+
+def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:
+    mark = lines[begun.line - 1][begun.column - 1 : begun.column]
+    closing = _CLOSING.get(mark, "its end")
+    sentence = f"this is not YAML: the {mark} here is not closed, as far as {stopped.line}:{stopped.column}"
+    return Mistake(begun, sentence, f"write {closing} where it ends")
+
+
+def _odd_line(error: yaml.MarkedYAMLError, stopped: Place, lines: list[str]) -> Mistake | None:
+    """The line above the one at which the parser stopped, where that is the odd one of the two."""
+    above = _line_above(stopped.line, lines)
+    if above is None:
+        return None
+    line, here = lines[above - 1], lines[stopped.line - 1]
+    if _KEY.search(line) is None:
+        sentence = "this is not YAML: there is no key on this line"
+        return Mistake(_beginning(above, lines), sentence, "write key: value, with a space behind the colon")
+    if error.problem == "did not find expected <document start>":
+        above = next(number for number, text in enumerate(lines, 1) if _is_content(text))
+    elif error.context is None or not 0 < _indentation(line) != _indentation(here):
+        return None
+    if _indentation(lines[above - 1]) == 0 or not (error.context is None or _is_rarer(line, here, lines)):
+        return None
+    sentence = f"this is not YAML: the line is indented unlike line {stopped.line}"
+    return Mistake(_beginning(above, lines), sentence, "indent the keys of one map alike")
+
+
+def _line_above(number: int, lines: list[str]) -> int | None:
+    """Number of the last line above that is neither empty nor a comment."""
+    for above in range(number - 1, 0, -1):
+        if _is_content(lines[above - 1]):
+            return above
+    return None
+
+
+def _is_content(line: str) -> bool:
+    text = line.strip()
+    return bool(text) and not text.startswith("#")
+
+
+def _is_rarer(line: str, other: str, lines: list[str]) -> bool:
+    """Tell whether fewer lines of the file are indented like the one than like the other."""
+    found = [_indentation(text) for text in lines]
+    return found.count(_indentation(line)) < found.count(_indentation(other))
+
+
+def _beginning(number: int, lines: list[str]) -> Place:
+    return Place(number, _indentation(lines[number - 1]) + 1)
+
+
+def _indentation(line: str) -> int:
+    return len(line) - len(line.lstrip(" "))
+
+
+def _place(mark: yaml.Mark | None) -> Place:
+    return Place(1, 1) if mark is None else Place(mark.line + 1, mark.column + 1)

@@ -1,0 +1,59 @@
+"""The place of a finding is where the mistake is to be mended, and not where somebody stumbled over it."""
+
+import pytest
+
+from dg.marked_spec import complaints, findings, spec_text
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("devices:\n  gps: »{kind: sensor, pe: nav\n  imu: {kind: sensor, pe: nav}\n", "the { here is not closed"),
+        ("separate: »[[a, b]\nname: x\n", "the [ here is not closed"),
+        ('name: »"x\ndg: 1\n', 'the " here is not closed'),
+        ("»dg 1\nbuses: {can0: {bitrate: 1}}\n", "there is no key on this line"),
+        ("»dg:1\nbuses: {can0: {bitrate: 1}}\n", "there is no key on this line"),
+        ("devices:\n      »gps: {kind: sensor}\n  imu: {}\n  lamp: {}\n", "the line is indented unlike line 3"),
+        (" »dg: 1\nname: x\nbuses: {}\n", "the line is indented unlike line 2"),
+        ("dg: 1\n  »buses: {}\n", "mapping values are not allowed"),
+        ("dg: 1\n»\tname: x\n", "found a tab character"),
+        ("dg: 1\nname: [x]»]\n", "did not find expected"),
+        ("dg: 1\n»name\n", "':' is missing between here and"),
+    ],
+)  # fmt: skip
+def test_text_that_is_no_yaml_is_told_where_it_went_wrong(text: str, sentence: str) -> None:
+    (finding,) = findings(text.replace("»", ""))
+    line = next(number for number, line in enumerate(text.split("\n"), 1) if "»" in line)
+    assert finding.place.line == line
+    assert finding.code == "DG005"
+    assert f"this is not YAML: {sentence}" in finding.sentence
+
+
+def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    modules = (
+        f"{{a: {{gives: {{altitude: 1}}, {body}}}, b: {{needs: altitude, {body}}}, c: {{needs: 'altitude@2', {body}}}}}"
+    )
+    said = complaints(spec_text(variables="{»altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}"))
+    (only,) = said
+    assert only.startswith("nobody names 'altitde', and 3 times 'altitude' is named, which there is not (rename it to")
+
+
+def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
+    said = complaints(
+        spec_text(
+            devices="{gsp: {kind: sensor, pe: nav}}", modules="{driver: {device: »gps, cpu: 0.1, ram: 1, rate_hz: 1}}"
+        )
+    )
+    assert said == ["no device is named 'gps' (did you mean 'gsp'?)"]
+
+
+def test_a_declared_name_that_somebody_uses_is_not_to_blame() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    modules = (
+        f"{{a: {{gives: {{altitde: 1}}, {body}}}, b: {{needs: »altitude, {body}}}, c: {{needs: »altitude, {body}}}}}"
+    )
+    assert (
+        len(complaints(spec_text(variables="{altitde: {type: FLOAT}}", modules=modules, functions="{}", devices="{}")))
+        == 2
+    )
