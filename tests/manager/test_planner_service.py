@@ -149,6 +149,23 @@ def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:
     os.close(ours)
 
 
+def test_with_nobody_left_to_answer_it_ends_without_a_word() -> None:
+    with FILE.open("rb") as file:
+        started = subprocess.Popen(
+            [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno()), "0"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            pass_fds=(file.fileno(),),
+        )
+    assert started.stdout is not None
+    started.stdout.close()
+    assert started.stderr is not None
+    assert started.stderr.read() == b""
+    started.communicate()
+    assert started.returncode == 0
+
+
 def test_requests_and_answers_survive_their_way(spec: Spec) -> None:
     request = Request(3, situation(spec, ["device:gps"], ["bus:can0=33.3%"]), {"gps_driver": ("only", "sensor_pe")})
     assert read_request(request_line(request), spec) == request

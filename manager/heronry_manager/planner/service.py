@@ -7,15 +7,16 @@ on standard input and are answered in their order on what was standard output; w
 standard error. Every plan passes the judge before it is sent. Whatever goes wrong with a request is its answer; the
 process goes on.
 
-Ends: when standard input closes, which it does when the client is gone, however it went. A thread waits for that, so
-that a search in progress does not outlive its client. A request is cancelled by ending the process.
+Ends, without a word: when standard input closes, which it does when the client is gone, however it went, or when nobody
+is left to take an answer. A thread waits for that, so that a search in progress does not outlive its client. A request
+is cancelled by ending the process.
 """
 
 import os
 import sys
 from queue import SimpleQueue
 from threading import Thread
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
@@ -75,12 +76,20 @@ def _own_standard_output() -> BinaryIO:
 def _read_lines(source: BinaryIO, lines: "SimpleQueue[bytes]") -> None:
     for line in source:
         lines.put(line)
-    os._exit(0)  # the client is gone: nobody wants what is still being searched
+    _end()
 
 
 def _send(answers: BinaryIO, message: Answer) -> None:
-    answers.write(answer_line(message))
-    answers.flush()
+    try:
+        answers.write(answer_line(message))
+        answers.flush()
+    except BrokenPipeError:
+        _end()
+
+
+def _end() -> NoReturn:
+    """The client is gone: nobody wants what is still being searched, or said."""
+    os._exit(0)
 
 
 if __name__ == "__main__":
