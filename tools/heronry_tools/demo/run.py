@@ -27,7 +27,7 @@ from heronry_wire.frame import Frame, LoggedFrame, format_log_line
 from heronry_wire.link import open_bus
 
 LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
-GRACE_S = 5.0  # how long a show goes on for what was begun before its time was up
+GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
 LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
 _LOOK_S = 0.1  # how often the witness is asked for outages
 
