@@ -145,7 +145,7 @@ def test_a_finding_ends_with_its_word(line: str, column: int, end: int) -> None:
 
 def caret(line: str, column: int) -> tuple[str, str]:
     found = Finding("f", Place(1, column), "DG201", Severity.ERROR, "no")
-    _, shown, mark, *_ = full([Judged("f", (found,), [line])]).split("\n")
+    _, shown, mark, *_ = full([Judged("f", (found,), {1: line})]).split("\n")
     return shown.removeprefix("1 | "), mark.removeprefix("  | ")
 
 
@@ -165,7 +165,7 @@ def test_of_a_long_line_the_part_around_the_place_is_shown() -> None:
 def test_any_line_can_be_shown(line: str, column: int) -> None:
     text = line.replace("\n", "").replace("\r", "")
     found = Finding("f", Place(1, column), "DG201", Severity.ERROR, "no", "hint")
-    report = full([Judged("f", (found,), [text])])
+    report = full([Judged("f", (found,), {1: text})])
     assert all(c.isprintable() or c == "\n" or not c.isspace() for c in report)
 
 

@@ -45,16 +45,21 @@ class Instructions:
         return (one for one in self.ignores if one.code == finding.code and one.line == finding.place.line)
 
 
-def lines_of(data: bytes) -> list[str]:
-    """The lines of a file; what is no UTF-8 is replaced."""
-    return _LINE_BREAK.split(data.decode("utf-8-sig", "replace"))
+def lines_of(data: bytes) -> Iterator[str]:
+    """The lines of a file, one by one; what is no UTF-8 is replaced."""
+    text = data.decode("utf-8-sig", "replace")
+    begin = 0
+    for line_break in _LINE_BREAK.finditer(text):
+        yield text[begin : line_break.start()]
+        begin = line_break.end()
+    yield text[begin:]
 
 
 def read_instructions(data: bytes, known: Mapping[str, Rule], findings: Findings) -> Instructions:
     """Read the comments of a file; findings for what makes no sense."""
     reader = _Reader(known, findings)
     if _MAY_HAVE_ONE.search(data):
-        reader.read(lines_of(data))
+        reader.read(list(lines_of(data)))
     return reader.found
 
 

@@ -6,6 +6,7 @@ loaded is always told, whatever was selected, because nothing else could be know
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 from heronry_dg import loader
 from heronry_dg.check.comments import Ignore, Instructions, lines_of, read_instructions
@@ -37,15 +38,15 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One file and what was found; `lines` is empty where nothing was."""
+    """One file and what was found, with the lines in which it was found."""
 
     file: str
     findings: tuple[Finding, ...]
-    lines: list[str] = field(default_factory=list)
+    lines: Mapping[int, str] = field(default_factory=dict)
 
     def line(self, number: int) -> str:
-        """Text of a line; empty where the file has no such line."""
-        return self.lines[number - 1] if number <= len(self.lines) else ""
+        """Text of a line with a finding; empty where the file has no such line."""
+        return self.lines.get(number, "")
 
 
 def judge(
@@ -68,7 +69,14 @@ def _judge(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[s
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
-    return Judged(file, tuple(sorted(told)), lines_of(data) if told else [])
+    return Judged(file, tuple(sorted(told)), _lines_at({finding.place.line for finding in told}, data))
+
+
+def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:
+    """Some lines of a file, which may have millions of them."""
+    last = max(numbers, default=0)
+    lines = enumerate(islice(lines_of(data), last), 1) if numbers else ()
+    return {number: line for number, line in lines if number in numbers}
 
 
 def _told(

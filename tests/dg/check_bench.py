@@ -1,0 +1,83 @@
+"""How long `heronry check --fast` takes, and how much memory: specs that grow, and files that mean harm.
+
+    python tests/dg/check_bench.py
+
+Each file is checked by a process of its own; the first line is a spec of two modules, which is nearly all start-up.
+On a busy machine look at the CPU's time.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from heronry_dg.check.examples import SOUND
+
+_MILLION = 1_000_000
+
+
+def chain(modules: int) -> str:
+    """A sound spec: chains of ten modules, from a sensor to an output, with optional inputs on the way."""
+    starts = range(0, modules, 10)
+    body = "cpu: 0.001, ram: 1KiB, rate_hz: 10"
+    lines = ["dg: 1", "buses: {can0: {bitrate: 1000000}}"]
+    lines += ["pes: {p0: {node_id: 92, buses: [can0], cpu: 1000, ram: 64MiB, flash: 64MiB}}", "devices:"]
+    lines += [f"  d{i}: {{kind: sensor, pe: p0}}" for i in starts]
+    lines += ["variables:", *(f"  v{i}: {{type: FLOAT, unit: m/s, versions: 2}}" for i in range(modules))]
+    lines += ["modules:"]
+    for i in range(modules):
+        needs = f"needs: {{and: [v{i - 1}, {{or: {{k: 0, of: ['v{i - i % 10}@1']}}}}]}}"
+        if i % 10 < 2:
+            needs = f"needs: v{i - 1}" if i % 10 else f"device: d{i}"
+        lines.append(f"  m{i}: {{{needs}, gives: {{v{i}: 1}}, {body}}}")
+    lines += ["functions:", *(f"  f{i + 9}: {{output: m{i + 9}}}" for i in starts)]
+    return "\n".join([*lines, ""])
+
+
+def files() -> dict[str, bytes]:
+    """What is measured, by name."""
+    laughs = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 10))
+    return {
+        "two modules": SOUND.encode(),
+        **{f"{modules} modules": chain(modules).encode() for modules in (100, 1_000, 10_000)},
+        "a billion laughs": f"dg: 1\nl0: &l0 [ha]\n{laughs}".encode(),
+        "nested 5 000 deep": b"dg: 1\nname: " + b"[" * 5_000 + b"]" * 5_000,
+        "100 MB": b"dg: 1\n" + b"# " * (50 * _MILLION),
+        "no UTF-8": b"dg: 1\nname: " + b"x" * 3 * _MILLION + b"\xff",
+        "a million duplicate keys": b"k:\n" * _MILLION,
+        "a million explicit duplicate keys": b"? k\n" * _MILLION,
+    }
+
+
+_CHILD = """
+import sys
+from heronry_tools.cli import main
+main(["check", "--fast", "--ignore", "DG24,DG5", sys.argv[1]])
+print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1])
+"""
+
+
+def main() -> None:
+    """Measure each file three times; the best times count."""
+    print(f"{'':36} {'wall':>8} {'CPU':>8} {'memory':>8}")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in files().items():
+            path = Path(folder, "x.dg.yaml")
+            path.write_bytes(data)
+            wall = cpu = 1e9
+            said: list[str] = []
+            for _ in range(3):
+                begin, before = time.perf_counter(), os.times()
+                command = [sys.executable, "-c", _CHILD, str(path)]
+                said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+                after = os.times()
+                wall = min(wall, time.perf_counter() - begin)
+                used = after.children_user - before.children_user + after.children_system - before.children_system
+                cpu = min(cpu, used)
+            print(f"{name:36} {wall:6.2f} s {cpu:6.2f} s {int(said[-1]) / 1024:5.0f} MiB   {said[-2]}")
+
+
+if __name__ == "__main__":
+    main()
