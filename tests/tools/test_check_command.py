@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+import yaml
 
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.json_schema import schema_text
@@ -219,3 +221,28 @@ def test_each_file_of_commands_adds_those_that_it_is_listed_with(file: str) -> N
     subparsers = argparse.ArgumentParser().add_subparsers()
     import_module(f"heronry_tools.{file}").add_parsers(subparsers)
     assert tuple(subparsers.choices) == COMMANDS[file]
+
+
+def test_the_fast_families_need_what_the_hook_installs_and_no_more(write: Write) -> None:
+    """Run the hook's own command with everything of the other extras gone."""
+    (hook,) = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text())
+    program, *arguments = hook["entry"].split()
+    assert program == "heronry"
+    code = f"""
+import sys
+sys.modules.update(dict.fromkeys(["ortools", "rich", "cantools", "numpy"]))  # None: importing it fails
+from heronry_tools.cli import main
+code = main({[*arguments, write(MISSPELT)]!r})
+assert not any(name.startswith("heronry_manager") for name in sys.modules)
+sys.exit(code)
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (1, "")
+    assert "DG201" in run.stdout
+
+
+def test_the_guide_knows_every_family() -> None:
+    guide = (ROOT / "docs/check.md").read_text()
+    for family in registry.FAMILIES:
+        solves = "| |" if family.fast else "| yes |"
+        assert re.search(rf"^\| {family.prefix} \|.*{re.escape(solves)}$", guide, re.MULTILINE), family.prefix
