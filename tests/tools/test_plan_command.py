@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -35,6 +36,26 @@ def test_what_is_not_served_says_why(capsys: pytest.CaptureFixture[str]) -> None
     elevator = next(line for line in out.splitlines() if line.startswith("elevator "))
     assert "NOT SERVED: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is down" in elevator
     assert any(line.startswith("tail_pe") and line.endswith("is down") for line in out.splitlines())
+
+
+def test_without_the_managers_bus_nothing_can_be_reached(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--down", "bus:can0")
+    lines = out.splitlines()
+    assert any(line.startswith("sensor_pe") and line.endswith("cannot be reached") for line in lines)
+    assert any(line.startswith("can0") and "is down" in line for line in lines)
+
+
+def test_on_a_terminal_the_same_is_drawn_with_bars(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--down", "pe:tail_pe")
+    out = re.sub(r"\x1b\[[0-9;]*m", "", out)
+    assert "elevator_and_chute, down: pe:tail_pe" in out
+    assert "NOT SERVED:" in out
+    assert "███░░ 0.27/0.5" in out
+    assert all(len(line) <= 80 for line in out.splitlines())
 
 
 SMALL = """
@@ -101,7 +122,10 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
     ("arguments", "sentence"),
     [
         (("plan", "nothing"), "'nothing' is neither a file nor a shipped spec"),
-        (("plan", "missing.dg.yaml"), "missing.dg.yaml:1:1: DG001 error: the file cannot be read: No such file or directory"),
+        (
+            ("plan", "missing.dg.yaml"),
+            "missing.dg.yaml:1:1: DG001 error: the file cannot be read: No such file",
+        ),
         (("plan", "elevator_and_chute", "--down", "pe:tail"), "no pe is named 'tail'; did you mean 'tail_pe'?"),
         (("plan", "elevator_and_chute", "--down", "tail_pe"), "'tail_pe' is not an element; write KIND:NAME"),
         (("plan", "elevator_and_chute", "--limit", "bus:can0=140%"), "more than the capacity there is"),
