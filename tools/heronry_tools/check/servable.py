@@ -18,12 +18,12 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, Survivors, survivors
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.exact import Search, plan
 from heronry_tools.check.wanted import Phase
 
-_EFFORT: Final = 5.0  # deterministic seconds for one question
+_EFFORT: Final = 5.0  # deterministic seconds for one question; those about the shipped specs take a hundredth of it
 _NO_DEADLINE_NS: Final = 10**18
 _PLENTY: Final = 10**12
 
@@ -43,7 +43,10 @@ def without_limits(spec: Spec) -> Spec:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A configuration that serves all that was asked for; where none was found, whether none is proven to exist."""
+    """A configuration that serves all that was asked for; where none was found, whether none is proven to exist.
+
+    It may serve more: with something down, one that is known from another question does as well.
+    """
 
     configuration: Configuration | None
     proven: bool
@@ -60,6 +63,7 @@ class Planning:
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
         self._plans: dict[Phase, Plan] = {}
+        self._known: list[Configuration] = []  # found so far; each is legal wherever it lives on
 
     @cached_property
     def times(self) -> ResponseTimes:
@@ -72,25 +76,34 @@ class Planning:
         return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
 
     def all_at_once(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Answer:
-        """Tell whether some functions can all be served, nothing else being wanted."""
+        """Tell whether some functions can all be served, with some elements down."""
+        left = survivors(self.spec, Situation(down))
+        for known in self._known if down else ():
+            if self._serves(known, functions) and _lives_on(known, left):
+                return Answer(known, proven=True)
         search = Search(self.candidates_for(functions, down), None, self.times, _EFFORT)
         search.run(groups=1)
-        running = search.best.modules
-        served = all(any(one in running for one in self.spec.functions[name].outputs) for name in functions)
-        return Answer(search.best if served else None, search.proven)
+        if not self._serves(search.best, functions):
+            return Answer(None, search.proven)
+        self._known.append(search.best)
+        return Answer(search.best, search.proven)
 
     def healthy(self, phase: Phase) -> Plan:
         """Give the best plan of a phase with everything up."""
         if phase not in self._plans:
-            self._plans[phase] = plan(self.spec, Situation(phase=phase))
+            self._plans[phase] = plan(self.spec, Situation(phase=phase), effort=_EFFORT)
         return self._plans[phase]
 
     def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
         """Tell which of some functions the best plan of a phase gives up; with faults, the contingency plan."""
         found = self.healthy(phase)
         if down:
-            found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration))
+            found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)
         return frozenset(name for name in functions if not found.functions[name].served)
+
+    def _serves(self, configuration: Configuration, functions: Collection[str]) -> bool:
+        running = configuration.modules
+        return all(any(one in running for one in self.spec.functions[name].outputs) for name in functions)
 
     def candidates_for(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Candidates:
         """Give what may run where these functions are all that is wanted, each as much as the other in any mode."""
@@ -105,3 +118,14 @@ class Planning:
             if name in functions
         }
         return candidates(replace(self.spec, functions=wanted), Situation(down))
+
+
+def _lives_on(configuration: Configuration, left: Survivors) -> bool:
+    """Tell whether a configuration does without all that is down.
+
+    Then it is as legal as before: routes are unique, so the same frames are on the same buses.
+    """
+    pes = {name: running.pe for name, running in configuration.modules.items()}
+    return all(pe in left.hosts(left.spec.modules[name]) for name, pe in pes.items()) and all(
+        left.route(pes[wire.producer], pes[consumer]) is not None for consumer, _, wire in configuration.wires()
+    )

@@ -18,28 +18,31 @@ from heronry_manager.planner.candidates import Candidates
 from heronry_tools.check.servable import Planning
 from heronry_tools.check.wanted import Phase, critical_functions, phases
 
+Lost = Mapping[str, tuple[Phase, ...]]
+"""Functions, each with the phases in which it is lost."""
+
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """What is lost with one element: functions, each with the phases in which it is."""
+    """What is lost with one element."""
 
     element: str
-    functions: Mapping[str, tuple[Phase, ...]]
+    functions: Lost
 
 
 def losses(planning: Planning) -> Iterator[Loss]:
-    """Every element with which something critical is lost, in the spec's order; none for a driver of such a device."""
+    """Every element with which something critical is lost; no module with which the same goes as with its device."""
     spec = planning.spec
     critical = _fitting(planning)
-    known: dict[object, Mapping[str, tuple[Phase, ...]]] = {_signature(planning.candidates_for(spec.functions)): {}}
-    told: set[tuple[str, object]] = set()
+    known: dict[object, Lost] = {_signature(planning.candidates_for(spec.functions)): {}}
+    lost: dict[str, Lost] = {}
     for element in _single(spec):
         left = _signature(planning.candidates_for(spec.functions, frozenset({element})))
         if left not in known:
             known[left] = _lost(planning, critical, frozenset({element}))
-        told.add((element, left))
-        if known[left] and (_device_of(spec, element), left) not in told:
-            yield Loss(element, known[left])
+        lost[element] = known[left]
+        if lost[element] and lost.get(_device_of(spec, element)) != lost[element]:
+            yield Loss(element, lost[element])
 
 
 def _single(spec: Spec) -> Iterator[str]:
@@ -58,9 +61,7 @@ def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
     return {phase: names for phase, names in by_phase.items() if planning.all_at_once(names).configuration is not None}
 
 
-def _lost(
-    planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]
-) -> dict[str, tuple[Phase, ...]]:
+def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
     """Critical functions that a fault takes away, in the spec's order."""
     possible = planning.possible(frozenset[str]().union(*critical.values()), down)
     gone = {phase: wanted - possible for phase, wanted in critical.items()}
@@ -82,7 +83,7 @@ def _signature(left: Candidates) -> object:
     )
 
 
-def _device_of(spec: Spec, element: str) -> str | None:
+def _device_of(spec: Spec, element: str) -> str:
+    """Give the device of a module as an element; where there is none, what is none."""
     kind, _, name = element.partition(":")
-    device = spec.modules[name].device if kind == "module" else None
-    return f"device:{device}" if device is not None else None
+    return f"device:{spec.modules[name].device}" if kind == "module" else ""
