@@ -21,7 +21,7 @@ from heronry_dg.findings import Findings, Place, shown
 from heronry_dg.plain_scalars import Surprise, Value, resolve
 from heronry_dg.rules import file as rules
 from heronry_dg.rules.rule import Rule
-from heronry_dg.yaml_syntax import mistake_of
+from heronry_dg.yaml_syntax import mistake_of, split_lines
 
 MOST_BYTES: Final = 4 << 20
 MOST_NODES: Final = 500_000
@@ -294,7 +294,8 @@ def _decoded(data: bytes, findings: Findings) -> str | None:
 
 
 def _end_of(text: str) -> Place:
-    return Place(text.count("\n") + 1, len(text) - (text.rfind("\n") + 1) + 1)
+    lines = split_lines(text)
+    return Place(len(lines), len(lines[-1]) + 1)
 
 
 def _mark(mark: Any) -> Place:

@@ -13,6 +13,8 @@ import yaml
 
 from heronry_dg.findings import Place
 
+LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # YAML 1.1, section 4.1.4
+
 _CLOSING: Final = {"{": "}", "[": "]", '"': '"', "'": "'"}
 _KEY: Final = re.compile(r":(?:\s|$)")
 _LOOK: Final = "look for a missing quote, comma, colon or bracket"
@@ -27,9 +29,14 @@ class Mistake:
     hint: str
 
 
+def split_lines(text: str) -> list[str]:
+    """Lines of a text, as YAML counts them."""
+    return LINE_BREAK.split(text)
+
+
 def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
     """What to tell about an error of the parser."""
-    lines = text.split("\n")
+    lines = split_lines(text)
     stopped = _place(error.problem_mark or error.context_mark)
     begun = _place(error.context_mark) if error.context_mark is not None else stopped
     if "tab character" in str(error.problem) or "\\t" in str(error.problem):  # libyaml's words, and PyYAML's
@@ -68,13 +75,18 @@ def _odd_line(error: yaml.MarkedYAMLError, stopped: Place, lines: list[str]) -> 
         sentence = "this is not YAML: there is no key on this line"
         return Mistake(_beginning(above, lines), sentence, "write key: value, with a space behind the colon")
     if error.problem == "did not find expected <document start>":
-        above = next(number for number, text in enumerate(lines, 1) if _is_content(text))
-    elif error.context is None or not 0 < _indentation(line) != _indentation(here):
-        return None
-    if _indentation(lines[above - 1]) == 0 or not (error.context is None or _is_rarer(line, here, lines)):
+        first = next(number for number, text in enumerate(lines, 1) if _is_content(text))
+        return _indented_oddly(first, stopped, lines)
+    if error.context is not None and _is_rarer(line, here, lines):
+        return _indented_oddly(above, stopped, lines)
+    return None
+
+
+def _indented_oddly(number: int, stopped: Place, lines: list[str]) -> Mistake | None:
+    if _indentation(lines[number - 1]) == 0:
         return None
     sentence = f"this is not YAML: the line is indented unlike line {stopped.line}"
-    return Mistake(_beginning(above, lines), sentence, "indent the keys of one map alike")
+    return Mistake(_beginning(number, lines), sentence, "indent the keys of one map alike")
 
 
 def _line_above(number: int, lines: list[str]) -> int | None:

@@ -3,6 +3,7 @@
 import pytest
 
 from dg.marked_spec import complaints, findings, spec_text
+from heronry_dg.findings import Place
 
 
 @pytest.mark.parametrize(
@@ -27,6 +28,13 @@ def test_text_that_is_no_yaml_is_told_where_it_went_wrong(text: str, sentence: s
     assert finding.place.line == line
     assert finding.code == "DG005"
     assert f"this is not YAML: {sentence}" in finding.sentence
+
+
+@pytest.mark.parametrize("line_break", ["\r", "\r\n", "\x85", "\u2028"])
+def test_places_are_those_of_yaml_whatever_ends_a_line(line_break: str) -> None:
+    text = "dg: 1\nname: x\ndevices:\n      gps: {kind: sensor}\n  imu: {}\n  lamp: {}\n".replace("\n", line_break)
+    assert [finding.place for finding in findings(text)] == [Place(4, 7)]
+    assert [finding.place for finding in findings(f"dg: 1{line_break}name: \x07")] == [Place(2, 7)]
 
 
 def test_a_name_misspelt_where_it_is_declared_is_one_finding_there() -> None:

@@ -16,11 +16,11 @@ from typing import Final
 from heronry_dg.findings import Finding, Findings, Place, shown
 from heronry_dg.rules import file as rules
 from heronry_dg.rules.rule import Rule, Severity
+from heronry_dg.yaml_syntax import LINE_BREAK
 
 _MAY_HAVE_ONE: Final = re.compile(rb"#[ \t]*dg:")
 _COMMENT: Final = re.compile(r"(?:^|(?<=\s))#[ \t]*dg:[ \t]*(?P<said>.*)$")
 _SAID: Final = re.compile(r"(?P<verb>ignore|error)\[(?P<codes>[^\]]*)\][ \t]*(?P<reason>.*)")
-_LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # as YAML counts lines
 _HINT: Final = "write # dg: ignore[DG240] reason, or # dg: error[DG240] above the first line of the spec"
 
 
@@ -49,7 +49,7 @@ def lines_of(data: bytes) -> Iterator[str]:
     """The lines of a file, one by one; what is no UTF-8 is replaced."""
     text = data.decode("utf-8-sig", "replace")
     begin = 0
-    for line_break in _LINE_BREAK.finditer(text):
+    for line_break in LINE_BREAK.finditer(text):
         yield text[begin : line_break.start()]
         begin = line_break.end()
     yield text[begin:]
