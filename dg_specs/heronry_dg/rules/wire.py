@@ -22,10 +22,9 @@ def _many(count: int) -> str:
     names = [f"datum_{number}" for number in range(count)]
     gives = ", ".join(f"{name}: 1" for name in names)
     return (
-        "variables:\n"
-        + "".join(f"  {name}: {{type: UCHAR}}\n" for name in names)
-        + f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {_RUNS}}}\n"
-        + f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {_RUNS}}}\n"
+        f"variables: {{{', '.join(f'{name}: {{type: UCHAR}}' for name in names)}}}\n"
+        f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {_RUNS}}}\n"
+        f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {_RUNS}}}\n"
     )
 
 

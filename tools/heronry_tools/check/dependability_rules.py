@@ -13,18 +13,20 @@ FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fas
 
 _RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 _ASKED: Final = (
-    "The best plan without the element is asked, in every phase in which all that is critical fits with everything up. "
+    "The planner is asked for the best plan without the element, in every phase in which all that is critical fits "
+    "with everything up."
 )
 _IMAGINED: Final = "Redundancy that one fault defeats costs weight and adds nothing."
 
 
 def _doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", reads: str = "speed") -> str:
     """Two sensors, two lamps and a doubled bus; between them whatever `middle` is."""
+    level = "  level: {type: FLOAT}\n" if middle else ""
     return (
         "buses: {can0: {bitrate: 1000000, channels: 2}}\n"
         f"devices:\n  gps: {{kind: sensor, pe: nav}}\n  pitot: {{kind: sensor, pe: {pitot_pe}}}\n"
         "  lamp: {kind: actuator, pe: tail}\n  second_lamp: {kind: actuator, pe: nav}\n"
-        f"variables:\n  speed: {{type: FLOAT}}\n{'  level: {type: FLOAT}' if middle else ''}\n"
+        f"variables:\n  speed: {{type: FLOAT}}\n{level}"
         f"gates: {{light: {{demux: {reads}}}}}\n"
         f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
         f"  other_driver: {{device: pitot, gives: {{speed: 1}}, {_RUNS}}}\n{middle}"
@@ -93,7 +95,8 @@ LOST_WITH_HARDWARE = FAMILY.rule(
     "lost-with-hardware",
     Severity.WARNING,
     what="A function of class A or B is lost when one PE, device or bus fails.",
-    why=f"{_ASKED}What has no second way, and what has one for which there is no room, is told alike.",
+    why="One fault is what every flight must expect. What has no second way, and what has one for which there is no "
+    f"room, is told alike. {_ASKED}",
     fix="Double the device on another PE (a DEMUX chooses between actuators), give the bus `channels: 2`, let modules "
     "run on more PEs or with less, or accept it with a reason: `# dg: ignore[DG401] one engine`.",
     bad=_doubled("A", pitot_pe="nav"),
@@ -104,7 +107,7 @@ LESSER_LOST_WITH_HARDWARE = FAMILY.rule(
     "lesser-lost-with-hardware",
     Severity.WARNING,
     what="A function of class C or D is lost when one PE, device or bus fails.",
-    why=f"{_ASKED}It is told apart from DG401, so that one of them can be an error and the other accepted.",
+    why=f"It is told apart from DG401, so that one of them can be an error and the other accepted. {_ASKED}",
     fix="As for DG401; or make the function class E, if nobody depends on it.",
     bad=_doubled("C", pitot_pe="nav"),
     good=_doubled("C", pitot_pe="tail"),
@@ -114,10 +117,10 @@ LOST_WITH_MODULE = FAMILY.rule(
     "lost-with-module",
     Severity.WARNING,
     what="A function of class A or B is lost when one module fails, though all hardware works.",
-    why=f"{_ASKED}A module that has failed is not started again by itself. Drivers are left out where their device is "
-    "told already.",
-    fix="Add a second module that gives the same variable, best of another design and in a lower version; or accept it "
-    "with a reason.",
+    why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
+    f"where the same is told of their device. {_ASKED}",
+    fix="Add a second module that gives the same variable, if need be in a worse version and best of another design; or "
+    "accept it with a reason.",
     bad=_smoothed("A", "smoother"),
     good=_smoothed("A", "smoother", "plain_smoother"),
 )
@@ -126,7 +129,7 @@ LESSER_LOST_WITH_MODULE = FAMILY.rule(
     "lesser-lost-with-module",
     Severity.WARNING,
     what="A function of class C or D is lost when one module fails, though all hardware works.",
-    why=f"{_ASKED}It is told apart from DG403, so that one of them can be an error and the other accepted.",
+    why=f"It is told apart from DG403, so that one of them can be an error and the other accepted. {_ASKED}",
     fix="As for DG403; or make the function class E, if nobody depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
