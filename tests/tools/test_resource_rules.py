@@ -120,7 +120,7 @@ def test_a_missed_deadline_shows_what_goes_first() -> None:
 
 
 def test_the_reserve_counts_states_from_behind_gateways() -> None:
-    """Four states a second of `far` pass up through `can0`, on top of its own three senders and the manager's two."""
+    """Four states a second of `far` pass up through `can0`, on top of those of its two PEs and the manager's two frames."""
     fragment = (
         "buses:\n  can0: {bitrate: 10000, heartbeat_ms: 1000, reserve: SHARE}\n"
         "  link: {bitrate: 100000, kind: wireless, heartbeat_ms: 250}\n"
@@ -132,7 +132,9 @@ def test_the_reserve_counts_states_from_behind_gateways() -> None:
     (finding,) = found_in(fragment.replace("SHARE", "0.107"))
     assert finding.code == RESERVE_TOO_SMALL.code
     assert "take 1080 bit/s" in finding.sentence
-    assert "reserve: 0.108" in finding.hint
+    assert finding.hint == "write reserve: 0.108 or heartbeat_ms: 1019, or more"
+    (swamped,) = found_in(fragment.replace("SHARE", "0.1").replace("bitrate: 10000,", "bitrate: 1000,"))
+    assert (swamped.code, swamped.hint) == ("DG307", "raise the bit rate")
 
 
 @pytest.mark.parametrize("name", shipped_spec_names())

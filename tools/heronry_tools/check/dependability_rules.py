@@ -119,7 +119,7 @@ LOST_WITH_MODULE = FAMILY.rule(
     what="A function of class A or B is lost when one module fails, though all hardware works.",
     why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
     f"where the same is told of their device. {_ASKED}",
-    fix="Add a second module that gives the same variable, if need be in a worse version and best of another design; or "
+    fix="Add a second module that gives the same variable, best of another design, if need be in a worse version; or "
     "accept it with a reason.",
     bad=_smoothed("A", "smoother"),
     good=_smoothed("A", "smoother", "plain_smoother"),

@@ -5,11 +5,13 @@ Then the planner is asked (servable.py). Causes are told once: a function whose 
 overloads a bus by itself, is not looked at again; one that only deadlines keep from being served is told as late; and
 one that could not be served with resources without end is left to the rules of the graph.
 
-A spec with more sources than identifiers (DG505) has no order on its buses; the planner is not asked about it.
+A spec with more sources than identifiers (DG505) has no order on its buses, and one whose management takes all of a bus
+(DG307) no time; the planner is not asked about them.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING, Final
 
 from heronry_dg.check.subject import Subject
@@ -38,7 +40,8 @@ def check(subject: Subject, findings: Findings) -> None:
         _fits(subject, findings, module)
     for bus in subject.spec.buses.values():
         _reserve(subject, findings, bus)
-    if not lacks_identifiers(subject.spec):
+    swamped = any(_is_swamped(subject.spec, bus) for bus in subject.spec.buses.values())
+    if not swamped and not lacks_identifiers(subject.spec):
         _Serving(subject, findings).check()
 
 
@@ -81,29 +84,40 @@ def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
 
 
 def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
-    """Hold the reserve of a bus against states, LEASE and ALIVE, at their longest."""
-    needed = sum(Fraction(WORST_BLOCKING_BITS * _NS_PER_S, period) for period in _management_periods_ns(subject, bus))
-    if needed > bus.bitrate * bus.reserve:
-        sentence = (
-            f"bus '{bus.name}' reserves {float(bus.bitrate * bus.reserve):.0f} bit/s, and the states of its PEs, LEASE "
-            f"and ALIVE take {float(needed):.0f} bit/s"
-        )
-        share = -(-needed * 1000 // bus.bitrate) / 1000
-        hint = f"write reserve: {float(share):g} or more, or raise heartbeat_ms"
-        findings.add(rules.RESERVE_TOO_SMALL, subject.place("buses", bus.name, "reserve"), sentence, hint)
+    """Hold the reserve of a bus against what management sends there all the time."""
+    reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
+    if own + passing <= reserved:
+        return
+    sentence = (
+        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, and the states of its PEs, LEASE and ALIVE take "
+        f"{float(own + passing):.0f} bit/s"
+    )
+    remedies = []
+    if (own + passing) < bus.bitrate * bus.max_load:
+        remedies.append(f"reserve: {ceil((own + passing) * 1000 / bus.bitrate) / 1000:g}")
+    if passing < reserved:
+        remedies.append(f"heartbeat_ms: {ceil(bus.heartbeat_ns * own / (reserved - passing) / 1_000_000)}")
+    hint = f"write {listed(remedies, last='or')}, or more" if remedies else "raise the bit rate"
+    findings.add(rules.RESERVE_TOO_SMALL, subject.place("buses", bus.name, "reserve"), sentence, hint)
 
 
-def _management_periods_ns(subject: Subject, bus: Bus) -> Iterator[int]:
-    """Periods of the frames that management sends on a bus, those included that a gateway passes up through it."""
-    spec, left = subject.spec, survivors(subject.spec, Situation())
-    yield from [bus.heartbeat_ns] * _MANAGER_FRAMES
+def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
+    """States, LEASE and ALIVE at their longest: those of the bus itself, and what gateways pass up through it."""
+    left = survivors(spec, Situation())
     hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
+    own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
     for pe in spec.pes.values():
         way = left.route(pe.name, hub) if hub is not None else None
         if bus.name in pe.buses:
-            yield bus.heartbeat_ns
+            own += Fraction(1, bus.heartbeat_ns)
         elif way and bus.name in (*way, spec.manager.bus):
-            yield spec.buses[way[0]].heartbeat_ns
+            passing += Fraction(1, spec.buses[way[0]].heartbeat_ns)
+    return own * WORST_BLOCKING_BITS * _NS_PER_S, passing * WORST_BLOCKING_BITS * _NS_PER_S
+
+
+def _is_swamped(spec: Spec, bus: Bus) -> bool:
+    """Tell whether management alone takes all of a bus, so that nothing else ever arrives."""
+    return bus.kind == "wired" and sum(_management_bits_per_s(spec, bus)) >= bus.bitrate
 
 
 class _Serving:
