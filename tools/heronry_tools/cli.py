@@ -21,6 +21,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "dbc_command": ("dbc",),
     "check_command": ("check",),
     "rules_command": ("rules", "explain", "schema"),
+    "render_command": ("render",),
 }
 
 _EPILOG = """\

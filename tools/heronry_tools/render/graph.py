@@ -1,0 +1,56 @@
+"""The dependency graph as nodes and edges: what a picture of it shows, before anything has a place.
+
+The symbols are those of the paper, section 3.1 and Figures 1 to 3: modules, variables, devices, and the four gates.
+`build` makes a Graph of a spec; `ranks`, `ordering` and `layout` give it a place; `svg` and `text` write it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["module", "variable", "sensor", "actuator", "and", "or", "xor", "demux"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One mode of a module."""
+
+    label: str
+    dead: bool = False
+    chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One symbol. `key` is unique: `module:NAME`, `variable:NAME`, `gate:MODULE/MODE/PATH`, ..."""
+
+    key: str
+    kind: Kind
+    label: str  # the name, or what stands in the symbol of a gate
+    note: str = ""  # said below the name, smaller
+    cells: tuple[Cell, ...] = ()  # modes of a module that has more than one
+    initial: bool = False  # a variable that has a value before it is received: a cycle may pass through it
+    dead: bool = False  # cannot run, hold or be given
+    chosen: bool = False  # runs, holds or is given in the plan
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """One flow of data, from left to right."""
+
+    source: str
+    target: str
+    label: str = ""  # which versions, where not all
+    out_cell: int | None = None  # the mode that it leaves; None: the symbol itself
+    in_cell: int | None = None
+    dead: bool = False
+    chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """A dependency graph, in the order of its spec."""
+
+    name: str
+    nodes: Mapping[str, Node]
+    edges: tuple[Edge, ...]

@@ -1,0 +1,77 @@
+"""What of a graph is dead in a situation, and what of it a plan has chosen.
+
+Dead is what could not run if resources were endless (`heronry_dg.why_not.feasible`). Chosen is what runs, and what is
+wired; a gate is chosen if it holds by what is wired below it.
+"""
+
+from dataclasses import dataclass, field
+
+from heronry_dg.configuration import Configuration, Running
+from heronry_dg.gates import Expression, holds, leaves
+from heronry_dg.model import Demux, Mode, Module, Spec
+from heronry_dg.situation import Situation
+from heronry_dg.why_not import Feasible, feasible
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Both marks for one spec, situation and configuration; made by `marks`."""
+
+    spec: Spec
+    found: Feasible
+    configuration: Configuration = field(default_factory=Configuration)
+
+    def mode_dead(self, module: Module, mode: Mode) -> bool:
+        """Tell whether a mode cannot run."""
+        return (module.name, mode.name) in self.found.lost
+
+    def module_dead(self, module: Module) -> bool:
+        """Tell whether no mode of a module can run."""
+        return not self.found.can_run(module)
+
+    def variable_dead(self, variable: str) -> bool:
+        """Tell whether nobody can give a variable."""
+        return all(self.mode_dead(module, mode) for module, mode in self.spec.producers(variable))
+
+    def device_dead(self, device: str) -> bool:
+        """Tell whether a device is down, or its PE out of reach."""
+        return device not in self.found.left.devices
+
+    def gate_dead(self, gate: Expression) -> bool:
+        """Tell whether a gate or leaf cannot hold."""
+        return not self.found.can_hold(gate, before=len(self.found.lost) + 2)
+
+    def demux_dead(self, demux: Demux) -> bool:
+        """Tell whether a DEMUX has nothing to hand on, or nobody to hand it to."""
+        branches = (self.spec.modules[branch] for branch in demux.branches)
+        return self.variable_dead(demux.variable) or all(self.module_dead(branch) for branch in branches)
+
+    def running(self, module: Module) -> Running | None:
+        """How a module runs; None if it does not."""
+        return self.configuration.modules.get(module.name)
+
+    def runs(self, module: Module, mode: Mode) -> bool:
+        """Tell whether a module runs in a mode."""
+        running = self.running(module)
+        return running is not None and running.mode == mode.name
+
+    def wired(self, module: Module, mode: Mode, path: str) -> bool:
+        """Tell whether the leaf at a path is wired."""
+        running = self.running(module)
+        return running is not None and running.mode == mode.name and path in running.inputs
+
+    def gate_chosen(self, module: Module, mode: Mode, gate: Expression, path: str) -> bool:
+        """Tell whether a gate holds by something that is wired below it."""
+        running = self.running(module)
+        if running is None or running.mode != mode.name or not holds(gate, running.inputs, path):
+            return False
+        return any(leaf in running.inputs for leaf, _ in leaves(gate, path))
+
+    def given(self, variable: str) -> bool:
+        """Tell whether a running mode gives a variable."""
+        return any(self.runs(module, mode) for module, mode in self.spec.producers(variable))
+
+
+def marks(spec: Spec, now: Situation, configuration: Configuration | None = None) -> Marks:
+    """Work out the marks; the configuration must name nothing that the spec lacks."""
+    return Marks(spec, feasible(spec, now), configuration or Configuration())
