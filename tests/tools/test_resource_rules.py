@@ -120,7 +120,7 @@ def test_a_missed_deadline_shows_what_goes_first() -> None:
 
 
 def test_the_reserve_counts_states_from_behind_gateways() -> None:
-    """Four states a second of `far` pass up through `can0`, on top of those of its two PEs and the manager's two frames."""
+    """Four states a second of `far` pass up through `can0`, beside those of its PEs and two frames of the manager."""
     fragment = (
         "buses:\n  can0: {bitrate: 10000, heartbeat_ms: 1000, reserve: SHARE}\n"
         "  link: {bitrate: 100000, kind: wireless, heartbeat_ms: 250}\n"
