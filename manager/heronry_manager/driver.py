@@ -81,6 +81,8 @@ class ManagerDriver:
         self._carry_out(self._core.step(now_ns, event), now_ns)
 
     def _carry_out(self, actions: list[ManagerAction], now_ns: int) -> None:
+        """Do them in order; a plan that is there at once is news for the core only when all of them are done."""
+        answers = []
         for action in actions:
             match action:
                 case Send(frame=frame):
@@ -88,10 +90,12 @@ class ManagerDriver:
                 case RequestPlan():
                     answer = self._foresight.request(action)
                     if answer is not None:
-                        self._step(answer)
+                        answers.append(answer)
                 case Settled(down, phase, running):
                     self._foresight.settled(down, phase, running)
                 case Emit(event):
                     self._emit(event)
                 case Stop(reason):
                     self._stop_reason = reason
+        for known in answers:
+            self._step(known)

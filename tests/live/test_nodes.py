@@ -1,0 +1,409 @@
+"""Manager and PEs as processes on a software bus, met by strangers: a CANopen master, a CANaerospace tool, a rival.
+
+And by mistakes of whoever starts them: each is one sentence on standard error and an exit code, never a traceback.
+"""
+
+import json
+import os
+import re
+import select
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Self
+
+import can
+import canopen
+import pytest
+
+from heronry_dg.loader import load
+from heronry_manager.compilation import Compiler
+from heronry_tools.softbus.starter import start_hub
+from heronry_tools.table_command import write_tables
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.management import FaultCode, PeState, StatePage0, decode_state
+from heronry_wire.node_services import (
+    Identification,
+    Service,
+    ServiceMessage,
+    decode_service,
+    encode_service,
+    read_identification,
+    request,
+    service_id,
+)
+
+pytestmark = pytest.mark.live
+
+PATIENCE_S = 30.0
+ROOT = Path(__file__).resolve().parents[2]
+TESTS = ROOT / "tests"
+SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
+MANAGER = [sys.executable, "-m", "heronry_tools.cli", "manager"]
+AGENT = [sys.executable, "-m", "heronry_agent"]
+BOOT_UP, PRE_OPERATIONAL, OPERATIONAL = 0x00, 0x7F, 0x05
+
+
+class Process:
+    """A manager or an agent, and what it says."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            arguments,
+            stdin=subprocess.PIPE,  # held open: they are started to end with it
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([os.environ.get("PYTHONPATH", ""), str(TESTS)])},
+        )
+        self._unread = b""
+
+    def event(self, kind: str) -> dict[str, Any]:
+        """Give a manager's next event of a kind."""
+        return self.events_until(kind)[-1]
+
+    def events_until(self, kind: str) -> list[dict[str, Any]]:
+        """Give a manager's events up to the next one of a kind."""
+        assert self.process.stdout is not None
+        events = []
+        while True:
+            line, newline, rest = self._unread.partition(b"\n")
+            if not newline:
+                assert select.select([self.process.stdout], [], [], PATIENCE_S)[0], f"no '{kind}' comes"
+                chunk = os.read(self.process.stdout.fileno(), 65536)
+                assert chunk, f"it ended before '{kind}'"
+                self._unread += chunk
+                continue
+            self._unread = rest
+            events.append(json.loads(line))
+            if events[-1]["event"] == kind:
+                return events
+
+    def kill(self) -> None:
+        """End it as a crash would."""
+        self.process.kill()
+        self.process.communicate()
+
+    def end(self) -> tuple[int, list[str]]:
+        """Wait for its end, which must come by itself: exit code, and what it said on standard error."""
+        self.process.wait(PATIENCE_S)
+        _, said = self.process.communicate()
+        return self.process.returncode, said.decode().splitlines()
+
+
+class Aircraft:
+    """A hub, a spec's manager and agents on it, and the test's own place on the bus; at its end all are gone."""
+
+    def __init__(self, folder: Path, spec_file: Path = SPEC_FILE) -> None:
+        self.folder, self.spec_file, self.spec = folder, spec_file, load(spec_file)
+        self.hub = start_hub(folder / "can0.sock", 1_000_000)
+        self.bus_flags = ["-i", "softbus", "-c", str(folder / "can0.sock")]
+        self.bus = can.Bus(interface="softbus", channel=str(folder / "can0.sock"))
+        self._tables = write_tables(Compiler(self.spec), tuple(self.spec.pes), folder)
+        self._started: list[Process] = []
+
+    def start_manager(self, *more: str) -> Process:
+        arguments = [str(self.spec_file), *self.bus_flags, "--json", "--until-eof"]
+        return self._start(*MANAGER, *arguments, "--state-dir", str(self.folder / "state"), *more)
+
+    def start_agents(self) -> list[Process]:
+        return [
+            self._start(*AGENT, "--table", str(table), *self.bus_flags, "--until-eof", "--quiet")
+            for table in self._tables.values()
+        ]
+
+    def hear(self, wanted: Callable[[Frame], bool]) -> Frame:
+        """Give the next wanted frame."""
+        until_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until_s:
+            message = self.bus.recv(PATIENCE_S)
+            assert message is not None, "the bus is silent"
+            frame = Frame(message.arbitration_id, bytes(message.data))
+            if wanted(frame):
+                return frame
+        raise AssertionError("what is wanted is not heard")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._started:
+            process.kill()
+        self.bus.shutdown()
+        self.hub.close()
+
+    def _start(self, *arguments: str) -> Process:
+        self._started.append(Process(*arguments))
+        return self._started[-1]
+
+
+@pytest.fixture
+def aircraft(tmp_path: Path) -> Iterator[Aircraft]:
+    with Aircraft(tmp_path) as aircraft:
+        yield aircraft
+
+
+class CanopenMaster:
+    """The `canopen` package as anybody would use it; what it hears, by node-ID."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self.heartbeats: defaultdict[int, list[int]] = defaultdict(list)
+        self.emergencies: defaultdict[int, list[canopen.emcy.EmcyError]] = defaultdict(list)
+        self._news, self._wake = os.pipe()
+        self.network = canopen.Network()
+        for pe in aircraft.spec.pes.values():
+            node = self.network.add_node(pe.node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
+            node.nmt.add_heartbeat_callback(self._noting(self.heartbeats[pe.node_id]))
+            node.emcy.add_callback(self._noting(self.emergencies[pe.node_id]))
+        self.network.connect(interface="softbus", channel=str(aircraft.folder / "can0.sock"))
+
+    def wait_until(self, what: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not what():
+            left_s = max(0.0, until_s - time.monotonic())
+            assert select.select([self._news], [], [], left_s)[0], "the CANopen master waits in vain"
+            os.read(self._news, 4096)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.network.disconnect()
+        os.close(self._news)
+        os.close(self._wake)
+
+    def _noting(self, place: list[Any]) -> Callable[[Any], None]:
+        def note(one: Any) -> None:
+            place.append(one)
+            os.write(self._wake, b"!")
+
+        return note
+
+
+def test_a_canopen_master_hears_boot_up_and_heartbeats(aircraft: Aircraft) -> None:
+    with CanopenMaster(aircraft) as master:
+        heard = master.heartbeats
+        aircraft.start_agents()
+        master.wait_until(lambda: all(PRE_OPERATIONAL in states for states in heard.values()))
+        assert {tuple(states[:2]) for states in heard.values()} == {(BOOT_UP, PRE_OPERATIONAL)}
+        aircraft.start_manager().event("reconfigured")
+        master.wait_until(lambda: all(states[-1] == OPERATIONAL for states in heard.values()))
+        assert {node.nmt.state for node in master.network.values()} == {"OPERATIONAL"}
+        assert not any(master.emergencies.values())
+
+
+def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) -> None:
+    """A driver raises: EMCY, and a plan without it that runs."""
+    file = tmp_path / "failing.dg.yaml"
+    own_code = "pressure_driver: {image: 'agent.modules_for_host:Raising', "
+    file.write_text(SPEC_FILE.read_text().replace("pressure_driver: {", own_code))
+    with Aircraft(tmp_path, file) as aircraft, CanopenMaster(aircraft) as master:
+        aircraft.start_agents()
+        manager = aircraft.start_manager()
+        node = aircraft.spec.pes["sensor_pe"].node_id
+        master.wait_until(lambda: bool(master.emergencies[node]))
+        assert master.emergencies[node][0].code == FaultCode.MODULE_EXCEPTION
+        assert master.emergencies[node][0].register & 1
+        assert manager.event("fault_reported")["element"] == "module:pressure_driver"
+        assert "pressure_driver" not in manager.event("plan_ready")["plan"]["modules"]
+        manager.event("reconfigured")
+        assert [n for n, emergencies in master.emergencies.items() if emergencies] == [node]
+
+
+def answers(aircraft: Aircraft, asked: ServiceMessage, count: int) -> dict[int, Identification]:
+    """Ask, and give who said what."""
+    frame = encode_service(asked)
+    aircraft.bus.send(can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False))
+    found: dict[int, Identification] = {}
+    while len(found) < count:
+        answer = decode_service(aircraft.hear(lambda f: f.can_id == service_id(0, is_answer=True)))
+        assert isinstance(answer, ServiceMessage)
+        assert answer.datum.message_code == asked.datum.message_code
+        identification = read_identification(answer)
+        assert isinstance(identification, Identification)
+        found[answer.datum.node_id] = identification
+    return found
+
+
+def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
+    """Asked by its number, and asked together with everybody (CANaerospace IDS on channel 0)."""
+    aircraft.start_agents()
+    aircraft.start_manager().event("reconfigured")
+    nodes = [126, *(pe.node_id for pe in aircraft.spec.pes.values())]
+    own = Identification(hardware_revision=0, software_revision=1)
+    for code, node in enumerate(nodes):
+        assert answers(aircraft, request(Service.IDS, node, message_code=code), 1) == {node: own}
+    assert answers(aircraft, request(Service.IDS, 0, message_code=200), len(nodes)) == dict.fromkeys(nodes, own)
+
+
+def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_reboots_nobody(aircraft: Aircraft) -> None:
+    aircraft.start_agents()
+    first = aircraft.start_manager()
+    assert first.event("manager_started")["term"] == 1
+    before = first.event("reconfigured")["epoch"]
+    incarnations = {pe: running_state(aircraft, pe, PeState.ACTIVE).incarnation for pe in aircraft.spec.pes}
+    first.kill()
+
+    second = aircraft.start_manager()
+    assert second.event("manager_started")["term"] == 2
+    after = second.event("reconfigured")["epoch"]
+    assert after > before
+    for pe, incarnation in incarnations.items():
+        state = running_state(aircraft, pe, PeState.ACTIVE, after)
+        assert state.incarnation == incarnation
+
+
+def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) -> StatePage0:
+    """Wait until a PE says that it is in a state, in this epoch or a later one; on the way it must be configured."""
+    own = state_id(aircraft.spec.pes[pe].node_id)
+    while True:
+        page = decode_state(aircraft.hear(lambda frame: frame.can_id == own).data)
+        if isinstance(page, StatePage0) and page.state is wanted and page.epoch >= epoch:
+            return page
+        assert not (epoch and isinstance(page, StatePage0) and page.state is PeState.UNCONFIGURED)
+
+
+def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) -> None:
+    agents = aircraft.start_agents()
+    manager = aircraft.start_manager()
+    manager.event("reconfigured")
+    for _ in range(100):  # time to think ahead
+        aircraft.hear(lambda frame: frame.can_id == management_id(126, Command.LEASE))
+    agents[-1].kill()
+    kinds = [event["event"] for event in manager.events_until("reconfigured")]
+    steps = ["pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "reconfigured"]
+    assert [kind for kind in kinds if kind in steps] == steps
+
+
+def test_a_hub_that_is_killed_ends_everybody_with_one_sentence(aircraft: Aircraft) -> None:
+    agents = aircraft.start_agents()
+    manager = aircraft.start_manager()
+    manager.event("reconfigured")
+    aircraft.hub.kill()
+    for process, name, code in ((manager, "heronry", 2), *((agent, "pe-agent", 1) for agent in agents)):
+        ended, said = process.end()
+        assert ended == code
+        (sentence,) = said
+        assert sentence.startswith(f"{name}: softbus {aircraft.folder}/can0.sock is lost: ")
+        assert "start one with: python -m heronry_tools.softbus" in sentence
+
+
+# Mistakes of whoever starts them
+
+
+def complaint(*arguments: str) -> str:
+    """Give the one sentence with which a command refuses."""
+    done = subprocess.run(arguments, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60, check=False)
+    assert done.returncode in (1, 2)
+    assert done.stdout == ""
+    (sentence,) = done.stderr.splitlines()
+    return sentence
+
+
+def test_a_second_manager_leaves_the_bus_to_the_first(aircraft: Aircraft) -> None:
+    first = aircraft.start_manager()
+    aircraft.hear(lambda frame: frame.can_id == management_id(126, Command.LEASE))
+    second = aircraft.start_manager("--node", "127", "--state-dir", str(aircraft.folder / "other"))
+    assert second.event("second_manager")["node"] == 126
+    code, said = second.end()
+    assert code == 1
+    assert said == ["heronry: manager 126 already reigns on can0 (term 1); stop it first, or let this one be"]
+    first.event("plan_ready")
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> str:
+    return str(write_tables(Compiler(load(SPEC_FILE)), ("tail_pe",), tmp_path)["tail_pe"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
+        (["-i", "softbus", "-c", "/no/such.sock"], "start one with: python -m heronry_tools.softbus /no/such.sock"),
+        (["-i", "softbus"], "channel"),
+        (["--bus", "radio=softbus:/no/such.sock"], "tail_pe has no such bus; it has can0"),
+    ],
+)
+def test_an_agent_without_its_bus(table: str, arguments: list[str], says: str) -> None:
+    sentence = complaint(*AGENT, "--table", table, *arguments)
+    assert sentence.startswith("pe-agent: ")
+    assert says in sentence
+
+
+@pytest.mark.parametrize("command", [[*AGENT, "--table", "x"], [*MANAGER, str(SPEC_FILE)]], ids=["agent", "manager"])
+def test_an_interface_that_nobody_knows(command: list[str]) -> None:
+    """It is refused with the usage, as every mistyped flag is; the last line says what there is."""
+    done = subprocess.run([*command, "-i", "nonsense", "-c", "x"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert re.search(r"invalid choice: 'nonsense' \(choose from .*softbus.*\)$", done.stderr.splitlines()[-1])
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "No such file or directory; write the table with 'heronry table'"),
+        ('{"format": 1, "name": "tail_pe"}', "write the table anew with 'heronry table'"),
+        ("dg: 1", "write the table anew with 'heronry table'"),
+    ],
+)
+def test_an_agent_without_a_table(tmp_path: Path, content: str | None, says: str) -> None:
+    file = tmp_path / "bad.table"
+    if content is not None:
+        file.write_text(content)
+    sentence = complaint(*AGENT, "--table", str(file), "-i", "softbus", "-c", "x")
+    assert sentence.startswith(f"pe-agent: {file}: ")
+    assert says in sentence
+
+
+def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
+    aircraft.start_agents()
+    node = aircraft.spec.pes["tail_pe"].node_id
+    aircraft.hear(lambda frame: frame.can_id == state_id(node))
+    table = str(aircraft.folder / "tail_pe.table")
+    sentence = complaint(*AGENT, "--table", table, *aircraft.bus_flags)
+    assert sentence == f"pe-agent: another node on the bus has node-ID {node}; give one of them another in the spec"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
+        (["-i", "softbus", "-c", "/no/such.sock"], "start one with: python -m heronry_tools.softbus /no/such.sock"),
+        ([], "no bus is named: give -i INTERFACE and -c CHANNEL"),
+    ],
+)
+def test_a_manager_without_its_bus(tmp_path: Path, arguments: list[str], says: str) -> None:
+    sentence = complaint(*MANAGER, str(SPEC_FILE), *arguments, "--state-dir", str(tmp_path))
+    assert sentence.startswith("heronry: ")
+    assert says in sentence
+
+
+def test_a_manager_that_cannot_keep_its_term(aircraft: Aircraft) -> None:
+    (aircraft.folder / "state").write_text("a file, where a folder should be\n")
+    code, said = aircraft.start_manager().end()
+    assert code == 2
+    assert said == [f"heronry: {aircraft.folder}/state: File exists; name another folder with --state-dir"]
+
+
+def test_a_manager_with_a_spec_that_is_wrong_in_two_places(tmp_path: Path) -> None:
+    text = SPEC_FILE.read_text().replace("device: gps,", "device: gpps,").replace("cpu: 0.3,", "cpu: lots,")
+    file = tmp_path / "wrong.dg.yaml"
+    file.write_text(text)
+    done = subprocess.run(
+        [*MANAGER, str(file), "-i", "softbus", "-c", "/no/such.sock"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    places = [line for line in done.stderr.splitlines() if f"{file}:" in line]
+    lines = text.splitlines()
+    wrong = [number for number, line in enumerate(lines, 1) if "gpps" in line or "lots" in line]
+    assert [int(place.partition(f"{file}:")[2].split(":")[0]) for place in places] == wrong
+    assert "Traceback" not in done.stderr
+
+
+def test_a_manager_with_a_spec_that_is_not_there() -> None:
+    assert "/no/such.dg.yaml" in complaint(*MANAGER, "/no/such.dg.yaml", "-i", "softbus", "-c", "x")
+    assert "neither a file nor a shipped spec" in complaint(*MANAGER, "big_bule", "-i", "softbus", "-c", "x")
