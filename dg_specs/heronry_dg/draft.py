@@ -29,22 +29,26 @@ _SECTIONS: Final = tuple(name for name in field_names(schema.SpecForm) if name n
 _MODE_FIELDS: Final = field_names(schema.ModeForm)
 
 _NAME_HINT: Final = "use a letter, then letters, digits and '_', at most 64 in all"
-_PRINTABLE: Final = (rules.BAD_TEXT, "1 to 64 printable characters without quotes and backslashes", "")
+_PRINTABLE: Final = (
+    rules.BAD_TEXT,
+    "1 to 64 printable characters without quotes and backslashes",
+    "leave out quotes, backslashes and what cannot be seen",
+)
 _WANTED: Final = {  # per type of pydantic error: the rule, what was wanted, and a hint
-    "bool_type": (rules.WRONG_TYPE, "true or false", ""),
-    "dict_type": (rules.NOT_A_MAP, "a map", "write {key: value}"),
-    "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", ""),
-    "greater_than_equal": (rules.OUT_OF_RANGE, "at least {ge}", ""),
-    "int_type": (rules.WRONG_TYPE, "a whole number", ""),
-    "less_than_equal": (rules.OUT_OF_RANGE, "at most {le}", ""),
+    "bool_type": (rules.WRONG_TYPE, "true or false", "write true or false, without quotes"),
+    "dict_type": (rules.NOT_A_MAP, "a map", "write {{key: value}}"),
+    "greater_than": (rules.OUT_OF_RANGE, "more than {gt}", "write a number above {gt}"),
+    "greater_than_equal": (rules.OUT_OF_RANGE, "at least {ge}", "write {ge} or more"),
+    "int_type": (rules.WRONG_TYPE, "a whole number", "write digits alone, as 1"),
+    "less_than_equal": (rules.OUT_OF_RANGE, "at most {le}", "write {le} or less"),
     "list_type": (rules.WRONG_TYPE, "a list", "write [a, b]"),
-    "literal_error": (rules.NOT_A_CHOICE, "{expected}", ""),
-    "model_type": (rules.NOT_A_MAP, "a map", "write {key: value}"),
+    "literal_error": (rules.NOT_A_CHOICE, "{expected}", "write one of these, as it is spelt here"),
+    "model_type": (rules.NOT_A_MAP, "a map", "write {{key: value}}"),
     "string_pattern_mismatch": _PRINTABLE,
     "string_too_long": _PRINTABLE,
     "string_too_short": _PRINTABLE,
     "string_type": (rules.WRONG_TYPE, "text", "put it in quotes if it is meant as text"),
-    "too_short": (rules.SHORT_LIST, "a list of {min_length} or more", ""),
+    "too_short": (rules.SHORT_LIST, "a list of {min_length} or more", "add items, or remove the list"),
 }
 
 
@@ -257,8 +261,11 @@ class _FormFindings:
 
 def _translated(error: Any) -> tuple[Rule, str, str]:
     """Rule, sentence and hint for an error of pydantic's own types."""
-    rule, wanted, hint = _WANTED.get(error["type"], (rules.WRONG_TYPE, "something else", ""))
-    wanted = wanted.format_map(error.get("ctx", {}))
+    rule, wanted, hint = _WANTED.get(
+        error["type"], (rules.WRONG_TYPE, "something else", "heronry schema tells what each field may be")
+    )
+    bounds = error.get("ctx", {})
+    wanted, hint = wanted.format_map(bounds), hint.format_map(bounds)
     if error["type"] == "string_pattern_mismatch" and error["ctx"]["pattern"] == f"^{schema.NAME_PATTERN}$":
         rule, wanted, hint = rules.BAD_NAME, "a name", _NAME_HINT
     return rule, f"must be {wanted}, not {shown(error['input'])}", hint

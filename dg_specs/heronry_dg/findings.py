@@ -144,5 +144,5 @@ def _there_is(known: Collection[str]) -> str:
     if not known:
         return "there is none"
     if len(known) > 8:
-        return ""
+        return "declare it, or take the name of one that is"
     return f"there is {listed(known)}"

@@ -8,6 +8,7 @@ and is never rounded. Bounds keep every sum of quantities far inside 64 bits, in
 import re
 from decimal import Decimal
 from fractions import Fraction
+from math import ceil
 from typing import Final
 
 from heronry_dg.findings import shown
@@ -22,6 +23,7 @@ MOST_MS: Final = 3_600_000
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,13}(?:\.[0-9]{1,12})?)(?P<unit>KiB|MiB|GiB)")
 _WITH_UNIT = re.compile(r"(?P<number>-?[0-9]+(?:\.[0-9]+)?) ?(?P<unit>%|[A-Za-z][A-Za-z/]*)?")
 _LONGEST_SHOWN_NUMBER: Final = 12
+_FINEST_SHOWN: Final = 1_000_000  # parts of a unit: what is finer has too many digits to be read
 _UNITS: Final = {"KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
@@ -79,7 +81,7 @@ def share(value: object) -> Fraction:
     """A share of a whole, 0 to 1; raises UnfitError for anything else."""
     exact = number(value)
     if not 0 <= exact <= 1:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be a share from 0 to 1, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be a share from 0 to 1, not {value}", "write 0.8 for 80 %")
     return exact
 
 
@@ -87,7 +89,9 @@ def failures_per_hour(value: object) -> Fraction:
     """A failure rate, 0 or more; raises UnfitError for anything else."""
     exact = number(value)
     if exact < 0:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be 0 or more failures per hour, not {value}")
+        raise UnfitError(
+            rules.OUT_OF_RANGE, f"must be 0 or more failures per hour, not {value}", "write 0.0005 or 5e-4"
+        )
     return exact
 
 
@@ -97,7 +101,7 @@ def number(value: object) -> Fraction:
         numeric = _WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
         sentence = f"must be a number, not {shown(value)}"
         if numeric is None:
-            raise UnfitError(rules.WRONG_TYPE, sentence)
+            raise UnfitError(rules.WRONG_TYPE, sentence, "write digits alone, as 0.5")
         raise UnfitError(rules.WRONG_UNIT, sentence, _bare_number_hint(numeric["number"], numeric["unit"]))
     return Fraction(value)
 
@@ -113,13 +117,15 @@ def _bare_number_hint(number: str, unit: str) -> str:
 def _whole(value: object, factor: int, most: int, unit: str) -> int:
     exact = number(value)
     if not 0 <= exact <= most:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be from 0 to {most}, not {value}", "write a number in between")
     if (exact * factor).denominator != 1:
-        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, as {value} is")
+        above = Fraction(ceil(exact * factor), factor)
+        hint = f"write {float(above):.10g}, which is the next one above" if factor <= _FINEST_SHOWN else "round it"
+        raise UnfitError(rules.TOO_FINE, f"must not be finer than {unit}, as {value} is", hint)
     return int(exact * factor)
 
 
 def _positive(result: int, value: object) -> int:
     if result == 0:
-        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0, not {value}")
+        raise UnfitError(rules.OUT_OF_RANGE, f"must be more than 0, not {value}", "write a number above 0")
     return result

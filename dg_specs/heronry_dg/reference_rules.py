@@ -176,7 +176,8 @@ class _ReferenceRules:
             encode_data(0, Datum(0, DataType[form.type], 0, 0, initial_value(form.initial)))
         except (WireError, TypeError) as misfit:
             sentence = f"'initial' of variable '{variable.name}' does not fit: {misfit}"
-            self._findings.add(rules.BAD_INITIAL, _value_place(variable, "initial"), sentence)
+            hint = f"write a value that {form.type} takes, or take another type"
+            self._findings.add(rules.BAD_INITIAL, _value_place(variable, "initial"), sentence, hint)
 
     def _module_place(self, module: ModuleElement, form: schema.ModuleForm) -> None:
         self._names(module, "runs_on", form.runs_on or (), "pe", self._draft.pes)

@@ -70,7 +70,8 @@ def _with_default(by_phase: dict[str, Any]) -> dict[str, Any]:
 def _checkpoint(value: object) -> bool | int | str:
     if isinstance(value, bool | str) or (isinstance(value, int) and value >= 0):
         return value
-    raise UnfitError(rules.WRONG_TYPE, f"must be true, false, a whole number or a name, not {shown(value)}")
+    sentence = f"must be true, false, a whole number or a name, not {shown(value)}"
+    raise UnfitError(rules.WRONG_TYPE, sentence, "write checkpoint: true")
 
 
 def _optional_number(value: object) -> Fraction | None:

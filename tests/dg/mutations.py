@@ -174,8 +174,10 @@ class Tally:
     outside: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     def judge(self, mutant: Mutant) -> None:
-        """Judge one more; whatever it raises is a defect."""
+        """Judge one more; whatever it raises is a defect, and so is a finding without a hint."""
         found = judge(mutant.text.encode("utf-8", "surrogatepass"), "x.dg.yaml", checks_of(fast=True), RULES).findings
+        if not all(finding.hint for finding in found):
+            raise AssertionError(f"no hint: {found}")
         self.judged += 1
         if not found:
             self.clean += 1

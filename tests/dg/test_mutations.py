@@ -30,6 +30,9 @@ TREES = st.recursive(
 def judged(data: bytes) -> list[str]:
     found = judge(data, "x.dg.yaml", checks_of(fast=True), RULES)
     full([found])
+    for finding in found.findings:
+        assert finding.hint, str(finding)
+        assert "something else" not in finding.sentence, str(finding)
     return [finding.code for finding in found.findings]
 
 
