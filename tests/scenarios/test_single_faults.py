@@ -14,6 +14,7 @@ BIG_BLUE_PES = ("flight", "nav", "air", "tail_a", "tail_b", "wing", "payload", "
 @pytest.mark.parametrize("spec", [big_blue(), elevator_and_chute(), two_tails()], ids=lambda spec: str(spec.name))
 def test_everything_starts_at_its_own_moment_and_comes_to_one_epoch(spec: Spec) -> None:
     simulation = flying(spec)
+    assert simulation.settle() == []
     assert len(simulation.events_of("pe_joined")) == len(spec.pes)
     assert simulation.events_of("pe_lost") == []
     assert len(simulation.events_of("reconfigured")) == 1

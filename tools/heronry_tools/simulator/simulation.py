@@ -163,6 +163,7 @@ class Simulation:
         if dead is not None:
             dead.stop()
             self._down.add(f"pe:{pe}")
+            self._cut.discard(f"pe:{pe}")
 
     def restore(self, pe: str) -> None:
         """Start a PE that is not running: a new incarnation, on a clock of its own."""
@@ -182,9 +183,10 @@ class Simulation:
         )
 
     def cut(self, pe: str) -> None:
-        """Break the wires of a PE that lives on."""
-        self.pes[pe].cut()
-        self._cut.add(f"pe:{pe}")
+        """Break the wires of a PE that lives on; of one that is dead nothing is left to cut off."""
+        if pe in self.pes:
+            self.pes[pe].cut()
+            self._cut.add(f"pe:{pe}")
 
     def mend(self, pe: str) -> None:
         """Mend them."""
@@ -193,7 +195,7 @@ class Simulation:
         self._cut.discard(f"pe:{pe}")
 
     def deafen(self, pe: str, duration_ns: int) -> None:
-        """Let a PE hear nothing for a while, and be heard all the same."""
+        """Let a PE that lives hear nothing for a while, and be heard all the same."""
         deaf = self.pes[pe]
         deaf.deafen(deaf=True)
         self.at(self.now_ns + duration_ns, lambda: deaf.deafen(deaf=False))

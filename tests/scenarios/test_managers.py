@@ -1,0 +1,87 @@
+"""The manager dies, and another reign begins: nobody stops flying for it, and what it does not know it finds out."""
+
+import pytest
+
+from heronry_tools.simulator.simulation import Simulation
+from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+
+
+def successor(simulation: Simulation, after_ns: int) -> None:
+    """The manager dies now, and is started again later."""
+    simulation.kill_manager()
+    simulation.at(simulation.now_ns + after_ns, simulation.start_manager)
+
+
+def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -> None:
+    simulation = flying(two_tails())
+    successor(simulation, 2_000 * MS)
+    simulation.run_for(1_990 * MS)
+    assert simulation.unsettled() == []
+    assert simulation.settle() == []
+    assert simulation.witness.outages(simulation.now_ns) == []
+    first, second = simulation.events_of("reconfigured")
+    assert second["epoch"] > first["epoch"]
+    assert simulation.events_of("pe_lost") == []
+
+
+def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
+    simulation = flying(two_tails())
+    reigning = simulation.manager
+    simulation.start_manager(127)
+    assert simulation.settle() == []
+    second = simulation.manager
+    assert second is not None
+    assert second.stopped is not None
+    assert "manager 126 already reigns" in second.stopped
+    assert reigning is not None
+    assert reigning.stopped is None
+
+
+@pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
+def test_a_pe_that_was_cut_off_over_a_change_of_reign_is_taken_in(pe: str) -> None:
+    simulation = flying(two_tails())
+    simulation.cut(pe)
+    simulation.run_for(200 * MS)
+    successor(simulation, 100 * MS)
+    simulation.run_for(600 * MS)
+    simulation.mend(pe)
+    assert simulation.settle() == []
+    assert "which nobody commanded" not in str(simulation.events_of("pe_lost"))
+
+
+def test_a_fleet_that_restarts_around_one_that_does_not_gets_new_epochs() -> None:
+    simulation = flying(two_tails())
+    simulation.cut("sensor_pe")
+    successor(simulation, 50 * MS)
+    for pe in ("control_pe", "tail_pe"):
+        simulation.kill(pe)
+        simulation.restore(pe)
+    simulation.run_for(300 * MS)
+    simulation.mend("sensor_pe")
+    assert simulation.settle() == []
+
+
+def test_the_manager_dies_at_the_end_of_every_message() -> None:
+    recorded = flying(two_tails(), keep_trace=True)
+    recorded.kill("tail_pe")
+    recorded.run_for(500 * MS)
+    known_ns = recorded.events_of("pe_lost")[-1]["t_ns"]
+    wrong = {}
+    for frame in management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"]):
+        simulation = flying(two_tails())
+        simulation.at_end_of(frame, lambda flight=simulation: successor(flight, 150 * MS))
+        simulation.kill("tail_pe")
+        violations = simulation.settle()
+        times_are_told(simulation)
+        if violations:
+            wrong[frame] = violations
+    assert wrong == {}
+
+
+def test_big_blue_under_a_new_reign_while_a_processor_comes_back() -> None:
+    simulation = flying(big_blue())
+    simulation.kill("nav")
+    simulation.run_for(90 * MS)
+    successor(simulation, 200 * MS)
+    simulation.restore("nav")
+    assert simulation.settle() == []
