@@ -1,5 +1,8 @@
 """The processes of a demo: hubs, the manager, every PE; started, killed for real, restored, and all gone at the end.
 
+Each process stands for a computer of its own, and a hub for a wire, which waits for nobody. So where this user may,
+they go before everything else that this computer has to do, the hubs first.
+
 Every child holds the read end of a pipe from here as its standard input and ends when that ends, so a demo that is
 itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and where that
 number means something (`_here`); folders whose process is gone are swept away at the next start there.
@@ -27,6 +30,7 @@ from heronry_tools.softbus.starter import HubProcess, start_hub
 from heronry_tools.table_command import write_tables
 
 _STOP_TIMEOUT_S = 5.0
+_HUB_PRIORITY, _NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
 _NAME = "heronry-demo-"
 
 
@@ -76,7 +80,9 @@ class Fleet:
         self._buses = choices
         for choice in choices.values():
             if choice.is_ours:
-                self._hubs.append(start_hub(choice.channel, choice.bitrate or self._spec.buses[choice.name].bitrate))
+                hub = start_hub(choice.channel, choice.bitrate or self._spec.buses[choice.name].bitrate)
+                self._hubs.append(hub)
+                _prefer(hub.pid, _HUB_PRIORITY)
 
     def start_manager(self) -> IO[bytes]:
         """Start the manager; gives the stream of its events."""
@@ -139,13 +145,20 @@ class Fleet:
 
     def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
         with (self.folder / f"{name}.log").open("ab") as log:
-            return subprocess.Popen(
+            process = subprocess.Popen(
                 [sys.executable, "-m", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=stdout,
                 stderr=log,
                 process_group=0,
             )
+        _prefer(process.pid, _NODE_PRIORITY)
+        return process
+
+
+def _prefer(process: int, priority: int) -> None:
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, process, priority)
 
 
 def _bus_flags(choice: BusChoice) -> list[str]:
