@@ -22,6 +22,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "check_command": ("check",),
     "rules_command": ("rules", "explain", "schema"),
     "render_command": ("render",),
+    "diff_command": ("diff",),
 }
 
 _EPILOG = """\

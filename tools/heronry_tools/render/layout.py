@@ -191,7 +191,7 @@ class _Placing:
         for column, keys in enumerate(self._layers.columns):
             left.append(x)
             right.append(x + max(self._shapes[key].width for key in keys))
-            x = right[-1] + 44 + min(80, steepest[column] // 8) + 2 * len(self._feedback)
+            x = right[-1] + 56 + min(80, steepest[column] // 8) + 2 * len(self._feedback)
         return left, right
 
     def _curve(self, number: int, boxes: Mapping[str, Box], left: list[int], right: list[int]) -> Curve:

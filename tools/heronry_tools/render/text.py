@@ -36,17 +36,27 @@ def mermaid(graph: Graph) -> str:
     numbers = {key: f"n{number}" for number, key in enumerate(graph.nodes)}
     lines = ["flowchart LR"]
     for key, node in graph.nodes.items():
-        before, after = _BRACKETS[node.kind]
-        mark = ":::dead" if node.dead else ":::chosen" if node.chosen else ""
-        lines.append(f'  {numbers[key]}{before}"{"<br/>".join(_words(node))}"{after}{mark}')
-    for edge in graph.edges:
-        label = "; ".join(_edge_words(graph, edge))
-        arrow = "-.->" if edge.dead else "==>" if edge.chosen else "-->"
-        said = f'|"{label}"|' if label else ""
-        lines.append(f"  {numbers[edge.source]} {arrow}{said} {numbers[edge.target]}")
+        lines.append(mermaid_node(numbers[key], node, "dead" if node.dead else "chosen" if node.chosen else ""))
+    lines += [
+        mermaid_edge(numbers, graph, edge, "-.->" if edge.dead else "==>" if edge.chosen else "-->")
+        for edge in graph.edges
+    ]
     lines.append("  classDef dead stroke-dasharray:4,color:#999,stroke:#999,text-decoration:line-through")
     lines.append("  classDef chosen stroke-width:3px")
     return "\n".join(lines) + "\n"
+
+
+def mermaid_node(number: str, node: Node, look: str) -> str:
+    """Write one symbol, with the name of its class if it has one."""
+    before, after = _BRACKETS[node.kind]
+    return f'  {number}{before}"{"<br/>".join(_words(node))}"{after}{f":::{look}" if look else ""}'
+
+
+def mermaid_edge(numbers: Mapping[str, str], graph: Graph, edge: Edge, arrow: str) -> str:
+    """Write one edge."""
+    label = "; ".join(_edge_words(graph, edge))
+    said = f'|"{label}"|' if label else ""
+    return f"  {numbers[edge.source]} {arrow}{said} {numbers[edge.target]}"
 
 
 def _words(node: Node) -> Iterator[str]:

@@ -1,0 +1,1 @@
+"""What changes between two specs: in the graph, and in consequence."""

@@ -1,0 +1,146 @@
+"""What follows from a spec in each of its phases: what is served, what it costs, and what it hangs on.
+
+A single point of failure of a function is one element whose loss costs it, though the healthy system serves it. Only
+critical functions (classes A to D) that the phase wants are looked at. To plan for each element would take minutes;
+most losses are settled without:
+
+1. What `feasible` rules out is lost, whatever anybody plans.
+2. If a known configuration, less what died, is legal and serves all the other functions, then nothing else is lost: the
+   best plan is worth no less. Idle modules in it do no harm; they could be stopped.
+3. For what remains there is a plan, and its configuration is known from then on, to the next phase and spec as well.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.gates import holds
+from heronry_dg.model import Function, Spec
+from heronry_dg.objective import CRITICAL_CLASSES, serving_modules
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, elements, survivors
+from heronry_dg.verify import verify
+from heronry_dg.why_not import feasible
+from heronry_manager.planner.exact import plan
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseConsequences:
+    """What follows in one phase with nothing down."""
+
+    served: Mapping[str, str | None]  # function -> how; None: it is not
+    hangs_on: Mapping[str, tuple[str, ...]]  # critical function that is served -> its single points of failure
+    bus_bits_per_s: Mapping[str, int]
+    cpu_millis: int
+
+
+@dataclass(slots=True)
+class Consequences:
+    """Works out consequences; what it has planned for one spec it tries on the next."""
+
+    known: list[Configuration] = field(default_factory=list)
+
+    def of(self, spec: Spec) -> dict[str | None, PhaseConsequences]:
+        """Consequences of a spec by phase; under None for a spec without phases."""
+        return {phase: self._in_phase(spec, phase) for phase in spec.phases or (None,)}
+
+    def _in_phase(self, spec: Spec, phase: str | None) -> PhaseConsequences:
+        healthy = self._plan(spec, Situation(phase=phase))
+        return PhaseConsequences(
+            served=dict(_served(spec, healthy)),
+            hangs_on=self._hangs_on(spec, healthy),
+            bus_bits_per_s={name: bus.bits_per_s for name, bus in healthy.buses.items()},
+            cpu_millis=healthy.objective.cpu_millis,
+        )
+
+    def _plan(self, spec: Spec, now: Situation) -> Plan:
+        found = plan(spec, now)
+        self.known.insert(0, found.configuration)
+        return found
+
+    def _hangs_on(self, spec: Spec, healthy: Plan) -> dict[str, tuple[str, ...]]:
+        critical = [
+            function for function in _critical(spec, healthy.now.phase) if healthy.functions[function.name].served
+        ]
+        costs: dict[str, list[str]] = {function.name: [] for function in critical}
+        for element in elements(spec):
+            if _used(spec, healthy.configuration, element):
+                now = Situation(frozenset({element}), phase=healthy.now.phase)
+                for name in self._lost(spec, now, critical):
+                    costs[name].append(element)
+        return {name: tuple(culprits) for name, culprits in costs.items()}
+
+    def _lost(self, spec: Spec, now: Situation, critical: list[Function]) -> list[str]:
+        """Critical functions that nobody serves in a situation."""
+        found = feasible(spec, now)
+        possible = [f for f in critical if any(found.can_run(spec.modules[output]) for output in f.outputs)]
+        if possible and not any(_serves_all(spec, now, known, possible) for known in self.known):
+            planned = self._plan(spec, now)
+            possible = [function for function in possible if planned.functions[function.name].served]
+        return [function.name for function in critical if function not in possible]
+
+
+def _critical(spec: Spec, phase: str | None) -> Iterator[Function]:
+    for function in spec.functions.values():
+        if function.criticality_in(phase) in CRITICAL_CLASSES and function.priority_in(phase) > 0:
+            yield function
+
+
+def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
+    for function, output in serving_modules(spec, found.configuration):
+        if function.priority_in(found.now.phase) == 0:
+            yield function.name, "not wanted"
+        elif output is None:
+            yield function.name, None
+        else:
+            mode = found.configuration.modules[output].mode
+            yield function.name, output if len(spec.modules[output].modes) == 1 else f"{output} ({mode})"
+
+
+def _used(spec: Spec, configuration: Configuration, element: str) -> bool:
+    """Tell whether a configuration could miss an element; what it cannot tell is used."""
+    kind, _, name = element.partition(":")
+    match kind:
+        case "module":
+            return name in configuration.modules
+        case "device":
+            return any(spec.modules[module].device == name for module in configuration.modules)
+        case _:
+            return True
+
+
+def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
+    """Tell whether a configuration, less what died, still serves some functions and is legal."""
+    left = _remains(spec, now, known)
+    if not all(any(output in left.modules for output in function.outputs) for function in wanted):
+        return False
+    return all(violation.rule == "5.idle" for violation in verify(spec, now, left))
+
+
+def _remains(spec: Spec, now: Situation, known: Configuration) -> Configuration:
+    """What of a configuration can go on by itself: no module without a PE, no wire without a giver."""
+    left = survivors(spec, now)
+    modules = {
+        name: running
+        for name, running in known.modules.items()
+        if name in spec.modules
+        and running.mode in spec.modules[name].modes
+        and running.pe in left.hosts(spec.modules[name])
+    }
+    while True:
+        rewired = {
+            name: Running(running.pe, running.mode, dict(_live_wires(modules, running)))
+            for name, running in modules.items()
+        }
+        kept = {
+            name: running
+            for name, running in rewired.items()
+            if holds(spec.modules[name].modes[running.mode].needs, running.inputs)
+        }
+        if kept == modules:
+            return Configuration(kept)
+        modules = kept
+
+
+def _live_wires(modules: Mapping[str, Running], running: Running) -> Iterator[tuple[str, Wire]]:
+    return ((path, wire) for path, wire in running.inputs.items() if wire.producer in modules)
