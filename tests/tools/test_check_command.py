@@ -154,6 +154,17 @@ def test_a_defect_of_ours_is_one_sentence_and_exit_code_3(
     assert "Traceback" not in told
 
 
+def test_a_family_that_solves_says_what_is_missing_where_there_is_no_solver(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, write: Write
+) -> None:
+    def need_a_solver(*_: object) -> None:
+        raise ModuleNotFoundError(name="ortools")
+
+    monkeypatch.setattr(registry, "CHECKS", {"DG3": need_a_solver})
+    assert main(["check", write(SPARE)]) == 2
+    assert "the families that solve need ortools: install heronry[manager], or use --fast" in capsys.readouterr().err
+
+
 def test_github_is_the_format_where_github_runs_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, write: Write
 ) -> None:
@@ -239,6 +250,18 @@ sys.exit(code)
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (1, "")
     assert "DG201" in run.stdout
+
+
+def test_without_its_extra_the_check_says_what_to_install(write: Write) -> None:
+    code = f"""
+import sys
+sys.modules.update(dict.fromkeys(["pydantic", "yaml"]))
+from heronry_tools.cli import main
+sys.exit(main(["check", "--fast", {write(SPARE)!r}]))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert re.fullmatch(r"heronry: (pydantic|yaml) is not installed; install heronry\[check\]\n", run.stderr)
 
 
 def test_the_guide_knows_every_family() -> None:

@@ -7,7 +7,9 @@ Exit codes: 0 no errors (warnings may be there), 1 errors, 2 the command line ca
 import argparse
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -73,10 +75,12 @@ def run(arguments: argparse.Namespace) -> int:
     choice = _choice(arguments)
     try:
         judged = [_judged(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
+        with _defects_of("the report"):
+            report = _report(judged, arguments)
     except _DefectError as defect:
         print(f"heronry: {defect}", file=sys.stderr)
         return 3
-    _write(_report(judged, arguments), arguments.output)
+    _write(report, arguments.output)
     return int(any(finding.severity is Severity.ERROR for one in judged for finding in one.findings))
 
 
@@ -147,24 +151,24 @@ def _judged(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "J
     data = sys.stdin.buffer.read(MOST_BYTES + 1) if path is None else read_file(path, findings)
     if data is None:
         return Judged(name, tuple(findings))
-    try:
+    with _defects_of(name):
         return judge(data, name, checks_of(fast=fast), RULES, choice)
+
+
+@contextmanager
+def _defects_of(what: str) -> Iterator[None]:
+    """Tell whatever goes wrong inside in one sentence."""
+    try:
+        yield
     except HeronryError:
         raise
     except ModuleNotFoundError as missing:
         hint = "install heronry[manager], or use --fast"
         raise UserError(f"the families that solve need {missing.name}: {hint}") from missing
     except Exception as error:
-        raise _DefectError(_defect(name, error)) from error
-
-
-def _defect(name: str, error: Exception) -> str:
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    where = f"{Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}" if trace is not None else "?"
-    said = f"the check itself failed ({type(error).__name__} at {where})"
-    return f"{name}: {said}; this is a defect of heronry: please report it with the file"
+        trace = traceback.extract_tb(error.__traceback__)[-1]
+        said = f"the check itself failed ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"
+        raise _DefectError(f"{what}: {said}; this is a defect of heronry: please report it with the file") from error
 
 
 def _report(judged: "Sequence[Judged]", arguments: argparse.Namespace) -> str:
