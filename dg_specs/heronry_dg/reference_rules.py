@@ -80,6 +80,8 @@ class _ReferenceRules:
         manager, form = self._draft.manager, self._draft.manager.form
         if form is None or any(bus.form is None for bus in self._draft.buses.values()):
             return
+        if self._draft.header is None:
+            return  # a section may be misspelt, and be the one that is missing
         wired = [bus.name for bus, form in _whole(self._draft.buses) if form.kind == "wired"]
         place = _value_place(manager, "bus")
         if not self._draft.buses:
