@@ -11,12 +11,15 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
+import yaml
+from jsonschema import Draft7Validator
 
 from agent.rig import Flight, best_modes
 from heronry_agent.images import CATALOGUE
 from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_dg.check.judge import judge
-from heronry_dg.loader import SUFFIX, load
+from heronry_dg.findings import SpecError
+from heronry_dg.loader import SUFFIX, load, loads
 from heronry_dg.model import Spec
 from heronry_dg.rules.rule import Severity
 from heronry_tools.check.registry import RULES, checks_of
@@ -34,6 +37,10 @@ def claims() -> Iterator[tuple[str, str]]:
     for file in EXAMPLES:
         for claim in CLAIM.finditer(file.read_text()):
             yield claim[1], " ".join(line.removeprefix("#").strip() for line in claim[2].splitlines())
+
+
+def named(name: str) -> Path:
+    return FOLDER / f"{name}{SUFFIX}"
 
 
 def as_claimed(spec: Spec, document: dict[str, dict[str, dict[str, str]]]) -> str:
@@ -94,15 +101,52 @@ def test_no_rule_finds_an_error_and_none_of_the_fast_ones_has_a_doubt(file: Path
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.name)
+def test_an_editor_finds_the_schema_and_has_nothing_to_mark(file: Path) -> None:
+    text = file.read_text()
+    (schema,) = re.findall(r"\A# yaml-language-server: \$schema=(.*)\n", text)
+    assert Draft7Validator(json.loads((FOLDER / schema).read_text())).is_valid(yaml.safe_load(text))
+
+
+def flight_of(spec: Spec) -> Flight:
+    """Two seconds of an example, everything in its best mode."""
+    flight = Flight(spec, best_modes(spec))
+    for running in flight.running.values():
+        running.module = Narrowed(running.host, running.module, running.mode.gives)
+    flight.fly(2)
+    return flight
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.name)
 def test_an_example_flies_on_the_images_that_are_shipped(file: Path) -> None:
     spec = load(file)
     assert {module.image for module in spec.modules.values()} <= CATALOGUE.keys()
-    flight = Flight(spec, best_modes(spec))
-    for name, running in flight.running.items():
-        running.module = Narrowed(running.host, running.module, spec.modules[name].modes[running.host.mode].gives)
-    flight.fly(2)
+    flight = flight_of(spec)
     for variable, versions in flight.data.items():
         for value, _, _ in versions.values():
             encode_data(1536, Datum(92, DataType[spec.variables[variable].type], 0, 0, value))
     assert flight.reports == []
     assert flight.data.keys() == spec.variables.keys()
+
+
+def test_the_voter_reports_the_sensor_that_lies() -> None:
+    flight = flight_of(load(named("triplex_voting")))
+    flight.bench.fail("pressure_sensor_2", "bias", flight.now_ns, offset=200.0)
+    flight.fly(3)
+    assert flight.reports == ["device:pressure_sensor_2"]
+
+
+def test_one_program_falls_silent_and_the_loop_goes_on_with_the_other() -> None:
+    flight = flight_of(load(named("n_version")))
+    both = flight.data["pitch_angle"]
+    assert both.keys() == {1, 2}
+    assert flight.value("pitch_angle") == both[1][0]
+    flight.stop("gyro_attitude")
+    flight.fly(1)
+    assert flight.value("pitch_angle") == both[2][0]
+    assert flight.value("elevator_demand") is not None
+
+
+def test_without_its_initial_value_a_loop_is_refused() -> None:
+    text = named("feedback").read_text()
+    with pytest.raises(SpecError, match="DG203"):
+        loads(text.replace(", initial: 0", ""), "feedback")
