@@ -6,7 +6,8 @@ most losses are settled without:
 
 1. What `feasible` rules out is lost, whatever anybody plans.
 2. If a known configuration, less what died, is legal and serves all the other functions, then nothing else is lost: the
-   best plan is worth no less. Idle modules in it do no harm; they could be stopped.
+   best plan is worth no less. That holds unless the loss makes room for a function that the healthy system has to leave
+   out. Idle modules in the configuration do no harm; they could be stopped.
 3. For what remains there is a plan, and its configuration is known from then on, to the next phase and spec as well.
 """
 
@@ -73,8 +74,10 @@ class Consequences:
     def _lost(self, spec: Spec, now: Situation, critical: list[Function]) -> list[str]:
         """Critical functions that nobody serves in a situation."""
         found = feasible(spec, now)
-        possible = [f for f in critical if any(found.can_run(spec.modules[output]) for output in f.outputs)]
-        if possible and not any(_serves_all(spec, now, known, possible) for known in self.known):
+        can_run = [f for f in _critical(spec, now.phase) if any(found.can_run(spec.modules[one]) for one in f.outputs)]
+        possible = [function for function in can_run if function in critical]
+        settles = possible in (critical, can_run)
+        if possible and not (settles and any(_serves_all(spec, now, known, possible) for known in self.known)):
             planned = self._plan(spec, now)
             possible = [function for function in possible if planned.functions[function.name].served]
         return [function.name for function in critical if function not in possible]

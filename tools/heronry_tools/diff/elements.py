@@ -13,6 +13,7 @@ from typing import Final, Literal
 
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, leaves
 from heronry_dg.model import Mode, Module, Spec
+from heronry_tools.render.build import accepted_versions
 
 Fields = Mapping[str, str]
 
@@ -91,42 +92,43 @@ def _elements(spec: Spec) -> Iterator[tuple[str, Fields]]:
         for name in elements:
             yield f"{kind}:{name}", _flat(elements[name])
     for name, module in spec.modules.items():
-        yield f"module:{name}", _module(module)
+        yield f"module:{name}", _module(spec, module)
     for name, function in spec.functions.items():
         yield f"function:{name}", _flat(function)
     for name, phase in spec.phases.items():
         yield f"phase:{name}", _flat(phase.when) if phase.when is not None else {}
 
 
-def _module(module: Module) -> Fields:
-    found = dict(_flat(module))
+def _module(spec: Spec, module: Module) -> Fields:
+    found = {field: text for field, text in _flat(module).items() if (field, text) != ("image", module.name)}
     if len(module.modes) > 1:
         found["modes"] = ", ".join(module.modes)
     for mode in module.modes.values():
         prefix = f"modes.{mode.name}." if len(module.modes) > 1 else ""
-        found |= {f"{prefix}{field}": text for field, text in _mode(mode).items()}
+        found |= {f"{prefix}{field}": text for field, text in _mode(spec, mode).items()}
     return found
 
 
-def _mode(mode: Mode) -> Fields:
+def _mode(spec: Spec, mode: Mode) -> Fields:
+    needs = expression_text(spec, mode.needs) if mode.needs is not None else None
     worth = "; ".join(
         f"{leaf.variable} {_text(leaf.worth)}" for _, leaf in leaves(mode.needs) if len(set(leaf.worth)) > 1
     )
-    return {**_flat(mode), **_named("worth", worth or None)}
+    return {**_named("needs", needs), **_named("worth", worth or None), **_flat(mode)}
 
 
 def _flat(element: object) -> Fields:
     """Fields of a model element but for its name and its parts, as a spec writes them."""
     found: dict[str, str] = {}
     for field in fields(element):  # type: ignore[arg-type]
-        if field.name not in ("name", "modes", "outputs"):
+        if field.name not in ("name", "modes", "needs", "outputs"):
             found |= _named(field.name, getattr(element, field.name))
     return found
 
 
 def _named(field: str, value: object) -> Fields:
     """A field under the key of the spec; nothing for what is left out."""
-    if value is None or value in ((), frozenset()):
+    if value is None or value in ((), frozenset(), {}):
         return {}
     key, parts = _UNITS.get(field, (field, 1))
     if field in ("ram", "flash", "table_bytes") and isinstance(value, int):
@@ -140,8 +142,6 @@ def _text(value: object) -> str:
             return "true" if value else "false"
         case Fraction():
             return f"{Decimal(value.numerator) / value.denominator:f}"
-        case Leaf() | And() | Or() | Xor():
-            return expression_text(value)
         case frozenset():
             return ", ".join(sorted(map(str, value)))
         case tuple():
@@ -164,12 +164,11 @@ def _bytes(count: int) -> str:
     return str(count)
 
 
-def expression_text(needs: Expression) -> str:
-    """A gate expression in one line."""
+def expression_text(spec: Spec, needs: Expression) -> str:
+    """A gate expression in one line; versions are named where an input does not take all."""
     if isinstance(needs, Leaf):
-        versions = f"@{needs.best}" if needs.best == needs.worst else f"@{needs.best}..{needs.worst}"
-        return f"{needs.demux or needs.variable}{versions}"
-    inputs = ", ".join(map(expression_text, needs.inputs))
+        return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
+    inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)
     match needs:
         case And():
             return f"and({inputs})"

@@ -142,7 +142,7 @@ class _Builder:
         if isinstance(needs, Leaf):
             source = f"demux:{needs.demux}" if needs.demux else f"variable:{needs.variable}"
             chosen = self.marks.wired(module, mode, path)
-            self.edges.append(Edge(source, target, self._accepted(needs), None, cell, dead, chosen))
+            self.edges.append(Edge(source, target, accepted_versions(self.spec, needs), None, cell, dead, chosen))
             return
         key = f"gate:{module.name}/{mode.name}/{path}"
         kind, label = _symbol(needs)
@@ -152,11 +152,12 @@ class _Builder:
             self._add_input(module, mode, one, child_path(path, index), target=key, cell=None)
         self.edges.append(Edge(key, target, "", None, cell, dead, chosen))
 
-    def _accepted(self, leaf: Leaf) -> str:
-        """Versions that an input accepts, as the spec writes them; nothing where it takes all."""
-        if (leaf.best, leaf.worst) == (1, self.spec.variables[leaf.variable].versions):
-            return ""
-        return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"
+
+def accepted_versions(spec: Spec, leaf: Leaf) -> str:
+    """Versions that an input accepts, as a spec writes them; nothing where it takes all."""
+    if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
+        return ""
+    return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"
 
 
 def _symbol(gate: And | Or | Xor) -> tuple[Kind, str]:

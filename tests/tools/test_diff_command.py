@@ -1,0 +1,219 @@
+"""`heronry diff` as a reviewer meets it: what changed, and what follows, phase by phase."""
+
+import json
+import random
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heronry_dg.loader import load
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation, elements
+from heronry_manager.planner.exact import plan
+from heronry_tools.cli import main
+from heronry_tools.diff.consequences import Consequences
+from heronry_tools.diff.elements import element_changes
+from planner.random_specs import random_spec
+
+ELEVATOR_AND_CHUTE = shipped_spec_path("elevator_and_chute").read_text()
+
+
+def changed(tmp_path: Path, *replacements: tuple[str, str]) -> str:
+    """Write elevator_and_chute with some texts replaced, each of which stands in it once."""
+    text = ELEVATOR_AND_CHUTE
+    for before, after in replacements:
+        assert text.count(before) == 1, before
+        text = text.replace(before, after)
+    file = tmp_path / "changed.dg.yaml"
+    file.write_text(text)
+    return str(file)
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    code = main(["diff", *arguments])
+    out, err = capsys.readouterr()
+    assert (code, err) == (0, "")
+    return out
+
+
+THIRD_SERVO = (
+    (
+        "  chute_solenoid: {",
+        "  elevator_servo_3: {kind: actuator, pe: control_pe}\n  chute_solenoid: {",
+    ),
+    (
+        "  angle_driver: {",
+        (
+            "  servo_driver_3: {needs: elevator_out, device: elevator_servo_3, cpu: 0.03, ram: 1KiB, flash: 2KiB,"
+            " rate_hz: 40}\n  angle_driver: {"
+        ),
+    ),
+)
+
+
+def test_a_servo_on_another_pe_ends_a_single_point_of_failure(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert said(capsys, "elevator_and_chute", changed(tmp_path, *THIRD_SERVO)).splitlines() == [
+        "elevator_and_chute: 2 added, 1 changed",
+        "",
+        "~ demux:elevator_out",
+        "    branches: [servo_driver_1, servo_driver_2] -> [servo_driver_1, servo_driver_2, servo_driver_3]",
+        "+ device:elevator_servo_3  kind actuator; pe control_pe",
+        (
+            "+ module:servo_driver_3  device elevator_servo_3; flash 2KiB; needs elevator_out; cpu 0.03; ram 1KiB; "
+            "rate_hz 40"
+        ),
+        "",
+        "consequences:",
+        (
+            "  elevator (A) no longer hangs on pe:tail_pe; still on module:state_estimator, module:elevator_control, "
+            "bus:can0"
+        ),
+    ]
+
+
+def test_the_way_back_makes_it_one_again(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = said(capsys, changed(tmp_path, *THIRD_SERVO), "elevator_and_chute")
+    assert "- device:elevator_servo_3  kind actuator; pe control_pe" in out
+    assert "  elevator (A) now hangs on pe:tail_pe" in out
+
+
+def test_the_same_change_for_a_program(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = said(capsys, "elevator_and_chute", changed(tmp_path, *THIRD_SERVO), "--format", "json")
+    document = json.loads(out)
+    assert [(one["element"], one["change"]) for one in document["elements"]] == [
+        ("demux:elevator_out", "changed"),
+        ("device:elevator_servo_3", "added"),
+        ("module:servo_driver_3", "added"),
+    ]
+    (phase,) = document["phases"]
+    assert phase == {
+        "phase": None,
+        "functions": {},
+        "single_points_of_failure": {
+            "elevator": {
+                "gone": ["pe:tail_pe"],
+                "new": [],
+                "left": ["module:state_estimator", "module:elevator_control", "bus:can0"],
+            }
+        },
+        "bus_bits_per_s": {},
+        "cpu_millis": phase["cpu_millis"],
+    }
+    assert phase["cpu_millis"]["old"] == phase["cpu_millis"]["new"]
+
+
+def test_the_same_change_as_a_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    out = said(capsys, "elevator_and_chute", changed(tmp_path, *THIRD_SERVO), "--format", "mermaid")
+    nodes = dict(re.findall(r'^  (n\d+)\W+"(?:DEMUX<br/>)?(\w+)', out, re.MULTILINE))
+    assert sorted(nodes.values()) == [
+        "elevator_demand",
+        "elevator_out",
+        "elevator_servo_3",
+        "servo_driver_1",
+        "servo_driver_2",
+        "servo_driver_3",
+    ]
+    arrows = {(nodes[a], arrow, nodes[b]) for a, arrow, b in re.findall(r"^  (n\d+) (\S+) (n\d+)$", out, re.MULTILINE)}
+    assert arrows == {
+        ("elevator_demand", "-->", "elevator_out"),
+        ("elevator_out", "-->", "servo_driver_1"),
+        ("elevator_out", "-->", "servo_driver_2"),
+        ("elevator_out", "==>", "servo_driver_3"),
+        ("servo_driver_3", "==>", "elevator_servo_3"),
+    }
+    marked = {nodes[node]: mark for node, mark in re.findall(r"^  (n\d+).*:::(\w+)$", out, re.MULTILINE)}
+    assert marked == {"elevator_out": "changed", "elevator_servo_3": "added", "servo_driver_3": "added"}
+
+
+def test_nothing_changed_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    same = changed(tmp_path, ("dg: 1\n", "dg: 1  # a comment\n"))
+    assert said(capsys, "elevator_and_chute", same) == "elevator_and_chute: nothing changed\n"
+    assert "no change in the graph" in said(capsys, "elevator_and_chute", same, "--format", "mermaid")
+
+
+def test_a_function_that_is_lost_and_what_that_saves(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    dear = changed(tmp_path, ("device: chute_solenoid, cpu: 0.01", "device: chute_solenoid, cpu: 0.51"))
+    lines = said(capsys, "elevator_and_chute", dear).splitlines()
+    assert "    cpu: 0.01 -> 0.51" in lines
+    assert "  parachute (B): chute_driver -> NOT SERVED" in lines
+    assert any(re.fullmatch(r"  bus can0: \d+ bit/s \([\d.]+%\) -> \d+ bit/s \([\d.]+%\)", line) for line in lines)
+    assert any(re.fullmatch(r"  CPU: [\d.]+ -> [\d.]+", line) for line in lines)
+    assert not any("parachute" in line and "hangs" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "element", "field", "old", "new"),
+    [
+        ("bitrate: 1000000", "bitrate: 500000", "bus:can0", "bitrate", "1000000", "500000"),
+        ("ram: 16KiB, flash: 32KiB", "ram: 1MiB, flash: 32KiB", "pe:tail_pe", "ram", "16KiB", "1MiB"),
+        ("identifier: 326", "identifier: 326, deadline_ms: 12.5", "variable:absolute_pressure", "deadline_ms", None,
+         "12.5"),
+        ("gives: {altitude: 2}", "gives: {altitude: 1}", "module:high_quality_altitude", "modes.gps_only.gives",
+         "altitude: 2", "altitude: 1"),
+        ('"altitude@<=2", "altitude@3"', 'altitude@1, "altitude@3"', "module:chute_logic", "needs",
+         "0 of (xor(altitude@<=2, altitude@3), release_command)",
+         "0 of (xor(altitude@1, altitude@3), release_command)"),
+        ('["altitude@<=2",', '[{var: "altitude@<=2", worth: [9, 1]},', "module:chute_logic", "worth",
+         "altitude [3, 2]", "altitude [9, 1]"),
+        ("criticality: B, priority: 80", "criticality: B, priority: 81", "function:parachute", "priority", "80", "81"),
+        ("faults: 2", "faults: 1", "contingency", "faults", "2", "1"),
+        ("contingency:", "together: [[gps_driver, pressure_driver]]\ncontingency:", "spec", "together", None,
+         "[[gps_driver, pressure_driver]]"),
+    ],
+)  # fmt: skip
+def test_a_field_is_told_in_the_words_of_the_spec(  # noqa: PLR0917 - a row of the table above
+    tmp_path: Path, before: str, after: str, element: str, field: str, old: str | None, new: str | None
+) -> None:
+    changes = element_changes(load(shipped_spec_path("elevator_and_chute")), load(changed(tmp_path, (before, after))))
+    assert [(one.element, change.field, change.old, change.new) for one in changes for change in one.fields] == [
+        (element, field, old, new)
+    ]
+
+
+def planned_for_each(spec: Spec, healthy: Plan) -> dict[str, tuple[str, ...]]:
+    """Single points of failure of what a healthy system serves, with a plan for every element there is."""
+    phase = healthy.now.phase
+    plans = {one: plan(spec, Situation(frozenset({one}), phase=phase)) for one in elements(spec)}
+    return {
+        function.name: tuple(one for one, found in plans.items() if not found.functions[function.name].served)
+        for function in wanted(spec, phase)
+        if healthy.functions[function.name].served
+    }
+
+
+def wanted(spec: Spec, phase: str | None) -> list[Function]:
+    return [f for f in spec.functions.values() if f.criticality_in(phase) != "E" and f.priority_in(phase) > 0]
+
+
+def test_points_of_failure_are_those_that_a_plan_for_every_element_finds() -> None:
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    expected = planned_for_each(spec, plan(spec, Situation()))
+    assert expected["elevator"] == ("pe:tail_pe", "module:state_estimator", "module:elevator_control", "bus:can0")
+    assert Consequences().of(spec)[None].hangs_on == expected
+
+
+@settings(max_examples=50)
+@given(st.randoms(use_true_random=False))
+def test_so_they_are_in_random_specs(rng: random.Random) -> None:
+    spec = random_spec(rng, modules=5)
+    found = Consequences().of(spec)
+    for phase in found:
+        healthy = plan(spec, Situation(phase=phase))
+        if all(healthy.functions[function.name].served for function in wanted(spec, phase)):  # else ties are possible
+            assert found[phase].hangs_on == planned_for_each(spec, healthy)
+
+
+@pytest.mark.parametrize("arguments", [("elevator_and_chute", "missing.dg.yaml"), ("big_blu", "big_blue")])
+def test_bad_input_gets_one_sentence(capsys: pytest.CaptureFixture[str], arguments: tuple[str, str]) -> None:
+    assert main(["diff", *arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("heronry: ")
+    assert "Traceback" not in err
