@@ -217,3 +217,9 @@ def test_bad_input_gets_one_sentence(capsys: pytest.CaptureFixture[str], argumen
     assert out == ""
     assert err.startswith("heronry: ")
     assert "Traceback" not in err
+
+
+def test_the_output_in_the_documentation_is_current(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    servo = "elevator_servo_2: {kind: actuator, pe: "
+    moved = changed(tmp_path, (f"{servo}tail_pe", f"{servo}sensor_pe"))
+    assert f"```text\n{said(capsys, 'elevator_and_chute', moved)}```\n" in Path("docs/render.md").read_text()

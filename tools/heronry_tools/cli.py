@@ -35,6 +35,8 @@ examples:
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
+  heronry render big_blue -o big_blue.svg        its dependency graph as a picture
+  heronry diff big_blue my.dg.yaml               what changed, and what follows from it
 
 A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_and_chute.
 'heronry COMMAND --help' teaches each command by example.
@@ -44,6 +46,21 @@ A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_an
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     argv = sys.argv[1:] if argv is None else argv
+    try:
+        return _run(argv)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 141
+    except Exception as error:
+        known = as_user_error(error, argv[0] if argv else None)
+        if known is None:
+            raise
+        print(f"heronry: {known}", file=sys.stderr)
+        return 2
+
+
+def _run(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="heronry",
         description="Graceful degradation for CAN-bus avionics: plan, deploy, watch and try.",
@@ -54,18 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in _files_for(argv):
         import_module(f"heronry_tools.{name}").add_parsers(subparsers)
     arguments = parser.parse_args(argv)
-    try:
-        code: int = arguments.run(arguments)
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
-        return 141
-    except Exception as error:
-        known = as_user_error(error)
-        if known is None:
-            raise
-        print(f"heronry: {known}", file=sys.stderr)
-        return 2
+    code: int = arguments.run(arguments)
     return code
 
 

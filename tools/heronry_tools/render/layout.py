@@ -19,7 +19,8 @@ MARGIN = 24
 _ROW_GAP = 14
 _WAY_POINT = Shape(0, 2, 0, 2, (), ())
 _LANE = 12  # between feedback edges
-_SWEEPS = 40
+_SWEEPS = 80
+_FINE = 64  # heights are settled in so many parts of a pixel, or rounding would hold them up
 
 Point = tuple[int, int]
 
@@ -92,7 +93,7 @@ class _Placing:
     def layout(self) -> Layout:
         self._settle()
         top = min(self._y.values(), default=0)
-        y = {key: MARGIN + at - top for key, at in self._y.items()}
+        y = {key: MARGIN + (at - top) // _FINE for key, at in self._y.items()}
         bottom = max((y[key] + self._shapes[key].height for key in y), default=MARGIN)
         left, right = self._columns_x(y)
         boxes = {}
@@ -136,7 +137,7 @@ class _Placing:
             y = 0
             for key in column:
                 found[key] = y
-                y += self._shapes[key].height + _ROW_GAP
+                y += (self._shapes[key].height + _ROW_GAP) * _FINE
         return found
 
     def _settle(self) -> None:
@@ -144,14 +145,14 @@ class _Placing:
         near: dict[str, list[tuple[str, int, int]]] = {key: [] for key in self._shapes}
         for segment in self._layers.segments:
             out, into = self._ends(segment)
-            near[segment.source].append((segment.target, into - out, self._weight(segment)))
-            near[segment.target].append((segment.source, out - into, self._weight(segment)))
+            near[segment.source].append((segment.target, out - into, self._weight(segment)))
+            near[segment.target].append((segment.source, into - out, self._weight(segment)))
         for sweep in range(_SWEEPS):
             for column in self._layers.columns if sweep % 2 == 0 else reversed(self._layers.columns):
                 wanted = []
                 for key in column:
                     weight = sum(one[2] for one in near[key])
-                    pull = sum((self._y[other] + offset) * heavy for other, offset, heavy in near[key])
+                    pull = sum((self._y[other] - offset * _FINE) * heavy for other, offset, heavy in near[key])
                     wanted.append((pull // weight, weight) if weight else (self._y[key], 1))
                 self._y.update(zip(column, self._apart(column, wanted), strict=True))
 
@@ -171,7 +172,7 @@ class _Placing:
         blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
         offsets = [0]
         for key in column[:-1]:
-            offsets.append(offsets[-1] + self._shapes[key].height + _ROW_GAP)
+            offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
         for (height, weight), offset in zip(wanted, offsets, strict=True):
             blocks.append([(height - offset) * weight, weight, 1])
             while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:

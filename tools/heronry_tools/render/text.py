@@ -54,7 +54,7 @@ def mermaid_node(number: str, node: Node, look: str) -> str:
 
 def mermaid_edge(numbers: Mapping[str, str], graph: Graph, edge: Edge, arrow: str) -> str:
     """Write one edge."""
-    label = "; ".join(_edge_words(graph, edge))
+    label = "; ".join(_edge_words(graph, edge)).replace("<", "#lt;")  # labels are HTML
     said = f'|"{label}"|' if label else ""
     return f"  {numbers[edge.source]} {arrow}{said} {numbers[edge.target]}"
 
