@@ -151,3 +151,13 @@ def test_big_blue_feeds_back_what_it_says_it_does() -> None:
 )
 def test_long_names_are_broken_where_their_words_end(name: str, lines: tuple[str, ...]) -> None:
     assert wrapped(name, "_") == lines
+
+
+def test_a_long_edge_with_room_keeps_its_height_until_its_end() -> None:
+    graph = shipped("elevator_and_chute")
+    long = [
+        curve for curve in laid_out(graph).curves if graph.edges[curve.edges[0]].source == "variable:release_command"
+    ]
+    assert len(long) > 4
+    assert len({curve.start[1] for curve in long}) == 1
+    assert [curve.last for curve in long if curve.leave[1] != curve.enter[1]] == [True]

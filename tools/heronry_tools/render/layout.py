@@ -92,6 +92,7 @@ class _Placing:
 
     def layout(self) -> Layout:
         self._settle()
+        self._straighten()
         top = min(self._y.values(), default=0)
         y = {key: MARGIN + (at - top) // _FINE for key, at in self._y.items()}
         bottom = max((y[key] + self._shapes[key].height for key in y), default=MARGIN)
@@ -155,6 +156,26 @@ class _Placing:
                     pull = sum((self._y[other] - offset * _FINE) * heavy for other, offset, heavy in near[key])
                     wanted.append((pull // weight, weight) if weight else (self._y[key], 1))
                 self._y.update(zip(column, self._apart(column, wanted), strict=True))
+
+    def _straighten(self) -> None:
+        """Keep long edges at their height as far as there is room, so that they step once and not in every column."""
+        before = {segment.target: segment for segment in self._layers.segments if segment.target.startswith("~")}
+        for column in self._layers.columns:
+            for places in (range(len(column)), reversed(range(len(column)))):
+                for place in places:
+                    if (segment := before.get(column[place])) is not None:
+                        level = self._y[segment.source] + (self._ends(segment)[0] - self._ends(segment)[1]) * _FINE
+                        self._move(column, place, level)
+
+    def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
+        """Move a way-point to a level, or as near to it as its neighbours leave room."""
+        if place > 0:
+            above = column[place - 1]
+            level = max(level, self._y[above] + (self._shapes[above].height + _ROW_GAP) * _FINE)
+        if place + 1 < len(column):
+            height = self._shapes[column[place]].height
+            level = min(level, self._y[column[place + 1]] - (height + _ROW_GAP) * _FINE)
+        self._y[column[place]] = level
 
     def _ends(self, segment: Segment) -> tuple[int, int]:
         """Heights of a segment's ends in their boxes."""
