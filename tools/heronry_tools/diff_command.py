@@ -7,8 +7,6 @@ import argparse
 import sys
 from typing import Any
 
-from heronry_tools.errors import UserError
-
 _EPILOG = """\
 A function hangs on an element (its single point of failure) if the loss of that element alone costs it. Critical
 functions, classes A to D, are looked at in each phase that wants them.
@@ -37,13 +35,10 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Compare and report; returns the exit code."""
-    try:
-        from heronry_tools.diff.difference import difference  # noqa: PLC0415 - slow to import
-        from heronry_tools.diff.picture import mermaid_difference  # noqa: PLC0415
-        from heronry_tools.diff.report import json_report, text_report  # noqa: PLC0415
-        from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is not installed; add it with: pip install 'heronry[manager]'") from error
+    from heronry_tools.diff.difference import difference  # noqa: PLC0415 - slow to import
+    from heronry_tools.diff.picture import mermaid_difference  # noqa: PLC0415
+    from heronry_tools.diff.report import json_report, text_report  # noqa: PLC0415
+    from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     old, new = load_spec(arguments.old), load_spec(arguments.new)
     match arguments.format:

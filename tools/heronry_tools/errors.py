@@ -5,20 +5,32 @@ from typing import Final
 
 from heronry_wire.errors import HeronryError
 
-_EXTRAS: Final = {"pydantic": "check", "yaml": "check", "ortools": "manager", "rich": "watch", "cantools": "watch"}
+_EXTRAS: Final = {
+    **dict.fromkeys(("numpy", "ortools", "pydantic", "yaml"), "manager"),
+    **dict.fromkeys(("cantools", "rich"), "watch"),
+}
+_ENOUGH: Final = {  # a smaller extra has what these commands need
+    (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")
+}
 
 
 class UserError(HeronryError):
     """Something wrong with what the user typed; the message is one sentence for stderr."""
 
 
-def as_user_error(error: Exception) -> str | None:
-    """Sentence for an error that a user can mend; None for a defect of ours."""
+def as_user_error(error: Exception, command: str | None = None) -> str | None:
+    """Sentence for an error that a user can mend, met by a command; None for a defect of ours."""
     can = sys.modules.get("can")  # slow to import; who has not imported it has none of its errors
     if isinstance(error, HeronryError) or (can is not None and isinstance(error, can.CanError)):
         return str(error)
-    if isinstance(error, ModuleNotFoundError) and error.name in _EXTRAS:
-        return f"{error.name} is not installed; install heronry[{_EXTRAS[error.name]}]"
+    if isinstance(error, ModuleNotFoundError):
+        return _how_to_install(str(error.name).partition(".")[0], command)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return None
+
+
+def _how_to_install(module: str, command: str | None) -> str | None:
+    """What a node does without comes with an extra; None where it does not."""
+    extra = _ENOUGH.get((module, str(command))) or _EXTRAS.get(module)
+    return f'{module} is not installed; add it with: pip install "heronry[{extra}]"' if extra else None

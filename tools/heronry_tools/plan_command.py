@@ -5,8 +5,6 @@ Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,13 +85,12 @@ def _add_situation(parser: argparse.ArgumentParser) -> None:
 
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
-    with _installed():
-        from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
-        from heronry_dg.situation import situation  # noqa: PLC0415
-        from heronry_manager.planner.exact import plan  # noqa: PLC0415
-        from heronry_manager.planner.explain import explained  # noqa: PLC0415
-        from heronry_tools.plan_report import print_plan  # noqa: PLC0415
-        from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.situation import situation  # noqa: PLC0415
+    from heronry_manager.planner.exact import plan  # noqa: PLC0415
+    from heronry_manager.planner.explain import explained  # noqa: PLC0415
+    from heronry_tools.plan_report import print_plan  # noqa: PLC0415
+    from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
@@ -108,10 +105,9 @@ def run_plan(arguments: argparse.Namespace) -> int:
 
 def run_verify(arguments: argparse.Namespace) -> int:
     """Judge a plan; returns the exit code."""
-    with _installed():
-        from heronry_dg.plan import read_configuration  # noqa: PLC0415
-        from heronry_dg.verify import verify  # noqa: PLC0415
-        from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_dg.plan import read_configuration  # noqa: PLC0415
+    from heronry_dg.verify import verify  # noqa: PLC0415
+    from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     text = _text(arguments.plan)
@@ -135,15 +131,6 @@ def _judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situa
         limits=planned.limits if arguments.limit is None else said.limits,
         phase=planned.phase if arguments.phase is None else said.phase,
     )
-
-
-@contextmanager
-def _installed() -> Iterator[None]:
-    """Say how to get what a node does without."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is not installed; add it with: pip install 'heronry[manager]'") from error
 
 
 def _text(file: str) -> str:

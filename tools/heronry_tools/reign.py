@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as i
 
 def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
+    import_module("ortools")  # used in the planner's process alone, where nobody would read that it is missing
     spec = load_spec(arguments.spec)
     tell = print_event if arguments.json else screen(spec)
     link = Link({**bus_config(arguments), "can_filters": FILTERS})

@@ -2,11 +2,12 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from heronry_dg.loader import load
-from heronry_dg.model import Spec
-from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
 
 SHIPPED = ("big_blue", "elevator_and_chute")
 
@@ -23,8 +24,10 @@ def add_spec_argument(parser: argparse.ArgumentParser, *, default: str | None = 
     )
 
 
-def load_spec(text: str) -> Spec:
+def load_spec(text: str) -> "Spec":
     """Load what SPEC names; raises UserError or SpecError."""
+    from heronry_dg.loader import load  # noqa: PLC0415 - slow to import, and a node does without what it needs
+
     return load(spec_path(text))
 
 
@@ -33,6 +36,8 @@ def spec_path(text: str) -> Path:
     if Path(text).suffix:
         return Path(text)
     if text in SHIPPED:
+        from heronry_dg.shipped import shipped_spec_path  # noqa: PLC0415
+
         return shipped_spec_path(text)
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"

@@ -1,0 +1,193 @@
+"""What is installed where: a node without what the manager needs, and a wheel that knows no checkout."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from email.parser import Parser
+from pathlib import Path
+
+import can
+import pytest
+
+from heronry_dg.loader import load
+from heronry_manager.compilation import Compiler
+from heronry_tools.cli import COMMANDS
+from heronry_tools.softbus.starter import start_hub
+from heronry_tools.table_command import write_tables
+from heronry_wire.identifiers import state_id
+
+pytestmark = pytest.mark.live
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
+PATIENCE_S = 30.0
+EXTRAS = ("cantools", "numpy", "ortools", "pydantic", "rich", "yaml")
+
+# Python imports `sitecustomize` at its start: from then on what these name cannot be imported.
+_WITHOUT = """\
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {modules!r}:
+            raise ModuleNotFoundError("No module named " + repr(name), name=name)
+sys.meta_path.insert(0, Blocker())
+"""
+_WITHOUT_FOLDERS = """\
+import sys
+sys.path[:] = [folder for folder in sys.path if folder not in {folders!r}]
+"""
+
+
+def environment(folder: Path, customization: str, *found_first: str) -> dict[str, str]:
+    """Environment of a Python that starts with a customization of its own, and looks into these folders first."""
+    (folder / "sitecustomize.py").write_text(customization)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *found_first])}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Where `pip install heronry` has installed no extra."""
+    folder, own = tmp_path_factory.mktemp("small"), os.environ.get("PYTHONPATH", "")
+    small = environment(folder, _WITHOUT.format(modules=EXTRAS), own)
+    assert "No module named 'pydantic'" in run("-c", "import pydantic", env=small).stderr
+    return small
+
+
+def run(*arguments: str, env: dict[str, str] | None = None, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], env=env, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+# A node
+
+
+def test_an_agent_flies_on_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
+    table = write_tables(Compiler(load(SPEC_FILE)), ("tail_pe",), tmp_path)["tail_pe"]
+    with (
+        start_hub(tmp_path / "can0.sock") as hub,
+        can.Bus(interface="softbus", channel=str(hub.path)) as bus,
+        subprocess.Popen(
+            [sys.executable, "-m", "heronry_agent", "--table", str(table), "-i", "softbus", "-c", str(hub.path)],
+            env=small,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as agent,
+    ):
+        heard = 0
+        while heard < 50:  # a second of its heartbeats
+            message = bus.recv(PATIENCE_S)
+            assert message is not None, "the agent is silent"
+            heard += message.arbitration_id == state_id(94)
+        agent.terminate()
+        _, said = agent.communicate(timeout=PATIENCE_S)
+        assert agent.returncode == 0
+    assert "Traceback" not in said
+    assert "cannot be run here" not in said  # every image of the spec can be loaded
+
+
+@pytest.mark.parametrize("module", ["heronry_agent", "heronry_tools.cli", "heronry_tools.softbus"])
+def test_help_needs_no_extra(small: dict[str, str], module: str) -> None:
+    done = run("-m", module, "--help", env=small)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage: ")
+
+
+@pytest.mark.parametrize("command", sorted(name for names in COMMANDS.values() for name in names))
+def test_the_help_of_every_command_needs_no_extra(small: dict[str, str], command: str) -> None:
+    done = run("-m", "heronry_tools.cli", command, "--help", env=small)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo"],
+        ["diff", "big_blue", "elevator_and_chute"],
+        ["manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock"],
+        ["plan", "big_blue"],
+        ["render", "big_blue"],
+        ["sim", "big_blue"],
+        ["table", "big_blue", "nav"],
+        ["verify", "big_blue", "plan.json"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], arguments: list[str]) -> None:
+    done = run("-m", "heronry_tools.cli", *arguments, env=small)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (sentence,) = done.stderr.splitlines()
+    assert sentence.startswith("heronry: ")
+    assert sentence.endswith(' is not installed; add it with: pip install "heronry[manager]"')
+
+
+def test_a_manager_without_its_solver_says_how_to_get_it(tmp_path: Path) -> None:
+    """It has what `heronry check --fast` needs; the solver would be loaded in a process of its own."""
+    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",)), os.environ.get("PYTHONPATH", ""))
+    done = run("-m", "heronry_tools.cli", "manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock", env=without)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == 'heronry: ortools is not installed; add it with: pip install "heronry[manager]"\n'
+
+
+def test_what_needs_the_watch_extra_says_how_to_get_it(small: dict[str, str]) -> None:
+    done = run("-m", "heronry_tools.cli", "dbc", env=small)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == 'heronry: cantools is not installed; add it with: pip install "heronry[watch]"\n'
+
+
+# The wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    done = run("-m", "hatchling", "build", "-t", "wheel", "-d", str(folder))
+    assert done.returncode == 0, done.stderr
+    (built,) = folder.glob("heronry-*.whl")
+    return built
+
+
+def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+        entry_points = next(archive.read(name).decode() for name in names if name.endswith("entry_points.txt"))
+        metadata = next(archive.read(name).decode() for name in names if name.endswith(".dist-info/METADATA"))
+    rooms = {"heronry_wire", "heronry_dg", "heronry_agent", "heronry_manager", "heronry_tools"}
+    assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == rooms
+    assert {f"{room}/py.typed" for room in rooms} <= names
+    assert {"heronry_wire/nod.csv", "heronry_tools/vcan/xstate.c"} <= names
+    assert {f"heronry_dg/specs/{name}.dg.yaml" for name in ("big_blue", "elevator_and_chute")} <= names
+    assert any(name.endswith("/licenses/LICENSE") for name in names)
+    for line in (
+        "heronry = heronry_tools.cli:main",
+        "pe-agent = heronry_agent.cli:main",
+        "softbus = heronry_tools.softbus.client:SoftBus",
+    ):
+        assert line in entry_points
+    needed = [line for line in Parser().parsestr(metadata).get_all("Requires-Dist", []) if "extra ==" not in line]
+    assert sorted(line.partition(">")[0] for line in needed) == ["canopen", "python-can"]
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("installed")
+    done = run("-m", "pip", "install", "--no-deps", "--no-index", "--quiet", "--target", str(folder), str(wheel))
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:
+    checkout = [str(ROOT / room) for room in ("dbc", "dg_specs", "pe_agent", "manager", "tools")]
+    hidden = environment(tmp_path, _WITHOUT_FOLDERS.format(folders=checkout), str(installed))
+    find = "from heronry_dg.shipped import shipped_spec_path; print(shipped_spec_path('big_blue'))"
+    found = run("-P", "-c", find, env=hidden, cwd=tmp_path)
+    assert found.stdout.strip() == str(installed / "heronry_dg" / "specs" / "big_blue.dg.yaml")
+    planned = run("-m", "heronry_tools.cli", "plan", "elevator_and_chute", "--json", env=hidden, cwd=tmp_path)
+    assert planned.returncode == 0, planned.stderr
+    (tmp_path / "plan.json").write_text(planned.stdout)
+    judged = run("-m", "heronry_tools.cli", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
+    assert (judged.returncode, judged.stdout) == (0, "legal: no rule is broken\n")
+    nowhere = environment(tmp_path, _WITHOUT_FOLDERS.format(folders=checkout))
+    assert "No module named 'heronry_dg" in run("-P", "-c", find, env=nowhere, cwd=tmp_path).stderr
