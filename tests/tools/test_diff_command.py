@@ -95,6 +95,7 @@ def test_the_same_change_for_a_program(capsys: pytest.CaptureFixture[str], tmp_p
     (phase,) = document["phases"]
     assert phase == {
         "phase": None,
+        "against": None,
         "functions": {},
         "single_points_of_failure": {
             "elevator": {
@@ -208,6 +209,26 @@ def test_so_they_are_in_random_specs(rng: random.Random) -> None:
         healthy = plan(spec, Situation(phase=phase))
         if all(healthy.functions[function.name].served for function in wanted(spec, phase)):  # else ties are possible
             assert found[phase].hangs_on == planned_for_each(spec, healthy)
+
+
+PHASES = ("contingency:", "phases: {climb: {}, glide: {}}\ncontingency:")
+NO_CHUTE_IN_GLIDE = ("criticality: B, priority: 80", "criticality: B, priority: {default: 80, glide: 0}")
+
+
+def test_a_new_phase_is_held_against_what_there_was(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    lines = said(capsys, "elevator_and_chute", changed(tmp_path, PHASES, NO_CHUTE_IN_GLIDE)).splitlines()
+    assert "    phases: (none) -> [climb, glide]" in lines
+    assert "+ phase:glide" in lines
+    assert "consequences in phase climb, against no phases before: none" in lines
+    glide = lines[lines.index("consequences in phase glide, against no phases before:") :]
+    assert "  parachute (B): chute_driver -> not wanted" in glide
+    assert not any("NOT SERVED" in line for line in lines)
+
+
+def test_a_phase_that_is_gone_follows_from_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    lines = said(capsys, changed(tmp_path, PHASES, NO_CHUTE_IN_GLIDE), "elevator_and_chute").splitlines()
+    assert "- phase:glide" in lines
+    assert lines[-1] == "consequences, against phase climb before: none"
 
 
 @pytest.mark.parametrize("arguments", [("elevator_and_chute", "missing.dg.yaml"), ("big_blu", "big_blue")])

@@ -1,16 +1,18 @@
-"""The difference of two specs: their elements, and what follows from them phase by phase."""
+"""The difference of two specs: their elements, and what follows from them phase by phase.
+
+A phase that only the new spec has is held against the old spec's first one, which is all there was for it; so is a spec
+without phases. A phase that only the old spec has follows from nothing any more.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
 from heronry_dg.model import Spec
-from heronry_tools.diff.consequences import Consequences, PhaseConsequences
+from heronry_tools.diff.consequences import Consequences
 from heronry_tools.diff.elements import ElementChange, element_changes
 
 V = TypeVar("V")
-
-_NOTHING = PhaseConsequences({}, {}, {}, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,7 @@ class PhaseDifference:
     """Old and new of whatever is not the same in a phase."""
 
     phase: str | None
+    against: str | None  # the phase of the old spec
     functions: Mapping[str, tuple[str | None, str | None]]  # None: not served, or not there
     hangs_on: Mapping[str, Moved]
     buses: Mapping[str, tuple[int, int]]  # bit/s
@@ -56,10 +59,12 @@ def difference(old: Spec, new: Spec) -> Difference:
 def _phases(old: Spec, new: Spec) -> Iterator[PhaseDifference]:
     consequences = Consequences()
     before, after = consequences.of(old), consequences.of(new)
-    for phase in {**before, **after}:
-        was, becomes = before.get(phase, _NOTHING), after.get(phase, _NOTHING)
+    for phase, becomes in after.items():
+        against = phase if phase in before else old.initial_phase()
+        was = before[against]
         yield PhaseDifference(
             phase,
+            against,
             functions=_changed(was.served, becomes.served, None),
             hangs_on=dict(_moved(was.hangs_on, becomes.hangs_on)),
             buses=_changed(was.bus_bits_per_s, becomes.bus_bits_per_s, 0),

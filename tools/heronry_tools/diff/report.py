@@ -43,7 +43,9 @@ def _field_words(field: FieldChange) -> str:
 
 
 def _phase_lines(found: Difference, phase: PhaseDifference) -> Iterator[str]:
-    where = f" in phase {phase.phase}" if phase.phase is not None else ""
+    where = f" in {_phase_name(phase.phase)}" if phase.phase is not None else ""
+    if phase.phase != phase.against:
+        where += f", against {_phase_name(phase.against)} before"
     if phase.is_none():
         yield f"consequences{where}: none"
         return
@@ -57,6 +59,10 @@ def _phase_lines(found: Difference, phase: PhaseDifference) -> Iterator[str]:
         yield f"  bus {bus}: {_load(found.old, bus, load)} -> {_load(found.new, bus, becoming)}"
     if phase.cpu_millis[0] != phase.cpu_millis[1]:
         yield f"  CPU: {phase.cpu_millis[0] / 1000:g} -> {phase.cpu_millis[1] / 1000:g}"
+
+
+def _phase_name(phase: str | None) -> str:
+    return f"phase {phase}" if phase is not None else "no phases"
 
 
 def _function_name(found: Difference, phase: PhaseDifference, name: str) -> str:
@@ -100,6 +106,7 @@ def json_report(found: Difference) -> str:
         "phases": [
             {
                 "phase": phase.phase,
+                "against": phase.against,
                 "functions": {name: _pair(pair) for name, pair in phase.functions.items()},
                 "single_points_of_failure": {
                     name: {"gone": moved.gone, "new": moved.new, "left": moved.left}
