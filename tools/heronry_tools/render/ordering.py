@@ -5,6 +5,7 @@ out of one symbol share their way-points, as one trunk. The order is found by ba
 (Sugiyama, Tagawa and Toda 1981); the best of all sweeps is taken.
 """
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -122,9 +123,14 @@ def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, 
     for segment in segments:
         ends = at[segment.source, segment.out_cell], at[segment.target, segment.in_cell]
         between.setdefault(column_of[segment.source], []).append(ends)
-    return sum(
-        (a[0] - b[0]) * (a[1] - b[1]) < 0
-        for pairs in between.values()
-        for number, a in enumerate(pairs)
-        for b in pairs[:number]
-    )
+    return sum(map(_inversions, between.values()))
+
+
+def _inversions(pairs: list[tuple[float, float]]) -> int:
+    """Count the pairs of which one begins above another and ends below it."""
+    count, ends = 0, list[float]()
+    for _, end in sorted(pairs):
+        place = bisect_right(ends, end)
+        count += len(ends) - place
+        ends.insert(place, end)
+    return count
