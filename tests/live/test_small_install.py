@@ -33,9 +33,10 @@ class Blocker:
             raise ModuleNotFoundError("No module named " + repr(name), name=name)
 sys.meta_path.insert(0, Blocker())
 """
-_WITHOUT_FOLDERS = """\
-import sys
-sys.path[:] = [folder for folder in sys.path if folder not in {folders!r}]
+_WITHOUT_CHECKOUT = """\
+import glob, sys
+own = {folder!r}
+sys.path[:] = [found for found in sys.path if found == own or not glob.glob(found + "/heronry_*/__init__.py")]
 """
 
 
@@ -179,8 +180,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:
-    checkout = [str(ROOT / room) for room in ("dbc", "dg_specs", "pe_agent", "manager", "tools")]
-    hidden = environment(tmp_path, _WITHOUT_FOLDERS.format(folders=checkout), str(installed))
+    hidden = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=str(installed)), str(installed))
     find = "from heronry_dg.shipped import shipped_spec_path; print(shipped_spec_path('big_blue'))"
     found = run("-P", "-c", find, env=hidden, cwd=tmp_path)
     assert found.stdout.strip() == str(installed / "heronry_dg" / "specs" / "big_blue.dg.yaml")
@@ -189,5 +189,5 @@ def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path
     (tmp_path / "plan.json").write_text(planned.stdout)
     judged = run("-m", "heronry_tools.cli", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
     assert (judged.returncode, judged.stdout) == (0, "legal: no rule is broken\n")
-    nowhere = environment(tmp_path, _WITHOUT_FOLDERS.format(folders=checkout))
+    nowhere = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=""))
     assert "No module named 'heronry_dg" in run("-P", "-c", find, env=nowhere, cwd=tmp_path).stderr
