@@ -219,8 +219,9 @@ class _Process:
 
     def __init__(self, spec_fd: int, niceness: int) -> None:
         os.lseek(spec_fd, 0, os.SEEK_SET)
+        standing_back = ["nice", "-n", str(niceness)] if niceness else []  # before it loads the solver, which is work
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd), str(niceness)],
+            [*standing_back, sys.executable, "-m", "heronry_manager.planner.service", str(spec_fd)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(spec_fd,),
