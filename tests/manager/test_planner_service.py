@@ -152,7 +152,7 @@ def test_the_process_goes_when_its_client_is_killed(spec: Spec) -> None:
 def test_with_nobody_left_to_answer_it_ends_without_a_word() -> None:
     with FILE.open("rb") as file:
         started = subprocess.Popen(
-            [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno()), "0"],
+            [sys.executable, "-m", "heronry_manager.planner.service", str(file.fileno())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -1,11 +1,10 @@
 """The planner in a process of its own, warm: the solver is loaded and the spec is read before the first request.
 
-    python -m heronry_manager.planner.service FD NICENESS
+    python -m heronry_manager.planner.service FD
 
-FD is an open file that holds the spec; NICENESS (0..19) is how far the process stands back behind others. Requests come
-on standard input and are answered in their order on what was standard output; whatever else prints there goes to
-standard error. Every plan passes the judge before it is sent. Whatever goes wrong with a request is its answer; the
-process goes on.
+FD is an open file that holds the spec. Requests come on standard input and are answered in their order on what was
+standard output; whatever else prints there goes to standard error. Every plan passes the judge before it is sent.
+Whatever goes wrong with a request is its answer; the process goes on.
 
 Ends, without a word: when standard input closes, which it does when the client is gone, however it went, or when nobody
 is left to take an answer. A thread waits for that, so that a search in progress does not outlive its client. A request
@@ -36,7 +35,6 @@ from heronry_manager.planner.messages import (
 
 def main() -> None:
     """Serve until standard input closes."""
-    os.nice(int(sys.argv[2]))
     answers = _own_standard_output()
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()
