@@ -1,0 +1,1 @@
+"""How fast and how good the planner is, against others, on specs drawn by a seed."""
