@@ -13,6 +13,9 @@ A back-end asked to send while the controller's own queue is full (ENOBUFS, a bu
 millisecond later. Anything else that goes wrong with the bus raises LinkError with one sentence: no agent flies on a
 dead link.
 
+A node need not hear everything: `accept` has the kernel (or the hub of a software bus) keep back what means nothing to
+it. Filters keep back echoes as well, so an identifier that is sent for the first time is let in before it goes out.
+
 That a back-end echoes, and stamps frames by this machine's clock, is known of SocketCAN and the software bus. Others
 are driven without: there a frame counts as sent when `send` returns, and has arrived when it is taken.
 """
@@ -20,7 +23,7 @@ are driven without: there a frame counts as sent when `send` returns, and has ar
 import errno
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import can
@@ -63,6 +66,8 @@ class Link:
         self._in_flight: Frame | None = None
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._deadline_ns: int | None = None  # of the echo, or of the next try
+        self._wanted: frozenset[int] | None = None  # None: everything
+        self._sent: set[int] = set()  # identifiers whose echoes must come in
         self._bus, self._fileno = open_bus({**config, "receive_own_messages": True})
         self._is_well_known = self._bus.channel_info.startswith(_WELL_KNOWN)
 
@@ -78,6 +83,11 @@ class Link:
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Take back what waits under these identifiers; what is in flight stays there."""
         self.queue.withdraw(identifiers)
+
+    def accept(self, identifiers: Collection[int]) -> None:
+        """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
+        self._wanted = frozenset(identifiers)
+        self._set_filters()
 
     def receive(self, now_ns: int) -> list[Arrival]:
         """Take what has arrived, without waiting, at most a burst; own echoes are taken out."""
@@ -127,8 +137,20 @@ class Link:
             return True
         return False
 
+    def _set_filters(self) -> None:
+        if self._wanted is None:
+            return
+        accepted = sorted(self._wanted | self._sent)
+        try:
+            self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
+        except (can.CanError, OSError) as error:
+            raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
+
     def _hand_over(self, frame: Frame, now_ns: int) -> bool:
         """Send the first frame of the queue; tells whether another may follow at once."""
+        if frame.can_id not in self._sent:
+            self._sent.add(frame.can_id)
+            self._set_filters()
         message = can.Message(
             arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
         )

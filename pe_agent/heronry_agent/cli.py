@@ -19,8 +19,9 @@ from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id
 from heronry_agent.host import ModuleHost
 from heronry_agent.incarnation import next_incarnation
-from heronry_agent.ports import PortError, bus_configs
+from heronry_agent.ports import bus_configs
 from heronry_agent.vocabulary import Note
+from heronry_wire.bus_arguments import BusArgumentError
 from heronry_wire.errors import HeronryError
 from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
@@ -44,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         return _run(arguments)
-    except (TableError, PortError) as error:
+    except (TableError, BusArgumentError) as error:
         return _complain(error, 2)
     except HeronryError as error:
         return _complain(error, 1)

@@ -9,53 +9,24 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-import can
-
-from heronry_wire.errors import HeronryError
+from heronry_wire.bus_arguments import BusArgumentError, flagged_bus, named_buses
 from heronry_wire.pe_table import PeTable
-
-_FLAGS = ("channel", "interface", "bitrate", "timing")
-
-
-class PortError(HeronryError):
-    """The command line does not say which bus is meant; the message is one sentence with the remedy."""
 
 
 def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[str]) -> list[dict[str, Any]]:
-    """Keyword arguments of `can.Bus` for each port; `named` are the values of `--bus`. Raises PortError."""
-    flags = {flag: getattr(arguments, flag) for flag in _FLAGS if hasattr(arguments, flag)}
-    flags |= getattr(arguments, "bus_kwargs", {})
-    by_name = _by_name(table, named, flags.get("interface"))
+    """Keyword arguments of `can.Bus` for each port; `named` are the values of `--bus`. Raises BusArgumentError."""
+    flags = flagged_bus(arguments)
+    places = named_buses(named, table.name, [port.bus for port in table.ports])
     configs = []
     for number, port in enumerate(table.ports):
-        if port.bus in by_name:
-            config = by_name[port.bus]
+        if port.bus in places:
+            interface, channel = places[port.bus]
+            config = {"interface": interface or flags.get("interface"), "channel": channel}
         elif number == table.uplink:
             config = flags
         else:
-            raise PortError(f"bus {port.bus} of {table.name} has no channel; add --bus {port.bus}=INTERFACE:CHANNEL")
+            remedy = f"add --bus {port.bus}=INTERFACE:CHANNEL"
+            raise BusArgumentError(f"bus {port.bus} of {table.name} has no channel; {remedy}")
         rate = {} if "timing" in config else {"bitrate": port.bitrate}
-        configs.append({**rate, **config})
+        configs.append({**rate, **{key: value for key, value in config.items() if value is not None}})
     return configs
-
-
-def _by_name(table: PeTable, named: Sequence[str], interface: str | None) -> dict[str, dict[str, Any]]:
-    buses = [port.bus for port in table.ports]
-    by_name: dict[str, dict[str, Any]] = {}
-    for text in named:
-        name, equals, place = text.partition("=")
-        if not (equals and place):
-            raise PortError(f"--bus {text}: write it as NAME=[INTERFACE:]CHANNEL, such as {buses[0]}=socketcan:can0")
-        if name not in buses:
-            raise PortError(f"--bus {name}: {table.name} has no such bus; it has {', '.join(buses)}")
-        if name in by_name:
-            raise PortError(f"--bus {name} is given twice; name one channel")
-        by_name[name] = _config(place, interface)
-    return by_name
-
-
-def _config(place: str, interface: str | None) -> dict[str, Any]:
-    first, colon, rest = place.partition(":")
-    if colon and first in can.VALID_INTERFACES:
-        return {"interface": first, "channel": rest}
-    return {"channel": place} if interface is None else {"interface": interface, "channel": place}

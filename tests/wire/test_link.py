@@ -63,6 +63,20 @@ def test_what_waits_goes_out_by_priority(hub: Path) -> None:
         assert [arrival.frame.can_id for arrival in arrivals] == [700, 400, 500, 600]
 
 
+def test_what_means_nothing_here_does_not_come_and_echoes_still_do(hub: Path) -> None:
+    with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
+        receiver.accept({500})
+        receiver.send(Frame(700, b"own"), time.monotonic_ns())
+        for can_id in (400, 500):
+            sender.send(Frame(can_id, b"x"), time.monotonic_ns())
+        arrivals: list[Arrival] = []
+        while not arrivals or receiver.next_deadline_ns() is not None:
+            arrivals += turn(sender, receiver)
+            receiver.pump(time.monotonic_ns())
+        assert [arrival.frame for arrival in arrivals] == [Frame(500, b"x")]
+        assert receiver.echoes_lost == 0
+
+
 def test_no_hub_is_one_sentence_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match="no hub answers there") as caught:
         link_to(tmp_path / "nothing.sock")

@@ -1,21 +1,11 @@
-"""The bus a command is on: python-can's own flags, and what each kind of bus does not model."""
+"""The bus a command is on: what each kind of bus does not model."""
 
-import argparse
-from typing import Any
-
-_FLAGS = ("channel", "interface", "bitrate", "timing")
 _MODELS = {
     "softbus": "a software bus: frame times, priority and load are true; no bit errors, no bus-off",
     "vcan": "vcan, whose frames are real but take no time: no load, no arbitration, no bit errors",
     "socketcan": "SocketCAN, the real thing",
     "virtual": "python-can's virtual bus, inside this process: no time, no arbitration, no errors",
 }
-
-
-def bus_config(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `can.Bus`; what no flag says is left to can.conf and the environment."""
-    named = {flag: getattr(arguments, flag) for flag in _FLAGS if hasattr(arguments, flag)}
-    return {**named, **getattr(arguments, "bus_kwargs", {})}
 
 
 def what_it_models(interface: str, channel: str) -> str:

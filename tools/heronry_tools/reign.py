@@ -16,10 +16,11 @@ from heronry_manager.events import event
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.term_file import next_term
-from heronry_tools.bus_flags import bus_config, what_it_models
+from heronry_tools.bus_flags import what_it_models
 from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
+from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.link import Link
 
 THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
@@ -30,7 +31,7 @@ def reign(arguments: argparse.Namespace) -> int:
     import_module("ortools")  # used in the planner's process alone, where nobody would read that it is missing
     spec = load_spec(arguments.spec)
     tell = print_event if arguments.json else screen(spec)
-    link = Link({**bus_config(arguments), "can_filters": FILTERS})
+    link = Link({**flagged_bus(arguments), "can_filters": FILTERS})
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:

@@ -36,26 +36,24 @@ class BusChoice:
 def choose(
     spec: Spec,
     folder: Path,
-    named: Mapping[str, tuple[str, str]],
+    named: Mapping[str, tuple[str | None, str]],
     first: tuple[str, str, int | None] | None,
     *,
     prefer_vcan: bool = True,
 ) -> dict[str, BusChoice]:
     """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
 
-    Raises UserError for a name that the spec does not have, and for a bus that is named in both ways.
+    A bus named without an interface is SocketCAN's. Raises UserError for a bus that is named in both ways.
     """
-    for name in named:
-        if name not in spec.buses:
-            raise UserError(f"--bus {name}: the spec has no such bus; it has {', '.join(spec.buses)}")
-        if name == spec.manager.bus and first is not None:
-            raise UserError(f"--bus {name}: -i and -c have named that bus already; give one of the two")
+    if spec.manager.bus in named and first is not None:
+        raise UserError(f"--bus {spec.manager.bus}: -i and -c have named that bus already; give one of the two")
     choices = {}
     for name, bus in spec.buses.items():
         if name == spec.manager.bus and first is not None:
             choices[name] = BusChoice(name, *first, is_ours=False)
         elif name in named:
-            choices[name] = BusChoice(name, *named[name], bitrate=None, is_ours=False)
+            interface, channel = named[name]
+            choices[name] = BusChoice(name, interface or "socketcan", channel, bitrate=None, is_ours=False)
         elif name == spec.manager.bus and prefer_vcan and has_interface("vcan0"):
             choices[name] = BusChoice(name, "socketcan", "vcan0", None, is_ours=False)
         else:

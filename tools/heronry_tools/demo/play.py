@@ -15,6 +15,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
+from heronry_wire.bus_arguments import named_buses
 
 _AFTER_LAST_ACT_S = 5.0
 
@@ -30,7 +31,7 @@ def play(arguments: argparse.Namespace) -> int:
         stack.enter_context(_terminated_like_interrupted())
         folder = run_folder()
         fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder))
-        choices = choose(spec, folder, _named(arguments.bus), _first(arguments))
+        choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         fleet.start_buses(choices)
         return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)
 
@@ -43,17 +44,6 @@ def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
     if channel is None:
         raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
     return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
-
-
-def _named(texts: list[str]) -> dict[str, tuple[str, str]]:
-    named = {}
-    for text in texts:
-        name, equals, place = text.partition("=")
-        interface, colon, channel = place.partition(":")
-        if not equals or not place:
-            raise UserError(f"--bus {text}: write it as NAME=CHANNEL or NAME=INTERFACE:CHANNEL")
-        named[name] = (interface, channel) if colon else ("socketcan", place)
-    return named
 
 
 @contextmanager
