@@ -19,7 +19,7 @@ from heronry_dg.traffic import Hop, frame_bits, identifiers
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 _NS_PER_S = 1_000_000_000
-_MANAGER_FRAMES = 2  # LEASE and ALIVE, in each heartbeat period
+MANAGER_FRAMES = 2  # LEASE and ALIVE, in each heartbeat period
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +155,7 @@ def _key(hop: Hop) -> tuple[str, str, str]:
 def _management(spec: Spec, bus: Bus) -> list[Message]:
     """What is sent above all data: the state of each PE, and the manager's own, each once in a heartbeat period."""
     period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
-    senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + _MANAGER_FRAMES
+    senders = sum(bus.name in pe.buses for pe in spec.pes.values()) + MANAGER_FRAMES
     return [Message("management", WORST_BLOCKING_BITS, period, 0, period)] * senders
 
 
