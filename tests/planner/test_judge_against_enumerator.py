@@ -2,66 +2,20 @@
 
 import random
 from collections import Counter
-from dataclasses import replace
+from contextlib import suppress
 
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.objective import score
 from heronry_dg.situation import survivors
 from heronry_dg.traffic import identifiers
 from heronry_dg.verify import verify
 from planner.enumerator import Enumerator, TooManyError
-from planner.random_specs import Case, features, random_case
+from planner.mutants import MUTATIONS, Tally, canonical, judge_mutants, mutated
+from planner.random_specs import features, random_case
 
 MOST = 300  # configurations of one spec that are looked at
-
-Canonical = frozenset[tuple[str, str, str, frozenset[tuple[str, str, str, int]]]]
-
-
-def canonical(configuration: Configuration) -> Canonical:
-    """Give a hashable form of a configuration."""
-    return frozenset(
-        (
-            name,
-            running.mode,
-            running.pe,
-            frozenset((path, wire.producer, wire.variable, wire.version) for path, wire in running.inputs.items()),
-        )
-        for name, running in configuration.modules.items()
-    )
-
-
-def mutated(rng: random.Random, case: Case, configuration: Configuration) -> Configuration:
-    """Change one thing, be it legal or not."""
-    modules = dict(configuration.modules)
-    spec = case.spec
-    kind = rng.choice(("stop", "start", "move", "mode", "unwire", "wire", "rewire"))
-    name = rng.choice(list(spec.modules) if kind == "start" or not modules else list(modules))
-    if name not in modules:
-        modules[name] = Running(rng.choice(list(spec.pes)), rng.choice(list(spec.modules[name].modes)))
-        return Configuration(modules)
-    running = modules[name]
-    inputs = dict(running.inputs)
-    leaves = dict(spec.modules[name].modes[running.mode].leaves())
-    if kind == "stop":
-        del modules[name]
-        return Configuration(modules)
-    if kind == "move":
-        modules[name] = replace(running, pe=rng.choice(list(spec.pes)))
-    elif kind == "mode":
-        modules[name] = replace(running, mode=rng.choice(list(spec.modules[name].modes)))
-    elif kind == "unwire" and inputs:
-        del inputs[rng.choice(list(inputs))]
-        modules[name] = replace(running, inputs=inputs)
-    elif leaves:
-        path = rng.choice(list(leaves))
-        producer = rng.choice(list(spec.modules))
-        version = rng.randint(1, spec.variables[leaves[path].variable].versions)
-        inputs[path] = Wire(producer, leaves[path].variable, version)
-        modules[name] = replace(running, inputs=inputs)
-    return Configuration(modules)
 
 
 @given(st.randoms(use_true_random=False))
@@ -84,6 +38,16 @@ def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> Non
             changed = mutated(rng, case, changed)
             violations = verify(case.spec, case.now, changed)
             assert (violations == []) == (canonical(changed) in known), violations
+
+
+def test_every_kind_of_mutation_makes_something_illegal_that_the_judge_rejects() -> None:
+    tally = Tally(Counter(), Counter(), Counter(), Counter(), [])
+    for seed in range(120):
+        with suppress(TooManyError):
+            judge_mutants(random.Random(seed), tally, origins=1)
+    assert tally.wrong == []
+    assert tally.rejected == tally.illegal
+    assert {kind: tally.illegal[kind] for kind in MUTATIONS if not tally.illegal[kind]} == {}
 
 
 @given(st.randoms(use_true_random=False))
