@@ -12,7 +12,7 @@ Whatever is malformed gives one PlanError, whose sentence names the place.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
@@ -27,6 +27,22 @@ from heronry_dg.why_not import feasible, why_not
 from heronry_wire.errors import HeronryError
 
 Json = dict[str, object]
+Bounds = Sequence[int | None]
+"""For each of the ten integers of `Objective.key`, what it cannot exceed (None: not known).
+
+It holds among the legal configurations that are no worse in the levels above.
+"""
+
+_LEVELS = (
+    *(f"critical {criticality}" for criticality in CRITICAL_CLASSES),
+    "utility",
+    "inputs",
+    "changes",
+    "branches",
+    "bus_bits_per_s",
+    "cpu_millis",
+)
+_COSTS = ("changes", "branches", "bus_bits_per_s", "cpu_millis")  # fewer is better
 _T = TypeVar("_T")
 
 
@@ -62,6 +78,16 @@ class BusReport:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelReport:
+    """A level of the objective, and the best that it could be with all levels above it as good as they are."""
+
+    level: str
+    value: int
+    bound: int | None  # no legal configuration is better; None: not known
+    proven: bool  # value and bound are the same, before the rounding of bits per second
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """A configuration with its proof and its report; `make_plan` makes them."""
 
@@ -70,6 +96,7 @@ class Plan:
     configuration: Configuration
     objective: Objective
     optimal: bool  # proven to be the best there is
+    levels: Sequence[LevelReport]  # most important first
     functions: Mapping[str, FunctionReport]
     pes: Mapping[str, PeReport]
     buses: Mapping[str, BusReport]
@@ -83,6 +110,10 @@ class Plan:
             "limits": {element: _percent(share) for element, share in sorted(self.now.limits.items())},
             "objective": _objective_json(self.objective),
             "optimal": self.optimal,
+            "levels": [
+                {"level": one.level, "value": one.value, "bound": one.bound, "proven": one.proven}
+                for one in self.levels
+            ],
             "modules": {name: _running_json(running) for name, running in self.configuration.modules.items()},
             "functions": {
                 name: {"served": f.served, "mode": f.mode, "value": f.value, "why_not": f.why_not}
@@ -106,10 +137,12 @@ def make_plan(
     objective: Objective,
     *,
     optimal: bool,
+    bounds: Bounds | None = None,
     reasons: Mapping[str, str] | None = None,
 ) -> Plan:
     """Put a plan together and work out its report.
 
+    bounds: how good each level could be; None: as good as it is for an optimal plan, not known for another one.
     reasons: why functions are not served, where the planner knows better than `why_not` does by itself.
     Every name in the configuration must exist in the spec.
     """
@@ -122,10 +155,29 @@ def make_plan(
         configuration=in_order,
         objective=objective,
         optimal=optimal,
+        levels=_level_reports(objective, bounds or (objective.key() if optimal else (None,) * len(_LEVELS))),
         functions=_function_reports(spec, now, in_order, reasons or {}),
         pes={name: _pe_report(spec, in_order, name) for name in spec.pes},
         buses=_bus_reports(spec, now, in_order),
     )
+
+
+def _level_reports(objective: Objective, bounds: Bounds) -> tuple[LevelReport, ...]:
+    return tuple(
+        LevelReport(
+            level=level,
+            value=_reported(level, value),
+            bound=None if bound is None else _reported(level, bound),
+            proven=value == bound,
+        )
+        for level, value, bound in zip(_LEVELS, objective.key(), bounds, strict=True)
+    )
+
+
+def _reported(level: str, key: int) -> int:
+    """Turn an integer of `Objective.key` into what is reported: costs as such, bits per second rounded down."""
+    quantity = -key if level in _COSTS else key
+    return quantity // 1000 if level == "bus_bits_per_s" else quantity
 
 
 def _function_reports(
@@ -201,7 +253,30 @@ def read_plan(text: str, spec: Spec) -> Plan:
     if claimed != _objective_json(objective):
         raise PlanError("objective is not what the plan's configuration is worth: plan again")
     optimal = _field(document, "optimal", bool, "the plan")
-    return make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
+    made = make_plan(spec, now, configuration, objective, optimal=optimal, reasons=_reasons(document))
+    return replace(made, levels=_claimed_levels(document, made.levels)) if "levels" in document else made
+
+
+def _claimed_levels(document: Json, known: Sequence[LevelReport]) -> tuple[LevelReport, ...]:
+    """Read what a plan says that is proven of its levels; their values must be those of its objective."""
+    claimed: list[object] = _field(document, "levels", list, "the plan")
+    levels = tuple(_claimed_level(fields, f"levels.{number}") for number, fields in enumerate(claimed))
+    if [(one.level, one.value) for one in levels] != [(one.level, one.value) for one in known]:
+        raise PlanError("levels are not those of the plan's objective: plan again")
+    if _field(document, "optimal", bool, "the plan") != all(one.proven for one in levels):
+        raise PlanError("optimal is not what the plan's levels say: plan again")
+    return levels
+
+
+def _claimed_level(fields: object, place: str) -> LevelReport:
+    if not isinstance(fields, dict):
+        raise PlanError(f"{place} is {_shown(fields)} and must be an object")
+    return LevelReport(
+        level=_field(fields, "level", str, place),
+        value=_field(fields, "value", int, place),
+        bound=None if fields.get("bound") is None else _field(fields, "bound", int, place),
+        proven=_field(fields, "proven", bool, place),
+    )
 
 
 def read_situation(text: str, spec: Spec) -> Situation:

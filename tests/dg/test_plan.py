@@ -3,6 +3,7 @@
 import contextlib
 import json
 import random
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -14,6 +15,7 @@ from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.loader import load
 from heronry_dg.objective import score
 from heronry_dg.plan import (
+    LevelReport,
     Plan,
     PlanError,
     make_plan,
@@ -68,6 +70,18 @@ def test_the_file_has_exactly_this_shape() -> None:
             "cpu_millis": 100,
         },
         "optimal": False,
+        "levels": [
+            {"level": "critical A", "value": 0, "bound": None, "proven": False},
+            {"level": "critical B", "value": 80, "bound": None, "proven": False},
+            {"level": "critical C", "value": 0, "bound": None, "proven": False},
+            {"level": "critical D", "value": 0, "bound": None, "proven": False},
+            {"level": "utility", "value": 8000, "bound": None, "proven": False},
+            {"level": "inputs", "value": 1, "bound": None, "proven": False},
+            {"level": "changes", "value": 5, "bound": None, "proven": False},
+            {"level": "branches", "value": 0, "bound": None, "proven": False},
+            {"level": "bus_bits_per_s", "value": 0, "bound": None, "proven": False},
+            {"level": "cpu_millis", "value": 100, "bound": None, "proven": False},
+        ],
         "functions": {
             "elevator": {"served": False, "mode": None, "value": 0, "why_not": "why."},
             "parachute": {"served": True, "mode": "only", "value": 100, "why_not": None},
@@ -95,6 +109,57 @@ def test_a_module_and_its_wires_in_the_file() -> None:
         "mode": "only",
         "inputs": {"": {"producer": "chute_logic", "variable": "chute_release", "version": 1}},
     }
+
+
+def bounded_plan() -> Plan:
+    now = situation(FIGURE_3)
+    objective = replace(score(FIGURE_3, now, CHUTE, {}), bus_mbit_per_s=10_800_999)
+    bounds = (*objective.key()[:5], 4, None, 0, -10_800_001, -objective.cpu_millis)
+    return make_plan(FIGURE_3, now, CHUTE, objective, optimal=False, bounds=bounds)
+
+
+def test_a_level_says_how_good_it_could_be() -> None:
+    reports = {one.level: one for one in bounded_plan().levels}
+    assert reports["utility"] == LevelReport("utility", 8000, 8000, proven=True)
+    assert reports["inputs"] == LevelReport("inputs", 1, 4, proven=False)
+    assert reports["changes"] == LevelReport("changes", 5, None, proven=False)
+    assert reports["cpu_millis"] == LevelReport("cpu_millis", 100, 100, proven=True)
+    # Both are reported as 10 800 bit/s, rounded down, and are not the same.
+    assert reports["bus_bits_per_s"] == LevelReport("bus_bits_per_s", 10_800, 10_800, proven=False)
+
+
+def test_what_is_proven_of_the_levels_is_read_back() -> None:
+    now = situation(FIGURE_3)
+    objective = score(FIGURE_3, now, CHUTE, {})
+    bounds = (*objective.key()[:5], 4, *objective.key()[6:])
+    plan = make_plan(FIGURE_3, now, CHUTE, objective, optimal=False, bounds=bounds)
+    assert read_plan(plan.to_json(), FIGURE_3) == plan
+
+
+def test_a_plan_of_before_levels_is_read_as_far_as_it_says() -> None:
+    document = json.loads(chute_plan().to_json())
+    del document["levels"]
+    assert read_plan(json.dumps(document), FIGURE_3) == chute_plan()
+
+
+@pytest.mark.parametrize(
+    ("levels", "sentence"),
+    [
+        ([7], "levels.0 is 7 and must be an object"),
+        ([{"level": "critical A"}], "levels.0 has no 'value'"),
+        ([], "levels are not those of the plan's objective: plan again"),
+    ],
+)
+def test_levels_that_are_none(levels: list[object], sentence: str) -> None:
+    document = json.loads(chute_plan().to_json()) | {"levels": levels}
+    with pytest.raises(PlanError, match=sentence):
+        read_plan(json.dumps(document), FIGURE_3)
+
+
+def test_a_plan_is_optimal_when_all_its_levels_are() -> None:
+    document = json.loads(chute_plan().to_json()) | {"optimal": True}
+    with pytest.raises(PlanError, match="optimal is not what the plan's levels say: plan again"):
+        read_plan(json.dumps(document), FIGURE_3)
 
 
 def test_bus_load_is_the_share_of_the_bit_rate() -> None:
@@ -207,6 +272,7 @@ def test_an_illegal_plan_is_read_all_the_same() -> None:
     document = json.loads(chute_plan().to_json())
     del document["modules"]["pressure_driver"]
     document["objective"]["cpu_millis"] -= 20
+    del document["levels"]
     assert read_plan(json.dumps(document), FIGURE_3).objective.inputs == 1
 
 
