@@ -11,7 +11,8 @@ PEs; programs run where there is room (some ask for a feature, or are bound to a
 
 CPU and memory are drawn as weights and scaled at the end. CPU adds up to `work` times what there is, over all modules
 in their best modes: at 1.05 not everything runs in its best mode, at 1.5 much cannot run. RAM and flash add up to three
-quarters of what there is. The buses could carry two thirds of all data.
+quarters of what there is. The buses could carry two thirds of all data, and a heartbeat is as long as it takes for what
+manages the buses to fit into its reserve.
 """
 
 import random
@@ -28,6 +29,8 @@ _MEMORY_SHARE: Final = 0.75
 _BITRATES: Final = (125_000, 250_000, 500_000, 1_000_000)
 _FRAME_BITS: Final = 135  # at most
 _DATA_SHARE: Final = 0.7  # of a bit rate
+_RESERVE: Final = 0.1
+_HEARTBEATS_MS: Final = (20, 50, 100, 200)
 _CLASSES: Final = {"loop": "AAB", "vote": "BC", "payload": "DE", "monitor": "CDE"}
 
 
@@ -98,7 +101,7 @@ class Aircraft:
         return {
             "dg": 1,
             "name": f"generated_{self.module_count}_x_{self.pe_count}",
-            "buses": {"can0": {"bitrate": bitrate}, "can1": {"bitrate": max(_BITRATES[0], bitrate // 2)}},
+            "buses": {"can0": self._bus(bitrate), "can1": self._bus(max(_BITRATES[0], bitrate // 2))},
             "manager": {"bus": "can0"},
             "pes": dict(self._pes()),
             "devices": self._devices,
@@ -132,6 +135,12 @@ class Aircraft:
         best = [module.modes[0] for module in self._modules.values()]
         bits_per_s = sum(_FRAME_BITS * mode.rate_hz * len(mode.gives) for mode in best)
         return next((b for b in _BITRATES if 3 * b * _DATA_SHARE >= 2 * bits_per_s), _BITRATES[-1])
+
+    def _bus(self, bitrate: int) -> Fields:
+        """Give a bus the shortest heartbeat with which two thirds of the PEs and a manager keep to the reserve."""
+        frames = self.pe_count * 2 // 3 + 3
+        fitting = (ms for ms in _HEARTBEATS_MS if frames * _FRAME_BITS * 1000 <= ms * bitrate * _RESERVE)
+        return {"bitrate": bitrate, "heartbeat_ms": next(fitting, _HEARTBEATS_MS[-1])}
 
     # Blocks
 
