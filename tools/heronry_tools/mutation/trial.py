@@ -63,18 +63,7 @@ class Tree:
         """Give the test that failed."""
         paths = [str(self._place / folder) for folder in PACKAGE_FOLDERS]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [
-            *_LIMITED,
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "--no-header",
-            "-p",
-            "no:cacheprovider",
-            *stage,
-        ]
+        pytest = ("pytest", "-x", "-q", "--no-header", "-p", "no:cacheprovider")
         process = subprocess.Popen(
             [*_LIMITED, sys.executable, "-m", *pytest, *stage],
             cwd=self._place,
