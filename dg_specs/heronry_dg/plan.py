@@ -155,14 +155,16 @@ def make_plan(
         configuration=in_order,
         objective=objective,
         optimal=optimal,
-        levels=_level_reports(objective, bounds or (objective.key() if optimal else (None,) * len(_LEVELS))),
+        levels=level_reports(objective, bounds or (objective.key() if optimal else None)),
         functions=_function_reports(spec, now, in_order, reasons or {}),
         pes={name: _pe_report(spec, in_order, name) for name in spec.pes},
         buses=_bus_reports(spec, now, in_order),
     )
 
 
-def _level_reports(objective: Objective, bounds: Bounds) -> tuple[LevelReport, ...]:
+def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelReport, ...]:
+    """Say for each level what it is and how good it could be; without bounds nothing is known of that."""
+    bounds = bounds or (None,) * len(_LEVELS)
     return tuple(
         LevelReport(
             level=level,
