@@ -29,9 +29,10 @@ class Place(NamedTuple):
 
 
 class Use(NamedTuple):
-    """Where a name is used that refers to nothing, and the known name that is closest to it."""
+    """Where a name is used that refers to nothing, as what, and the known name that is closest to it."""
 
     place: Place
+    kind: str
     closest: str | None
 
 
@@ -83,7 +84,7 @@ class Findings:
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         """Note a name that refers to nothing."""
         closest = self._closest(name, known)
-        self.unknown_names.setdefault(name, []).append(Use(place, closest))
+        self.unknown_names.setdefault(name, []).append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 

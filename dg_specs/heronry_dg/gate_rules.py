@@ -58,7 +58,8 @@ class _GateRules:
         for mode in module.modes.values():
             needs = _needs(mode)
             if needs is None:
-                self.readings[module.name, mode.name] = None
+                if module.form is not None and mode.form is not None:  # or `needs` may be there, and misspelt
+                    self.readings[module.name, mode.name] = None
                 continue
             reading = reader.read(needs)
             if reading is not None:

@@ -1,34 +1,93 @@
-"""A name that is misspelt where it is declared is one mistake, though everybody who uses it names what is not there.
+"""A name that is declared nowhere is one mistake, though everybody who uses it names what is not there.
 
-Where an unknown name is used at least twice, an element of a name close to it is declared, and that one is used by
-nobody, the declaration is what to mend: one finding there stands for those of all the users. Where the name is used
-once, nobody can tell which of the two is misspelt, and the user is told.
+Two uses of the same unknown name are not two slips: what is wrong is the declaration. Where an element of a name close
+to it is declared, and that one is used by nobody, its declaration is misspelt, and one finding there stands for those
+of all the users. Where no name is close, the declaration is missing, and one finding stands at the section that lacks
+it. Where a name is close and in use, nobody can tell which of the two was meant, and the users are told.
+
+A single use of an unknown name is a slip, and its user is told; unless a declaration that nobody names is close, and
+its words are found nowhere else in the file while those of the use are: a `gsp` is declared, and a `gps_altitude`.
 """
 
 from collections import Counter
 from collections.abc import Mapping
+from difflib import SequenceMatcher
+from typing import Final
 
 from heronry_dg import yaml_source
 from heronry_dg.draft import Draft
-from heronry_dg.findings import Findings, Place, shown
+from heronry_dg.findings import Findings, Place, Use, listed, shown
 from heronry_dg.rules import graph as rules
+
+_SECTIONS: Final[Mapping[str, str]] = {  # where an element is declared, by what its users take it for
+    "bus": "buses",
+    "pe": "pes",
+    "device": "devices",
+    "variable": "variables",
+    "variable or gate": "variables",
+    "module": "modules",
+    "module or DEMUX": "modules",
+    "phase": "phases",
+}
+_MOST_LINES_SHOWN: Final = 6
+_ALIKE: Final = 0.85  # names that are less alike are rather two names than one and a slip
 
 
 def blame_declarations(draft: Draft, findings: Findings) -> None:
-    """Put one finding at a misspelt declaration in place of those at its users."""
-    uses_of = {name: uses for name, uses in findings.unknown_names.items() if len(uses) > 1}
-    if not uses_of:
+    """Put one finding at a misspelt or missing declaration in place of those at its users."""
+    if not findings.unknown_names:
         return
     named = _named(draft.root)
-    for name, uses in uses_of.items():
+    words = _words(named)
+    for name, uses in findings.unknown_names.items():
         closest = uses[0].closest
-        place = _declared(draft, closest) if closest is not None and named[closest] == 1 else None
-        if place is None:
-            continue
-        for use in uses:
-            findings.withdraw(use.place)
-        sentence = f"nobody names {shown(closest)}, and {len(uses)} times {shown(name)} is named, which there is not"
-        findings.add(rules.UNKNOWN_NAME, place, sentence, f"rename it to {name}, or mend those who name it")
+        if closest is not None and named[closest] == 1:
+            if len(uses) > 1 or _is_rather_meant(name, closest, words):
+                _misspelt(draft, findings, name, uses, closest)
+        elif len(uses) > 1 and (closest is None or _likeness(name, closest) < _ALIKE):
+            _missing(draft, findings, name, uses)
+
+
+def _is_rather_meant(name: str, other: str, words: Counter[str]) -> bool:
+    """Tell whether the words in which two names differ are found elsewhere for the one, and not for the other."""
+    one, two = set(name.split("_")), set(other.split("_"))
+    return all(words[word] > 1 for word in one - two) and all(words[word] == 1 for word in two - one)
+
+
+def _likeness(name: str, other: str) -> float:
+    return SequenceMatcher(None, name, other).ratio()
+
+
+def _misspelt(draft: Draft, findings: Findings, name: str, uses: list[Use], declared: str) -> None:
+    place = _declared(draft, declared)
+    if place is not None:
+        times = f"{len(uses)} times" if len(uses) > 1 else "once"
+        sentence = f"nobody names {shown(declared)}, and {times} {shown(name)} is named, which there is not"
+        hint = f"rename it to {name}, or mend {_lines(uses)}"
+        _one_for_all(findings, uses, place, sentence, hint)
+
+
+def _missing(draft: Draft, findings: Findings, name: str, uses: list[Use]) -> None:
+    section = next((_SECTIONS[use.kind] for use in uses if use.kind in _SECTIONS), None)
+    if section is not None and isinstance(draft.root, yaml_source.Mapping) and section in draft.root.entries:
+        closest = uses[0].closest
+        sentence = f"'{section}' has no {shown(name)}, which is named {len(uses)} times"
+        suggestion = f": did you mean '{closest}'?" if closest is not None else ""
+        hint = f"declare it here, or mend {_lines(uses)}{suggestion}"
+        _one_for_all(findings, uses, draft.root.entries[section].place, sentence, hint)
+
+
+def _lines(uses: list[Use]) -> str:
+    """Write `line 3`, `lines 3 and 7`."""
+    numbers = [str(line) for line in sorted({use.place.line for use in uses})]
+    more = [f"{len(numbers) - _MOST_LINES_SHOWN} more"] if len(numbers) > _MOST_LINES_SHOWN else []
+    return f"line{'s' if len(numbers) > 1 else ''} {listed([*numbers[:_MOST_LINES_SHOWN], *more])}"
+
+
+def _one_for_all(findings: Findings, uses: list[Use], place: Place, sentence: str, hint: str) -> None:
+    for use in uses:
+        findings.withdraw(use.place)
+    findings.add(rules.UNKNOWN_NAME, place, sentence, hint)
 
 
 def _declared(draft: Draft, name: str) -> Place | None:
@@ -55,3 +114,12 @@ def _named(root: yaml_source.Node) -> Counter[str]:
                 found.update(entries.keys())
                 waiting += [entry.node for entry in entries.values()]
     return found
+
+
+def _words(named: Counter[str]) -> Counter[str]:
+    """How often each word stands in the names of a file."""
+    words: Counter[str] = Counter()
+    for name, times in named.items():
+        for word in name.split("_"):
+            words[word] += times
+    return words

@@ -56,6 +56,52 @@ def test_a_name_that_is_used_once_may_be_misspelt_there() -> None:
     assert said == ["no device is named 'gps' (did you mean 'gsp'?)"]
 
 
+def test_a_name_that_is_used_twice_and_declared_nowhere_is_missing_from_its_section() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    modules = f"{{driver: {{device: gps, gives: {{wind: 1}}, {body}}}, b: {{needs: wind, {body}}}}}"
+    text = spec_text(modules=modules).replace("variables:", "»variables:")
+    (said,) = complaints(text)
+    assert said == "'variables' has no 'wind', which is named 2 times (declare it here, or mend line 6)"
+
+
+def test_two_names_that_are_merely_alike_are_not_one_misspelt() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    modules = (
+        f"{{driver: {{device: gps, gives: {{gps_altitude: 1, altitude: 1}}, {body}}},\n"
+        f" b: {{needs: {{and: [gps_altitude, altitude]}}, {body}}}}}"
+    )
+    text = spec_text(variables="{altitude: {type: FLOAT}}", modules=modules).replace("variables:", "»variables:")
+    (said,) = complaints(text)
+    assert said.startswith("'variables' has no 'gps_altitude', which is named 2 times (declare it here, or mend lines")
+    assert said.endswith("lines 6 and 7: did you mean 'altitude'?)")
+
+
+def test_of_a_pair_used_once_the_one_whose_words_are_known_is_right() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    said = complaints(
+        spec_text(
+            devices="{»gsp: {kind: sensor, pe: nav}}",
+            variables="{gps_altitude: {type: FLOAT}}",
+            modules=f"{{driver: {{device: gps, gives: {{gps_altitude: 1}}, {body}}}}}",
+        )
+    )
+    assert said == [
+        "nobody names 'gsp', and once 'gps' is named, which there is not (rename it to gps, or mend line 6)"
+    ]
+
+
+def test_a_branch_whose_needs_are_misspelt_is_not_missed_by_its_demux() -> None:
+    body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
+    (said,) = complaints(
+        spec_text(
+            gates="{out: {demux: altitude}}",
+            modules=f"{{driver: {{device: gps, gives: {{altitude: 1}}, {body}}}, a: {{needs: out, {body}}}, "
+            f"b: {{»neds: out, {body}}}}}",
+        )
+    )
+    assert said == "module 'b' has no field 'neds' (did you mean 'needs'?)"
+
+
 def test_a_declared_name_that_somebody_uses_is_not_to_blame() -> None:
     body = "cpu: 0.1, ram: 1KiB, rate_hz: 1"
     modules = (

@@ -27,6 +27,7 @@ examples:
   heronry check                                  every *.dg.yaml below this folder
   heronry check --fast my.dg.yaml                without the families that solve: for editors and hooks
   heronry check specs/ --strict                  warnings fail as well
+  heronry check specs/ --quiet                   errors alone; warnings are counted
   heronry check --select DG2,DG4 --ignore DG240  some families, but for one code
   heronry check --error DG401 my.dg.yaml         this warning is an error
   heronry check -o findings.sarif --output-format sarif
@@ -54,6 +55,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="all but these")
     parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="these warnings are errors")
     parser.add_argument("--strict", action="store_true", help="all warnings are errors")
+    parser.add_argument("-q", "--quiet", action="store_true", help="tell errors alone, and how many warnings there are")
     parser.add_argument(
         "--output-format", choices=_FORMATS, help="default: github where GITHUB_ACTIONS is set, full elsewhere"
     )
@@ -76,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         judged = [_judged(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
         with _defects_of("the report"):
-            report = _report(judged, arguments)
+            report = _report(_told(judged, quiet=arguments.quiet), judged, arguments)
     except _DefectError as defect:
         print(f"heronry: {defect}", file=sys.stderr)
         return 3
@@ -171,24 +173,29 @@ def _defects_of(what: str) -> Iterator[None]:
         raise _DefectError(f"{what}: {said}; this is a defect of heronry: please report it with the file") from error
 
 
-def _report(judged: "Sequence[Judged]", arguments: argparse.Namespace) -> str:
+def _told(judged: "Sequence[Judged]", *, quiet: bool) -> "Sequence[Judged]":
+    """What the report tells of: everything, or errors alone."""
+    return [one.errors_alone() for one in judged] if quiet else judged
+
+
+def _report(told: "Sequence[Judged]", judged: "Sequence[Judged]", arguments: argparse.Namespace) -> str:
     from heronry_dg.check import machine_reports, text_report  # noqa: PLC0415
     from heronry_tools.check.registry import RULES  # noqa: PLC0415
 
     match arguments.output_format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full"):
         case "concise":
-            return text_report.concise(judged)
+            return text_report.concise(told)
         case "json":
-            return machine_reports.json_report(judged, RULES)
+            return machine_reports.json_report(told, RULES)
         case "github":
-            return machine_reports.github_report(judged)
+            return machine_reports.github_report(told)
         case "sarif":
-            return machine_reports.sarif_report(judged, RULES, _version())
+            return machine_reports.sarif_report(told, RULES, _version())
         case "junit":
-            return machine_reports.junit_report(judged)
+            return machine_reports.junit_report(told)
         case _:
             colour = arguments.output is None and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-            return text_report.full(judged, colour=colour)
+            return f"{text_report.full(told, colour=colour)}{text_report.summary(judged)}\n"
 
 
 def _version() -> str:

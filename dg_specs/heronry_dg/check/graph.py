@@ -2,7 +2,8 @@
 
 Looked at without a solver, over all modes at once. What is reported is certain; what is not reported may still be
 impossible for reasons of place and capacity, which are for the families that solve. Echoes are left out: a module that
-never runs because of an input that nobody gives is told once, at that input.
+never runs because of an input that nobody gives is told once, at that input, and what is of no use is told only where
+all inputs can be wired: a driver that is missing would leave its device unused, and whatever else its reader hears.
 
 How a rule is added: define it in rules/graph.py, write a function `_thing(subject, findings)` here that adds
 findings of it, and call the function in `check`.

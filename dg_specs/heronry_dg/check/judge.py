@@ -48,6 +48,10 @@ class Judged:
         """Text of a line with a finding; empty where the file has no such line."""
         return self.lines.get(number, "")
 
+    def errors_alone(self) -> "Judged":
+        """The same file without its warnings."""
+        return replace(self, findings=tuple(one for one in self.findings if one.severity is Severity.ERROR))
+
 
 def judge(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
@@ -66,6 +70,7 @@ def _judge(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[s
         for check in ran.values():
             check(Subject(file, loaded), findings)
     told, used = _told(findings, said, rules, choice)
+    told = _without_echoes(told, rules)
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
@@ -91,6 +96,12 @@ def _told(
         if rules[finding.code].stops or (choice.includes(finding.code) and not ignores):
             told.append(finding)
     return told, used
+
+
+def _without_echoes(told: list[Finding], rules: Mapping[str, Rule]) -> list[Finding]:
+    """Findings without those that an error of their family may have caused."""
+    hushed = {finding.code[:3] for finding in told if finding.severity is Severity.ERROR}
+    return [finding for finding in told if not (rules[finding.code].echo and finding.code[:3] in hushed)]
 
 
 def _unused(file: str, said: Instructions, used: set[Ignore], ran: tuple[str, ...], choice: Choice) -> list[Finding]:

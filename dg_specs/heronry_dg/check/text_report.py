@@ -33,14 +33,13 @@ def concise(files: Sequence[Judged]) -> str:
 
 
 def full(files: Sequence[Judged], *, colour: bool = False) -> str:
-    """Each finding with its source line, a caret and its hint, and a last line that counts."""
+    """Each finding with its source line, a caret and its hint."""
     paint = _painted if colour else _plain
-    parts = [_one(judged, finding, paint) for judged in files for finding in judged.findings]
-    return "".join(f"{part}\n" for part in [*parts, summary(files)])
+    return "".join(f"{_one(judged, finding, paint)}\n" for judged in files for finding in judged.findings)
 
 
 def summary(files: Sequence[Judged]) -> str:
-    """Say how much was found in how many files."""
+    """Say how much was found in how many files; the last line of a report for people."""
     findings = [finding for judged in files for finding in judged.findings]
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     counts = [(errors, "error"), (len(findings) - errors, "warning")]

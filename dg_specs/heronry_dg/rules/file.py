@@ -6,290 +6,241 @@ How a rule is added is shown in rule.py.
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DISPLAY, DRIVER
 
 FAMILY: Final = Family("DG0", "the file and its YAML", fast=True)
 
 _SURPRISE: Final = "A spec must mean one thing, whichever program reads it; YAML 1.1 and 1.2 read this differently."
 
-UNREADABLE = FAMILY.rule(
+UNREADABLE = FAMILY.stop(
     "DG001",
     "unreadable-file",
-    Severity.ERROR,
     what="The file cannot be read.",
     why="Nothing can be said about a spec that is not there, or that may not be read.",
     fix="Check the path and the permissions; name a file, or a folder that holds *.dg.yaml files.",
     bad="(a path to nothing)",
     good="(a path to a file)",
-    stops=True,
 )
-TOO_LARGE = FAMILY.rule(
+TOO_LARGE = FAMILY.stop(
     "DG002",
     "file-too-large",
-    Severity.ERROR,
     what="The file is larger than any spec can sensibly be.",
     why="Specs come from anywhere. What is beyond the limits is refused before it costs time or memory.",
     fix="A spec is a short text: look for data that was pasted into it, or divide the system into two.",
     bad="(a file with more bytes or values than the limits)",
     good="(a text that somebody wrote)",
-    stops=True,
 )
-NOT_UTF8 = FAMILY.rule(
+NOT_UTF8 = FAMILY.stop(
     "DG003",
     "not-utf8",
-    Severity.ERROR,
     what="A byte of the file is not UTF-8.",
     why="In any other encoding the same bytes are other characters, so names and units could change by being copied.",
     fix="Save the file as UTF-8.",
     bad="name: caf\udce9\n",
     good="name: cafe\n",
-    stops=True,
 )
-INVISIBLE = FAMILY.rule(
+INVISIBLE = FAMILY.stop(
     "DG004",
     "control-character",
-    Severity.ERROR,
     what="The file holds a control character, or another that YAML does not allow.",
     why="It cannot be seen in an editor, and can make a terminal show something else than what is there.",
     fix="Remove it.",
     bad="name: ba\x07d\n",
     good="name: bad\n",
-    stops=True,
 )
-SYNTAX = FAMILY.rule(
+SYNTAX = FAMILY.stop(
     "DG005",
     "not-yaml",
-    Severity.ERROR,
     what="The file is not YAML.",
     why="A bracket, quote, comma or colon is missing, or lines are indented with tabs.",
     fix="Look at the place shown, and where the part around it begins.",
     bad="contingency: {faults: 1\n",
     good="contingency: {faults: 1}\n",
-    stops=True,
 )
-EMPTY = FAMILY.rule(
+EMPTY = FAMILY.stop(
     "DG006",
     "empty-file",
-    Severity.ERROR,
     what="The file is empty, or holds comments alone.",
     why="It is no spec, and whoever generated it may have failed.",
     fix="Begin with `dg: 1`.",
     bad="# nothing yet\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-TOO_DEEP = FAMILY.rule(
+TOO_DEEP = FAMILY.stop(
     "DG007",
     "too-deep",
-    Severity.ERROR,
     what="Something is nested deeper than any spec needs.",
     why="Depth beyond reason is how a hostile file exhausts its reader.",
     fix="Give a part of the expression a name under `gates:`, and use the name.",
     bad=f"contingency: {'[' * 64}{']' * 64}\n",
     good="contingency: {faults: 1}\n",
-    stops=True,
 )
-DIRECTIVE = FAMILY.rule(
+DIRECTIVE = FAMILY.stop(
     "DG010",
     "yaml-directive",
-    Severity.ERROR,
     what="The file has a YAML directive, such as %YAML or %TAG.",
     why="Directives change how the rest is read; a spec reads the same everywhere.",
     fix="Remove the line.",
     bad="%YAML 1.1\n---\ndg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
     good="---\ndg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-SECOND_DOCUMENT = FAMILY.rule(
+SECOND_DOCUMENT = FAMILY.stop(
     "DG011",
     "second-document",
-    Severity.ERROR,
     what="A second YAML document begins in the file.",
     why="Many programs read the first one and pass over the rest in silence.",
     fix="Write one file per spec, without `---` between parts.",
     bad="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n---\ndg: 1\n",
     good="dg: 1\nbuses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-ALIAS = FAMILY.rule(
+ALIAS = FAMILY.stop(
     "DG012",
     "yaml-alias",
-    Severity.ERROR,
     what="A value is a YAML alias (`*name`).",
     why="An alias lets a few lines stand for a huge tree, and a change in one place act in another unseen.",
     fix="Write the value out. For a gate expression that is used again, give it a name under `gates:`.",
     bad="contingency: *other\n",
     good="contingency: {faults: 1}\n",
-    stops=True,
 )
-ANCHOR = FAMILY.rule(
+ANCHOR = FAMILY.stop(
     "DG013",
     "yaml-anchor",
-    Severity.ERROR,
     what="A value carries a YAML anchor (`&name`).",
     why="Anchors exist for aliases, which a spec does not have.",
     fix="Remove it.",
     bad="contingency: &usual {faults: 1}\n",
     good="contingency: {faults: 1}\n",
-    stops=True,
 )
-TAG = FAMILY.rule(
+TAG = FAMILY.stop(
     "DG014",
     "yaml-tag",
-    Severity.ERROR,
     what="A value carries a YAML tag (`!name`).",
     why="Tags change the type of a value, in some programs by running code.",
     fix="Remove it; put a number in quotes to make it text.",
     bad="name: !!str x\n",
     good="name: x\n",
-    stops=True,
 )
-DUPLICATE_KEY = FAMILY.rule(
+DUPLICATE_KEY = FAMILY.stop(
     "DG015",
     "duplicate-key",
-    Severity.ERROR,
     what="A key is given twice in one map.",
     why="Most readers of YAML keep one of the two without a word, and not all the same one.",
     fix="Remove one of them, or rename it.",
     bad="contingency: {faults: 1, faults: 2}\n",
     good="contingency: {faults: 2}\n",
-    stops=True,
 )
-KEY_NOT_TEXT = FAMILY.rule(
+KEY_NOT_TEXT = FAMILY.stop(
     "DG016",
     "key-not-text",
-    Severity.ERROR,
     what="A key is not text.",
     why="Keys are names of fields and of elements; `1`, `true` and lists are none.",
     fix="Write a name; put it in quotes where YAML would read a number.",
     bad="phases: {1: {}}\n",
     good="phases: {first: {}}\n",
-    stops=True,
 )
-WORD_READ_DIFFERENTLY = FAMILY.rule(
+WORD_READ_DIFFERENTLY = FAMILY.stop(
     "DG020",
     "ambiguous-word",
-    Severity.ERROR,
     what="A word that some programs read as true, false or null: on, off, yes, no, True, NULL ...",
     why=_SURPRISE,
     fix="Write true, false or null in small letters, or put the word in quotes.",
     bad="name: on\n",
     good='name: "on"\n',
-    stops=True,
 )
-NOT_DECIMAL = FAMILY.rule(
+NOT_DECIMAL = FAMILY.stop(
     "DG021",
     "not-decimal",
-    Severity.ERROR,
     what="A number in octal, hexadecimal or binary.",
     why=_SURPRISE,
     fix="Write it in decimal.",
-    bad="variables:\n  speed: {type: FLOAT, identifier: 0x13B}\nmodules:\n  driver: {device: gps, gives: {speed: 1},"
-    " cpu: 0.1, ram: 1KiB, rate_hz: 10}\n  display: {device: lamp, needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n",
-    good="variables:\n  speed: {type: FLOAT, identifier: 315}\nmodules:\n  driver: {device: gps, gives: {speed: 1},"
-    " cpu: 0.1, ram: 1KiB, rate_hz: 10}\n  display: {device: lamp, needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n",
-    stops=True,
+    bad=f"variables:\n  speed: {{type: FLOAT, identifier: 0x13B}}\nmodules:\n{DRIVER}{DISPLAY}",
+    good=f"variables:\n  speed: {{type: FLOAT, identifier: 315}}\nmodules:\n{DRIVER}{DISPLAY}",
 )
-BASE_60 = FAMILY.rule(
+BASE_60 = FAMILY.stop(
     "DG022",
     "base-60",
-    Severity.ERROR,
     what="Digits with colons, which some programs read as a number to the base 60.",
     why=_SURPRISE,
     fix="Write a plain number, or put it in quotes.",
     bad="contingency: {faults: 0:02}\n",
     good="contingency: {faults: 2}\n",
-    stops=True,
 )
-DATE = FAMILY.rule(
+DATE = FAMILY.stop(
     "DG023",
     "date",
-    Severity.ERROR,
     what="Something that some programs read as a date.",
     why=_SURPRISE,
     fix="Put it in quotes.",
     bad="contingency: {faults: 2001-01-01}\n",
     good="contingency: {faults: 1}\n",
-    stops=True,
 )
-NOT_FINITE = FAMILY.rule(
+NOT_FINITE = FAMILY.stop(
     "DG024",
     "not-finite",
-    Severity.ERROR,
     what="An infinite number, or one that is none (.inf, .nan).",
     why="No quantity of a spec is infinite; what has no bound is left out.",
     fix="Write a finite number, or leave the field out.",
     bad="buses: {can0: {bitrate: 1000000, rate_per_h: .inf}}\n",
     good="buses: {can0: {bitrate: 1000000, rate_per_h: 0.001}}\n",
-    stops=True,
 )
-NOT_A_PLAIN_NUMBER = FAMILY.rule(
+NOT_A_PLAIN_NUMBER = FAMILY.stop(
     "DG025",
     "odd-number",
-    Severity.ERROR,
     what="A number with '_', '+', a leading zero or a bare point.",
     why=_SURPRISE,
     fix="Write digits alone: 1000, 0.5, -3, 1e-5.",
     bad="buses: {can0: {bitrate: 1_000_000}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-LONG_NUMBER = FAMILY.rule(
+LONG_NUMBER = FAMILY.stop(
     "DG026",
     "long-number",
-    Severity.ERROR,
     what="A number of more than 40 characters, or with an exponent beyond 40.",
     why="Numbers are kept exact, and no quantity of a spec needs so many digits.",
     fix="Write fewer digits.",
     bad="buses: {can0: {bitrate: 1000000, rate_per_h: 1e-99}}\n",
     good="buses: {can0: {bitrate: 1000000, rate_per_h: 1e-9}}\n",
-    stops=True,
 )
-SPECIAL_KEY = FAMILY.rule(
+SPECIAL_KEY = FAMILY.stop(
     "DG027",
     "special-key",
-    Severity.ERROR,
     what="One of the special keys of YAML 1.1: `<<` (merge) or `=` (value).",
     why="Some programs merge another map here, others see a key of that name.",
     fix="Write out what it stands for.",
     bad="contingency: {<<: {faults: 2}}\n",
     good="contingency: {faults: 2}\n",
-    stops=True,
 )
-BAD_COMMENT = FAMILY.rule(
+BAD_COMMENT = FAMILY.error(
     "DG090",
     "bad-comment",
-    Severity.ERROR,
     what="A comment that begins with `dg:` is no instruction that `heronry check` knows.",
     why="A misspelt instruction would be passed over in silence, and with it what it was to do.",
     fix="Write `# dg: ignore[DG240] reason`, or `# dg: error[DG240]` above the first line of the spec.",
     bad="contingency: {faults: 1}  # dg: ingore[DG240] later\n",
     good="contingency: {faults: 1}  # later\n",
 )
-NO_REASON = FAMILY.rule(
+NO_REASON = FAMILY.error(
     "DG091",
     "ignore-without-reason",
-    Severity.ERROR,
     what="A finding is ignored, and the comment does not say why.",
     why="Who reads the spec next cannot tell a considered exception from a warning that was in the way.",
     fix="Write the reason behind the bracket: `# dg: ignore[DG240] read by the ground station`.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}  # dg: ignore[DG240]\n",
     good="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}  # dg: ignore[DG240] reserved for the ground\n",
 )
-UNUSED_IGNORE = FAMILY.rule(
+UNUSED_IGNORE = FAMILY.warning(
     "DG092",
     "unused-ignore",
-    Severity.WARNING,
     what="A comment ignores a finding that is not there.",
     why="The mistake was mended and the comment forgotten: it would hide the next one.",
     fix="Remove the code from the comment, or the whole comment.",
     bad="variables:\n  speed: {type: FLOAT}  # dg: ignore[DG240] nobody reads it yet\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
-UNKNOWN_CODE = FAMILY.rule(
+UNKNOWN_CODE = FAMILY.error(
     "DG093",
     "unknown-code",
-    Severity.ERROR,
     what="A comment names a code that there is not, or one that cannot be ignored or raised.",
     why="It does nothing. What stops a spec from being loaded is never ignored, and an error is raised already.",
     fix="`heronry rules` lists the codes.",

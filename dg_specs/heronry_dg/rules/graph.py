@@ -7,118 +7,104 @@ rule.py.
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, pes
 
 FAMILY: Final = Family("DG2", "the graph: names, gates, wiring", fast=True)
 
-_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
-_DRIVER: Final = f"  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-_DISPLAY: Final = f"  display: {{device: lamp, needs: speed, {_RUNS}}}\n"
+_TWO_BUSES: Final = "buses: {can0: {bitrate: 1000000}, can1: {bitrate: 1000000}}\n"
 _TWO_DRIVERS: Final = (
     "devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: tail}\n  lamp: {kind: actuator, pe: tail}\n"
     "variables:\n  speed: {type: FLOAT, versions: 2}\n"
-    f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-    f"  other_driver: {{device: pitot, gives: {{speed: 2}}, {_RUNS}}}\n"
+    f"modules:\n{DRIVER}"
+    f"  other_driver: {{device: pitot, gives: {{speed: 2}}, {RUNS}}}\n"
 )
 _LAMPS: Final = (
     "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
     "  second_lamp: {kind: actuator, pe: nav}\n"
-    f"functions: {{showing: {{output: light}}}}\ngates: {{light: {{demux: speed}}}}\nmodules:\n{_DRIVER}"
+    f"functions: {{showing: {{output: light}}}}\ngates: {{light: {{demux: speed}}}}\nmodules:\n{DRIVER}"
 )
 
 
 def _display(needs: str) -> str:
     """Modules of which `display` has these needs."""
-    return f"modules:\n{_DRIVER}  display: {{device: lamp, needs: {needs}, {_RUNS}}}\n"
+    return f"modules:\n{DRIVER}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _voter(needs: str) -> str:
     """The same with two versions of the variable, each from a driver of its own."""
-    return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {_RUNS}}}\n"
+    return f"{_TWO_DRIVERS}  display: {{device: lamp, needs: {needs}, {RUNS}}}\n"
 
 
 def _lamps(first: str, second: str) -> str:
     """Two modules that may be branches of DEMUX `light`."""
     return (
-        f"{_LAMPS}  display: {{device: lamp, {first}, {_RUNS}}}\n"
-        f"  second_display: {{device: second_lamp, {second}, {_RUNS}}}\n"
+        f"{_LAMPS}  display: {{device: lamp, {first}, {RUNS}}}\n"
+        f"  second_display: {{device: second_lamp, {second}, {RUNS}}}\n"
     )
 
 
-UNKNOWN_NAME = FAMILY.rule(
+UNKNOWN_NAME = FAMILY.stop(
     "DG201",
     "unknown-name",
-    Severity.ERROR,
     what="A name refers to nothing.",
     why="It is misspelt, or what it named was removed or renamed.",
     fix="Take the name that is suggested, or declare the element.",
     bad=_display("sped"),
     good=_display("speed"),
-    stops=True,
 )
-VERSION_OUT_OF_RANGE = FAMILY.rule(
+VERSION_OUT_OF_RANGE = FAMILY.stop(
     "DG202",
     "version-out-of-range",
-    Severity.ERROR,
     what="A version is given or asked for that the variable does not have.",
     why="A variable has versions 1 (the best) to `versions`, which is 1 if left out.",
     fix="Write a version that exists, or raise the variable's `versions`.",
     bad=_voter("speed@3"),
     good=_voter("speed"),
-    stops=True,
 )
-CYCLE = FAMILY.rule(
+CYCLE = FAMILY.stop(
     "DG203",
     "cycle-without-initial",
-    Severity.ERROR,
     what="Modules wait for one another in a circle, and no variable on it has an `initial` value.",
     why="None of them would ever get its first input, so none would ever start.",
     fix="Give an `initial` value to the variable that may start from one.",
     bad="variables:\n  speed: {type: FLOAT}\n  echo: {type: FLOAT}\n"
-    f"modules:\n  driver: {{device: gps, needs: echo, gives: {{speed: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: speed, gives: {{echo: 1}}, {_RUNS}}}\n",
+    f"modules:\n  driver: {{device: gps, needs: echo, gives: {{speed: 1}}, {RUNS}}}\n"
+    f"  display: {{device: lamp, needs: speed, gives: {{echo: 1}}, {RUNS}}}\n",
     good="variables:\n  speed: {type: FLOAT}\n  echo: {type: FLOAT, initial: 0}\n"
-    f"modules:\n  driver: {{device: gps, needs: echo, gives: {{speed: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: speed, gives: {{echo: 1}}, {_RUNS}}}\n",
-    stops=True,
+    f"modules:\n  driver: {{device: gps, needs: echo, gives: {{speed: 1}}, {RUNS}}}\n"
+    f"  display: {{device: lamp, needs: speed, gives: {{echo: 1}}, {RUNS}}}\n",
 )
-BAD_K = FAMILY.rule(
+BAD_K = FAMILY.stop(
     "DG204",
     "k-out-of-range",
-    Severity.ERROR,
     what="The `k` of an OR is no whole number from 0 to the number of its inputs.",
     why="An OR holds when at least k of its n inputs do: with k above n it never would.",
     fix="Write a k from 0 (all inputs optional) to n (all needed).",
     bad=_voter('{or: {k: 3, of: ["speed@1", "speed@2"]}}'),
     good=_voter('{or: {k: 1, of: ["speed@1", "speed@2"]}}'),
-    stops=True,
 )
-ARITY = FAMILY.rule(
+ARITY = FAMILY.stop(
     "DG205",
     "gate-arity",
-    Severity.ERROR,
     what="A gate has too few inputs: an AND or an OR none, a XOR fewer than two.",
     why="A XOR chooses one of its inputs; of one there is nothing to choose.",
     fix="Add inputs, or write the only input without the gate.",
     bad=_display("{xor: [speed]}"),
     good=_display("speed"),
-    stops=True,
 )
-DEMUX_BRANCHES = FAMILY.rule(
+DEMUX_BRANCHES = FAMILY.stop(
     "DG206",
     "demux-branches",
-    Severity.ERROR,
     what="A DEMUX has fewer than two branches.",
     why="Its branches are the modules whose `needs` name it, and of them one runs: with one there is no redundancy.",
     fix="Let a second module name it, or let the only one name the variable itself.",
     bad=_lamps("needs: light", "needs: speed"),
     good=_lamps("needs: light", "needs: light"),
-    stops=True,
 )
-BRANCH_IN_PART = FAMILY.rule(
+BRANCH_IN_PART = FAMILY.stop(
     "DG207",
     "branch-in-part",
-    Severity.ERROR,
     what="One mode of a module names a DEMUX, and another mode of it does not.",
     why="Whether the module is the branch that runs would depend on its mode.",
     fix="Name the DEMUX in every mode of the module.",
@@ -131,237 +117,192 @@ BRANCH_IN_PART = FAMILY.rule(
         "modes: {a: {needs: light, cpu: 0.1, ram: 1KiB, rate_hz: 10},"
         " b: {needs: light, cpu: 0.1, ram: 1KiB, rate_hz: 5}}}\n  second",
     ),
-    stops=True,
 )
-DEMUX_MISPLACED = FAMILY.rule(
+DEMUX_MISPLACED = FAMILY.stop(
     "DG208",
     "demux-misplaced",
-    Severity.ERROR,
     what="A DEMUX is named below an OR or a XOR, or twice in one mode, or is written without a name.",
     why="A branch is driven by the DEMUX whenever it runs; an input that may be left out cannot decide that.",
     fix="Name it once per mode, at the root of `needs` or below ANDs alone.",
     bad=_lamps("needs: light", "needs: {or: {k: 1, of: [light]}}"),
     good=_lamps("needs: light", "needs: {and: [light]}"),
-    stops=True,
 )
-READ_TWICE = FAMILY.rule(
+READ_TWICE = FAMILY.stop(
     "DG209",
     "read-twice",
-    Severity.ERROR,
     what="Two inputs of one mode accept the same version of one variable.",
     why="One producer could be wired to both, and would count twice in a vote.",
     fix="Let the inputs accept different versions: `speed@1` and `speed@2`.",
     bad=_voter('{or: {k: 2, of: ["speed@<=2", "speed@2"]}}'),
     good=_voter('{or: {k: 2, of: ["speed@1", "speed@2"]}}'),
-    stops=True,
 )
-XOR_UNWIRED = FAMILY.rule(
+XOR_UNWIRED = FAMILY.stop(
     "DG210",
     "xor-input-holds-unwired",
-    Severity.ERROR,
     what="An input of a XOR holds with nothing wired below it.",
     why="Exactly one input of a XOR holds; one that always does leaves no choice to the others.",
     fix="Give the OR below the XOR a `k` of 1 or more.",
     bad=_voter('{xor: ["speed@1", {or: {k: 0, of: ["speed@2"]}}]}'),
     good=_voter('{xor: ["speed@1", {or: {k: 1, of: ["speed@2"]}}]}'),
-    stops=True,
 )
-BAD_EXPRESSION = FAMILY.rule(
+BAD_EXPRESSION = FAMILY.stop(
     "DG211",
     "bad-expression",
-    Severity.ERROR,
     what="Something is no gate expression: neither a name nor a gate with its inputs.",
     why="Expressions have few forms, so that each has one meaning.",
     fix="Write NAME, NAME@2, NAME@<=2, {and: [...]}, {or: {k: 1, of: [...]}}, {xor: [...]} or "
     "{var: NAME, worth: [...]}.",
     bad=_display("[speed]"),
     good=_display("{and: [speed]}"),
-    stops=True,
 )
-UNKNOWN_GATE = FAMILY.rule(
+UNKNOWN_GATE = FAMILY.stop(
     "DG212",
     "unknown-gate",
-    Severity.ERROR,
     what="There is no gate of that kind, or it has no such field.",
     why="Gates are `and`, `or` (with `k` and `of`) and `xor`; a `demux` has a name under `gates:`.",
     fix="Write one of them. A NOT does not exist: what is not there cannot be waited for.",
     bad=_display("{nand: [speed]}"),
     good=_display("{and: [speed]}"),
-    stops=True,
 )
-GATE_VERSION = FAMILY.rule(
+GATE_VERSION = FAMILY.stop(
     "DG213",
     "version-of-a-gate",
-    Severity.ERROR,
     what="A version is asked of a named gate.",
     why="Versions belong to variables; a gate holds or does not.",
     fix="Write the gate's name alone, and put versions inside the gate.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed@1')}",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",
-    stops=True,
 )
-BAD_WORTH = FAMILY.rule(
+BAD_WORTH = FAMILY.stop(
     "DG214",
     "bad-worth",
-    Severity.ERROR,
     what="The `worth` of an input is no list of points, one per accepted version or one per version there is.",
     why="Points say how much better one version is than another; each version needs its own.",
     fix="List whole numbers from 0 on, best version first.",
     bad=_voter("{var: speed, worth: [30, 20, 10]}"),
     good=_voter("{var: speed, worth: [30, 20]}"),
-    stops=True,
 )
-GATE_IN_ITSELF = FAMILY.rule(
+GATE_IN_ITSELF = FAMILY.stop(
     "DG215",
     "gate-in-itself",
-    Severity.ERROR,
     what="A named gate contains itself.",
     why="Named gates are written out where they are named; this one would never end.",
     fix="Let one of the gates on the circle name variables alone.",
     bad=f"gates: {{one: {{and: [speed, two]}}, two: one}}\n{_display('one')}",
     good=f"gates: {{one: {{and: [speed]}}, two: one}}\n{_display('two')}",
-    stops=True,
 )
-GATE_TOO_LARGE = FAMILY.rule(
+GATE_TOO_LARGE = FAMILY.stop(
     "DG216",
     "gate-too-large",
-    Severity.ERROR,
     what="A gate has too many inputs, or is too deep, when named gates are written out.",
     why="A few named gates that name each other stand for millions of inputs.",
     fix="Let a module in between give the variable that they are needed for.",
     bad=f"gates: {{wide: {{or: {{k: 1, of: [{', '.join(['speed'] * 1001)}]}}}}}}\n{_display('speed')}",
     good=f"gates: {{narrow: {{or: {{k: 1, of: [speed]}}}}}}\n{_display('narrow')}",
-    stops=True,
 )
-NODE_ID_TWICE = FAMILY.rule(
+NODE_ID_TWICE = FAMILY.stop(
     "DG217",
     "node-id-twice",
-    Severity.ERROR,
     what="Two PEs have the same `node_id`.",
     why="Identifiers of management frames are made from it: two nodes would send the same one at once.",
     fix="Give every PE its own, from 92 to 125.",
-    bad="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    good="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    stops=True,
+    bad=pes(tail="node_id: 92, buses: [can0]"),
+    good=pes(),
 )
-IDENTIFIER_TWICE = FAMILY.rule(
+IDENTIFIER_TWICE = FAMILY.stop(
     "DG218",
     "identifier-twice",
-    Severity.ERROR,
     what="Two variables have the same `identifier`.",
     why="An identifier says on the bus which variable a frame carries.",
     fix="Leave it out where it needs not be a standard one, and one is allocated.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 315}\n"
-    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {_RUNS}}}\n",
+    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
+    f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",
     good="variables:\n  speed: {type: FLOAT, identifier: 315}\n  height: {type: FLOAT, identifier: 322}\n"
-    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {_RUNS}}}\n",
-    stops=True,
+    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
+    f"  display: {{device: lamp, needs: {{and: [speed, height]}}, {RUNS}}}\n",
 )
-SECOND_ROUTE = FAMILY.rule(
+SECOND_ROUTE = FAMILY.stop(
     "DG219",
     "second-route",
-    Severity.ERROR,
     what="The buses of the PEs close a ring: there are two routes between two PEs.",
     why="Which way data goes, and what a broken bus cuts off, must have one answer. Buses form a forest.",
     fix="Take one PE off one of the buses. Against a broken wire, `channels: 2` doubles a bus.",
-    bad="buses: {can0: {bitrate: 1000000}, can1: {bitrate: 1000000}}\n"
-    "pes:\n  nav: {node_id: 92, buses: [can0, can1], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0, can1], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    good="buses: {can0: {bitrate: 1000000}, can1: {bitrate: 1000000}}\n"
-    "pes:\n  nav: {node_id: 92, buses: [can0, can1], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    stops=True,
+    bad=_TWO_BUSES + pes("node_id: 92, buses: [can0, can1]", "node_id: 93, buses: [can0, can1]"),
+    good=_TWO_BUSES + pes("node_id: 92, buses: [can0, can1]"),
 )
-MANAGER_BUS = FAMILY.rule(
+MANAGER_BUS = FAMILY.stop(
     "DG220",
     "manager-bus",
-    Severity.ERROR,
     what="There is no bus that the manager could sit on, or it sits on a wireless one beside a wired one.",
     why="Management must arrive in time, and the air never promises that.",
     fix="Add a wired bus, or name the right one: `manager: {bus: can0}`.",
     bad="buses: {can0: {bitrate: 1000000, kind: wireless}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-GATE_AND_VARIABLE = FAMILY.rule(
+GATE_AND_VARIABLE = FAMILY.stop(
     "DG221",
     "gate-and-variable",
-    Severity.ERROR,
     what="A gate and a variable have the same name.",
     why="In an expression the name could mean either.",
     fix="Rename the gate.",
     bad=f"gates: {{speed: speed}}\n{_display('speed')}",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",
-    stops=True,
 )
-BAD_OUTPUT = FAMILY.rule(
+BAD_OUTPUT = FAMILY.stop(
     "DG222",
     "bad-output",
-    Severity.ERROR,
     what="The `output` of a function is a gate that is no DEMUX, or a name that is a module and a DEMUX at once.",
     why="A function is served when its output module runs, or one branch of its DEMUX.",
     fix="Name a module or a DEMUX, by a name that only one of them has.",
     bad=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: any_speed}}}}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}functions: {{showing: {{output: display}}}}\n",
-    stops=True,
 )
-RUNS_NOWHERE = FAMILY.rule(
+RUNS_NOWHERE = FAMILY.stop(
     "DG223",
     "runs-nowhere",
-    Severity.ERROR,
     what="`runs_on` of a module does not allow the PE that its device is bolted to.",
     why="A module with a device runs where the device is; so it can run nowhere.",
     fix="Leave `runs_on` out: the device decides.",
-    bad=f"modules:\n  driver: {{device: gps, runs_on: [tail], gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
-    good=f"modules:\n{_DRIVER}{_DISPLAY}",
-    stops=True,
+    bad=f"modules:\n  driver: {{device: gps, runs_on: [tail], gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
+    good=f"modules:\n{DRIVER}{DISPLAY}",
 )
-VALUE_LENGTH = FAMILY.rule(
+VALUE_LENGTH = FAMILY.stop(
     "DG224",
     "value-length",
-    Severity.ERROR,
     what="The `value` of a function has not one number per mode of its output.",
     why="Each number says what the function is worth in that mode.",
     fix="List as many numbers as the output has modes (of a DEMUX: as the branch with the most modes), best first.",
     bad="functions: {showing: {output: display, value: [100, 40]}}\n",
     good="functions: {showing: {output: display, value: [100]}}\n",
-    stops=True,
 )
-NOT_A_NUMBER_TO_WATCH = FAMILY.rule(
+NOT_A_NUMBER_TO_WATCH = FAMILY.stop(
     "DG225",
     "not-a-number-to-watch",
-    Severity.ERROR,
     what="A phase watches a variable that is no single number.",
     why="A threshold is compared with one number; a pair or a string has no order.",
     fix="Watch a variable of a numeric type.",
     bad="variables:\n  speed: {type: SHORT2}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
     good="variables:\n  speed: {type: SHORT}\nphases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
-    stops=True,
 )
 
-# What follows is looked for in a spec that loads.
+# What follows is looked for in a spec that loads; that something is of no use, only where nothing is missing.
 
-UNPRODUCED = FAMILY.rule(
+UNPRODUCED = FAMILY.error(
     "DG230",
     "unproduced-variable",
-    Severity.ERROR,
     what="A module or a phase reads a variable that no module gives.",
     why="The input will never be wired. Where it is optional this goes unnoticed, and the option is never taken.",
     fix="Let a module give the variable, or remove the input.",
     bad="variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
     f"{_display('{and: [speed, {or: {k: 0, of: [height]}}]}')}",
     good="variables:\n  speed: {type: FLOAT}\n  height: {type: FLOAT}\n"
-    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {_RUNS}}}\n"
-    f"  display: {{device: lamp, needs: {{and: [speed, {{or: {{k: 0, of: [height]}}}}]}}, {_RUNS}}}\n",
+    f"modules:\n  driver: {{device: gps, gives: {{speed: 1, height: 1}}, {RUNS}}}\n"
+    f"  display: {{device: lamp, needs: {{and: [speed, {{or: {{k: 0, of: [height]}}}}]}}, {RUNS}}}\n",
 )
-UNGIVEN_VERSION = FAMILY.rule(
+UNGIVEN_VERSION = FAMILY.error(
     "DG231",
     "ungiven-version",
-    Severity.ERROR,
     what="An input accepts only versions of a variable that no module gives.",
     why="The variable has producers, but none of this quality, so the input will never be wired.",
     fix="Ask for a version that is given, or let a module give this one.",
@@ -369,67 +310,61 @@ UNGIVEN_VERSION = FAMILY.rule(
     f"{_display('{and: [speed@1, {or: {k: 0, of: [speed@2]}}]}')}",
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\n{_display('speed@1')}",
 )
-NEVER_HOLDS = FAMILY.rule(
+NEVER_HOLDS = FAMILY.error(
     "DG232",
     "never-holds",
-    Severity.ERROR,
     what="The `needs` of a mode can never hold, though somebody gives everything that they read.",
     why="What they ask for excludes itself: several versions of a variable that only one module gives, in modes of "
     "which one runs; or data of another branch of the same DEMUX, of which one runs.",
     fix="Lower `k`, ask for one version, or let another module give what is missing.",
     bad=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
-    f"      fine: {{gives: {{speed: 1}}, {_RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {_RUNS}}}\n"
-    f'  display: {{device: lamp, needs: {{and: ["speed@1", "speed@2"]}}, {_RUNS}}}\n',
+    f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
+    f'  display: {{device: lamp, needs: {{and: ["speed@1", "speed@2"]}}, {RUNS}}}\n',
     good=f"variables:\n  speed: {{type: FLOAT, versions: 2}}\nmodules:\n  driver:\n    device: gps\n    modes:\n"
-    f"      fine: {{gives: {{speed: 1}}, {_RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {_RUNS}}}\n"
-    f'  display: {{device: lamp, needs: {{or: {{k: 1, of: ["speed@1", "speed@2"]}}}}, {_RUNS}}}\n',
+    f"      fine: {{gives: {{speed: 1}}, {RUNS}}}\n      coarse: {{gives: {{speed: 2}}, {RUNS}}}\n"
+    f'  display: {{device: lamp, needs: {{or: {{k: 1, of: ["speed@1", "speed@2"]}}}}, {RUNS}}}\n',
 )
-UNUSED_VARIABLE = FAMILY.rule(
+UNUSED_VARIABLE = FAMILY.echo(
     "DG240",
     "unused-variable",
-    Severity.WARNING,
     what="A variable is read by no module and watched by no phase.",
     why="It is a leftover, or its reader names another one. What is read by nobody is never sent.",
     fix="Remove it, or read it.",
     bad="variables:\n  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
-UNUSED_MODULE = FAMILY.rule(
+UNUSED_MODULE = FAMILY.echo(
     "DG241",
     "unused-module",
-    Severity.WARNING,
     what="A module serves no function: nothing that leads to an output ever reads what it gives.",
     why="No idle module runs, so it never will.",
     fix="Remove it, make it the output of a function, or let somebody read what it gives.",
-    bad=f"modules:\n{_DRIVER}{_DISPLAY}  logger: {{needs: speed, {_RUNS}}}\n",
-    good=f"modules:\n{_DRIVER}{_DISPLAY}  logger: {{needs: speed, {_RUNS}}}\n"
+    bad=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n",
+    good=f"modules:\n{DRIVER}{DISPLAY}  logger: {{needs: speed, {RUNS}}}\n"
     "functions: {showing: {output: display}, logging: {output: logger}}\n",
 )
-NO_SENSOR = FAMILY.rule(
+NO_SENSOR = FAMILY.echo(
     "DG242",
     "fed-by-no-device",
-    Severity.WARNING,
     what="A function is fed by no device: on no way from a sensor does anything reach its output.",
     why="Its output depends on nothing that is measured or commanded; a driver or its `device` may be missing.",
     fix="Let a module with a sensor stand at the beginning of the graph.",
     bad="devices:\n  lamp: {kind: actuator, pe: tail}\n"
-    f"modules:\n  driver: {{gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
-    good=f"modules:\n{_DRIVER}{_DISPLAY}",
+    f"modules:\n  driver: {{gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
+    good=f"modules:\n{DRIVER}{DISPLAY}",
 )
-UNUSED_GATE = FAMILY.rule(
+UNUSED_GATE = FAMILY.echo(
     "DG243",
     "unused-gate",
-    Severity.WARNING,
     what="A named gate is named by nobody.",
     why="It is a leftover, or whoever should name it names another one.",
     fix="Remove it, or name it.",
     bad="gates: {any_speed: speed}\n",
     good=f"gates: {{any_speed: speed}}\n{_display('any_speed')}",
 )
-UNUSED_DEVICE = FAMILY.rule(
+UNUSED_DEVICE = FAMILY.echo(
     "DG244",
     "unused-device",
-    Severity.WARNING,
     what="A device is driven by no module.",
     why="A sensor that nobody reads, or an actuator that nobody moves, is a leftover or lacks its driver.",
     fix="Remove it, or write the module that drives it.",

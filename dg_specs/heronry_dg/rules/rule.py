@@ -10,10 +10,9 @@ shown is told in parentheses, and the tests make it.
 
 How a rule is added to a family (the family's file says where it is looked for):
 
-    UNUSED_THING = FAMILY.rule(
+    UNUSED_THING = FAMILY.warning(
         "DG299",
         "unused-thing",
-        Severity.WARNING,
         what="A thing is declared, and nobody uses it.",
         why="It is a leftover, or the name of another one is misspelt where it should be used.",
         fix="Remove it, or use it.",
@@ -21,16 +20,18 @@ How a rule is added to a family (the family's file says where it is looked for):
         good="things: {}\n",
     )
 
-and where the mistake is seen:
+A family makes a `warning`, an `echo` (a warning that an error may cause), an `error`, or a `stop` (an error with which
+a spec cannot be loaded). Where it is seen:
 
     findings.add(UNUSED_THING, place, "thing 'pump' is used by nobody", "remove it, or name it in 'uses'")
 
-The sentence tells of this one case, with names and numbers; the hint says what to write. Then run `heronry rules --docs
->docs/rules.md`; a test compares.
+The sentence tells of this one case, with names and numbers; the hint says what to write. Then tests/dg/twins wants two
+whole specs, DG299.bad.yaml and DG299.good.yaml, a line apart; and `heronry rules --docs >docs/rules.md`.
 """
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypedDict, Unpack
 
 
 class Severity(StrEnum):
@@ -42,7 +43,11 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One thing that can be wrong; `stops` where a spec with it cannot be loaded at all, and so it is never ignored."""
+    """One thing that can be wrong.
+
+    `stops`: a spec with it cannot be loaded at all, so it is never ignored. `echo`: an error of its family may cause
+    it, so it is told only where there is none.
+    """
 
     code: str
     name: str
@@ -52,34 +57,47 @@ class Rule:
     fix: str
     bad: str
     good: str
-    stops: bool
+    stops: bool = False
+    echo: bool = False
+
+
+class Words(TypedDict):
+    """What a rule says, and its two examples."""
+
+    what: str
+    why: str
+    fix: str
+    bad: str
+    good: str
 
 
 @dataclass(slots=True)
 class Family:
-    """Rules whose codes begin alike; `fast` where they need no solver."""
+    """Rules whose codes begin alike; `fast` where they need no solver. A code is taken once."""
 
     prefix: str
     title: str
     fast: bool
     rules: dict[str, Rule] = field(default_factory=dict)
 
-    def rule(
-        self,
-        code: str,
-        name: str,
-        severity: Severity,
-        *,
-        what: str,
-        why: str,
-        fix: str,
-        bad: str,
-        good: str,
-        stops: bool = False,
-    ) -> Rule:
-        """Add a rule; refuses a code that is taken or of another family."""
-        if not code.startswith(self.prefix) or len(code) != 5 or code in self.rules:
-            raise AssertionError(f"{code} is no new code of family {self.prefix}")
-        rule = Rule(code, name, severity, what, why, fix, bad, good, stops)
-        self.rules[code] = rule
+    def stop(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
+        """Add an error that stops a spec from being loaded at all, and so is never ignored."""
+        return self._add(Rule(code, name, Severity.ERROR, stops=True, **words))
+
+    def error(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
+        """Add an error that is looked for in a spec that loads."""
+        return self._add(Rule(code, name, Severity.ERROR, **words))
+
+    def warning(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
+        """Add a warning."""
+        return self._add(Rule(code, name, Severity.WARNING, **words))
+
+    def echo(self, code: str, name: str, **words: Unpack[Words]) -> Rule:
+        """Add a warning that an error of the family may cause."""
+        return self._add(Rule(code, name, Severity.WARNING, echo=True, **words))
+
+    def _add(self, rule: Rule) -> Rule:
+        if not rule.code.startswith(self.prefix) or len(rule.code) != 5 or rule.code in self.rules:
+            raise AssertionError(f"{rule.code} is no new code of family {self.prefix}")
+        self.rules[rule.code] = rule
         return rule

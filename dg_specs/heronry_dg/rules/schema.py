@@ -6,263 +6,208 @@ fit each other. How a rule is added is shown in rule.py.
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS, pes
 
 FAMILY: Final = Family("DG1", "one element: fields and values", fast=True)
 
 _EXACT: Final = "Quantities are exact whole numbers inside; what would have to be rounded is refused."
 
-NOT_A_MAP = FAMILY.rule(
+NOT_A_MAP = FAMILY.stop(
     "DG101",
     "not-a-map",
-    Severity.ERROR,
     what="A spec, a section or an element is a list or a single value, where `key: value` is expected.",
     why="Elements are found by name, and fields by theirs.",
     fix="Write `name: {field: value}`, or the fields on lines of their own, indented.",
     bad="devices: [gps, lamp]\n",
     good="devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n",
-    stops=True,
 )
-UNKNOWN_FIELD = FAMILY.rule(
+UNKNOWN_FIELD = FAMILY.stop(
     "DG102",
     "unknown-field",
-    Severity.ERROR,
     what="An element has a field that there is not.",
     why="A misspelt field would be passed over in silence, and its default would hold.",
     fix="Take the name that is suggested; docs/rules.md and `heronry schema` know all fields.",
     bad="buses: {can0: {bitrate: 1000000, max_laod: 0.5}}\n",
     good="buses: {can0: {bitrate: 1000000, max_load: 0.5}}\n",
-    stops=True,
 )
-MISSING_FIELD = FAMILY.rule(
+MISSING_FIELD = FAMILY.stop(
     "DG103",
     "missing-field",
-    Severity.ERROR,
     what="An element lacks a field that has no default.",
     why="No value would be right for everybody.",
     fix="Add the fields that are named.",
     bad="buses: {can0: {}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-WRONG_TYPE = FAMILY.rule(
+WRONG_TYPE = FAMILY.stop(
     "DG104",
     "wrong-type",
-    Severity.ERROR,
     what="A value is of the wrong kind: text for a number, a number for a list, half of a whole number.",
     why="Nothing is guessed: `'1'` is text, and 1.5 is no number of channels.",
     fix="Write what the sentence asks for.",
-    bad="pes:\n  nav: {node_id: 92, buses: can0, cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    good="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    stops=True,
+    bad=pes(nav="node_id: 92, buses: can0"),
+    good=pes(),
 )
-NOT_A_CHOICE = FAMILY.rule(
+NOT_A_CHOICE = FAMILY.stop(
     "DG105",
     "not-a-choice",
-    Severity.ERROR,
     what="A value is none of those that the field may have.",
     why="Each choice means something else; there is no nearest one.",
     fix="Write one of the choices named, in exactly that spelling.",
     bad="functions: {showing: {output: display, criticality: high}}\n",
     good="functions: {showing: {output: display, criticality: E}}\n",
-    stops=True,
 )
-OUT_OF_RANGE = FAMILY.rule(
+OUT_OF_RANGE = FAMILY.stop(
     "DG106",
     "out-of-range",
-    Severity.ERROR,
     what="A number is smaller or larger than the field allows.",
     why="The bounds are those of the protocol (node-IDs, identifiers, versions), of physics, or of exact arithmetic.",
     fix="Write a number within the bounds named.",
-    bad="pes:\n  nav: {node_id: 12, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    good="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    stops=True,
+    bad=pes(nav="node_id: 12, buses: [can0]"),
+    good=pes(),
 )
-BAD_NAME = FAMILY.rule(
+BAD_NAME = FAMILY.stop(
     "DG107",
     "bad-name",
-    Severity.ERROR,
     what="The name of an element, or of the system, is not one.",
     why="Names become C and DBC identifiers, and stand in gate expressions beside `@` and `<=`.",
     fix="Use a letter, then letters, digits and `_`, at most 64 in all.",
     bad="name: tail-unit\n",
     good="name: tail_unit\n",
-    stops=True,
 )
-SHORT_LIST = FAMILY.rule(
+SHORT_LIST = FAMILY.stop(
     "DG108",
     "short-list",
-    Severity.ERROR,
     what="A list has too few items to mean anything.",
     why="A PE on no bus hears nobody; a rule about one module alone says nothing.",
     fix="Add items, or remove the list.",
     bad="separate: [[driver]]\n",
     good="separate: [[driver, display]]\n",
-    stops=True,
 )
-BAD_TEXT = FAMILY.rule(
+BAD_TEXT = FAMILY.stop(
     "DG109",
     "bad-text",
-    Severity.ERROR,
     what="A text is empty, longer than 64 characters, or holds quotes, backslashes or control characters.",
     why="It is written into DBC files and tables, where such text ends something else.",
     fix="Write 1 to 64 printable characters.",
     bad="variables:\n  speed: {type: FLOAT, unit: ''}\n",
     good="variables:\n  speed: {type: FLOAT, unit: m/s}\n",
-    stops=True,
 )
-LISTED_TWICE = FAMILY.rule(
+LISTED_TWICE = FAMILY.stop(
     "DG110",
     "listed-twice",
-    Severity.ERROR,
     what="A list names the same thing twice.",
     why="One of the two was meant to be another.",
     fix="Remove one of them, or write the other name.",
     bad="separate: [[driver, display, driver]]\n",
     good="separate: [[driver, display]]\n",
-    stops=True,
 )
-TOO_FINE = FAMILY.rule(
+TOO_FINE = FAMILY.stop(
     "DG111",
     "too-fine",
-    Severity.ERROR,
     what="A quantity is finer than its unit inside: a thousandth of a core, a millihertz, a byte, a nanosecond.",
     why=_EXACT,
     fix="Round it yourself, in the direction that is safe.",
-    bad="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.0005, ram: 1KiB, rate_hz: 10}\n"
-    "  display: {device: lamp, needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n",
-    good="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.001, ram: 1KiB, rate_hz: 10}\n"
-    "  display: {device: lamp, needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n",
-    stops=True,
+    bad=f"modules:\n{DRIVER.replace('0.1', '0.0005')}{DISPLAY}",
+    good=f"modules:\n{DRIVER.replace('0.1', '0.001')}{DISPLAY}",
 )
-WRONG_UNIT = FAMILY.rule(
+WRONG_UNIT = FAMILY.stop(
     "DG112",
     "wrong-unit",
-    Severity.ERROR,
     what="A number carries a unit or a per cent sign, or stands in quotes.",
     why="The unit is in the field's name (`rate_hz`, `deadline_ms`) or is a share of one; two would have to agree.",
     fix="Write the bare number in the field's unit: `rate_hz: 10`, `max_load: 0.8`.",
     bad="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20ms}}\n",
     good="buses: {can0: {bitrate: 1000000, heartbeat_ms: 20}}\n",
-    stops=True,
 )
-BAD_MEMORY = FAMILY.rule(
+BAD_MEMORY = FAMILY.stop(
     "DG113",
     "bad-memory-size",
-    Severity.ERROR,
     what="A size of memory is neither a number of bytes nor a number with KiB, MiB or GiB.",
     why="`64KB` is 64 000 bytes to some and 65 536 to others.",
     fix="Write 64KiB, 2MiB, 1GiB, or a plain number of bytes.",
-    bad="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    good="pes:\n  nav: {node_id: 92, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n"
-    "  tail: {node_id: 93, buses: [can0], cpu: 1, ram: 64KiB, flash: 64KiB}\n",
-    stops=True,
+    bad=pes(nav_ram="64KB"),
+    good=pes(),
 )
-NO_DEFAULT = FAMILY.rule(
+NO_DEFAULT = FAMILY.stop(
     "DG114",
     "no-default",
-    Severity.ERROR,
     what="A map by phase has no `default`.",
     why="A phase that is added later would have no criticality or priority at all.",
     fix="Add `default:` with what counts in all phases that are not named.",
     bad="phases: {climb: {}, land: {}}\nfunctions: {showing: {output: display, priority: {land: 5}}}\n",
     good="phases: {climb: {}, land: {}}\nfunctions: {showing: {output: display, priority: {default: 1, land: 5}}}\n",
-    stops=True,
 )
-MODES_AND_FIELDS = FAMILY.rule(
+MODES_AND_FIELDS = FAMILY.stop(
     "DG115",
     "modes-and-fields",
-    Severity.ERROR,
     what="A module has `modes`, and a field of a mode of its own.",
     why="It would be unclear whether the field holds for all modes, or makes one more.",
     fix="Move the field into each of the modes.",
-    bad="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n"
-    "  display:\n    device: lamp\n    needs: speed\n    modes: {fast: {cpu: 0.1, ram: 1KiB, rate_hz: 10}}\n",
-    good="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n"
-    "  display:\n    device: lamp\n    modes: {fast: {needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}}\n",
-    stops=True,
+    bad=f"modules:\n{DRIVER}  display:\n    device: lamp\n    needs: speed\n    modes: {{fast: {{{RUNS}}}}}\n",
+    good=f"modules:\n{DRIVER}  display:\n    device: lamp\n    modes: {{fast: {{needs: speed, {RUNS}}}}}\n",
 )
-NO_MODE = FAMILY.rule(
+NO_MODE = FAMILY.stop(
     "DG116",
     "no-mode",
-    Severity.ERROR,
     what="A module lists no mode.",
     why="It could never run.",
     fix="Write `modes: {fast: {cpu: ..., ram: ..., rate_hz: ...}}`, or the mode's fields on the module itself.",
-    bad="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n"
-    "  display: {device: lamp, modes: {}}\n",
-    good="modules:\n  driver: {device: gps, gives: {speed: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}\n"
-    "  display: {device: lamp, modes: {fast: {needs: speed, cpu: 0.1, ram: 1KiB, rate_hz: 10}}}\n",
-    stops=True,
+    bad=f"modules:\n{DRIVER}  display: {{device: lamp, modes: {{}}}}\n",
+    good=f"modules:\n{DRIVER}  display: {{device: lamp, modes: {{fast: {{needs: speed, {RUNS}}}}}}}\n",
 )
-UNKNOWN_TYPE = FAMILY.rule(
+UNKNOWN_TYPE = FAMILY.stop(
     "DG117",
     "unknown-type",
-    Severity.ERROR,
     what="The type of a variable is none of CANaerospace's data types.",
     why="The type is a byte on the bus; others must be able to read it.",
     fix="Write one of them, in capitals: FLOAT, SHORT, UCHAR ...",
     bad="variables:\n  speed: {type: float}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
-    stops=True,
 )
-BAD_INITIAL = FAMILY.rule(
+BAD_INITIAL = FAMILY.stop(
     "DG118",
     "bad-initial",
-    Severity.ERROR,
     what="The `initial` value of a variable does not fit its type.",
     why="It is what consumers see before the first frame, so it must be a value that a frame could carry.",
     fix="Write a value that the type takes, or take a type that carries the value.",
     bad="variables:\n  speed: {type: UCHAR, initial: 300}\n",
     good="variables:\n  speed: {type: UCHAR, initial: 200}\n",
-    stops=True,
 )
-TOO_FAST_A_WIRE = FAMILY.rule(
+TOO_FAST_A_WIRE = FAMILY.stop(
     "DG119",
     "faster-than-can",
-    Severity.ERROR,
     what="A wired bus is faster than CAN: more than 1 000 000 bit/s.",
     why="Response times are computed for classical CAN (ISO 11898-1); CAN FD is not spoken.",
     fix="Write the nominal bit rate. A link that is no cable has `kind: wireless`.",
     bad="buses: {can0: {bitrate: 2000000}}\n",
     good="buses: {can0: {bitrate: 1000000}}\n",
-    stops=True,
 )
-NOTHING_LEFT = FAMILY.rule(
+NOTHING_LEFT = FAMILY.stop(
     "DG120",
     "nothing-left-for-data",
-    Severity.ERROR,
     what="The `reserve` of a bus takes all of its `max_load`.",
     why="Data may use max_load - reserve of the bit rate, and here that is nothing.",
     fix="Make `max_load` the larger one; the defaults are 0.8 and 0.1.",
     bad="buses: {can0: {bitrate: 1000000, max_load: 0.1}}\n",
     good="buses: {can0: {bitrate: 1000000, max_load: 0.2}}\n",
-    stops=True,
 )
-ONE_THRESHOLD = FAMILY.rule(
+ONE_THRESHOLD = FAMILY.stop(
     "DG121",
     "one-threshold",
-    Severity.ERROR,
     what="A phase's `when` has both `above` and `below`, or neither.",
     why="A phase is entered when one variable crosses one threshold in one direction.",
     fix="Write one of the two.",
     bad="phases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10, below: 90}}\n",
     good="phases:\n  climb: {}\n  cruise: {when: {variable: speed, above: 10}}\n",
-    stops=True,
 )
-PHASE_NAMED_DEFAULT = FAMILY.rule(
+PHASE_NAMED_DEFAULT = FAMILY.stop(
     "DG122",
     "phase-named-default",
-    Severity.ERROR,
     what="A phase is named `default`.",
     why="In the maps by phase this name means all phases that are not named.",
     fix="Give it another name.",
     bad="phases: {default: {}}\n",
     good="phases: {climb: {}}\n",
-    stops=True,
 )

@@ -6,14 +6,14 @@ them can be loaded. How a rule is added is shown in rule.py.
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import RUNS
 
 FAMILY: Final = Family("DG5", "the wire: identifiers and arbitration", fast=True)
 
 _STANDARD: Final = (
     "Other people's displays and recorders read a standard identifier by CANaerospace's default list (V1.7, section 5)"
 )
-_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 _MORE_THAN_THERE_ARE: Final = 222
 
 
@@ -23,8 +23,8 @@ def _many(count: int) -> str:
     gives = ", ".join(f"{name}: 1" for name in names)
     return (
         f"variables: {{{', '.join(f'{name}: {{type: UCHAR}}' for name in names)}}}\n"
-        f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {_RUNS}}}\n"
-        f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {_RUNS}}}\n"
+        f"modules:\n  driver: {{device: gps, gives: {{{gives}}}, {RUNS}}}\n"
+        f"  display: {{device: lamp, needs: {{and: [{', '.join(names)}]}}, {RUNS}}}\n"
     )
 
 
@@ -50,20 +50,18 @@ def _beside_chatter(first: str, second: str, third: str, fourth: str, fifth: str
     )
 
 
-STANDARD_TYPE = FAMILY.rule(
+STANDARD_TYPE = FAMILY.error(
     "DG501",
     "standard-type",
-    Severity.ERROR,
     what="A variable with a standard identifier has another type than CANaerospace gives that identifier.",
     why=f"{_STANDARD}; they refuse the frame, or show what its bytes happen to mean in the type that they expect.",
     fix="Take one of the types that are named, or leave `identifier` out, and one is allocated.",
     bad="variables:\n  speed: {type: LONG, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, identifier: 315}\n",
 )
-STANDARD_UNIT = FAMILY.rule(
+STANDARD_UNIT = FAMILY.error(
     "DG502",
     "standard-unit",
-    Severity.ERROR,
     what="A variable with a standard identifier has another unit than CANaerospace gives that identifier.",
     why=f"{_STANDARD}: whoever reads knots as metres per second is off by a factor of two, and no frame tells.",
     fix="Let the producer convert, write the unit as the list does, or leave `identifier` out. Another spelling of the "
@@ -71,20 +69,18 @@ STANDARD_UNIT = FAMILY.rule(
     bad="variables:\n  speed: {type: FLOAT, unit: kt, identifier: 315}\n",
     good="variables:\n  speed: {type: FLOAT, unit: m/s, identifier: 315}\n",
 )
-UNASSIGNED_IDENTIFIER = FAMILY.rule(
+UNASSIGNED_IDENTIFIER = FAMILY.warning(
     "DG503",
     "unassigned-identifier",
-    Severity.WARNING,
     what="A variable has a standard identifier to which CANaerospace's default list gives no meaning.",
     why="It is reserved, or free for a later edition of the list; who reads by the list will not know it.",
     fix="Leave `identifier` out, and one is allocated from those that are nobody's.",
     bad="variables:\n  speed: {type: FLOAT, identifier: 1300}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
-BYTE_2_IS_AN_INDEX = FAMILY.rule(
+BYTE_2_IS_AN_INDEX = FAMILY.warning(
     "DG504",
     "byte-2-is-an-index",
-    Severity.WARNING,
     what="A variable has one of the identifiers whose byte 2 is the number of a waypoint, a tire or a brake pad: "
     "1000 to 1035 and 1177 to 1184.",
     why="This project's frames carry version and validity in byte 2. Others would read them as such a number.",
@@ -92,10 +88,9 @@ BYTE_2_IS_AN_INDEX = FAMILY.rule(
     bad="variables:\n  speed: {type: FLOAT, identifier: 1003}\n",
     good="variables:\n  speed: {type: FLOAT}\n",
 )
-TOO_MANY_SOURCES = FAMILY.rule(
+TOO_MANY_SOURCES = FAMILY.error(
     "DG505",
     "too-many-identifiers",
-    Severity.ERROR,
     what="More (module, variable) pairs need an allocated identifier than there are.",
     why="Each pair has its own, so that receivers can tell redundant producers apart; 221 lie between CANaerospace's "
     "data and CANopen's.",
@@ -103,10 +98,9 @@ TOO_MANY_SOURCES = FAMILY.rule(
     bad=_many(_MORE_THAN_THERE_ARE),
     good=_many(_MORE_THAN_THERE_ARE - 1),
 )
-STARVED = FAMILY.rule(
+STARVED = FAMILY.warning(
     "DG506",
     "outranked-on-the-bus",
-    Severity.WARNING,
     what="Less critical data can hold a datum of class A or B back for more than half of its deadline.",
     why="The smaller identifier wins the bus. Allocated identifiers follow criticality; standard ones come before "
     "all of them, and follow CANaerospace's list. Counted is all that could be sent before the datum, each at its "

@@ -7,11 +7,11 @@ raises the codes to errors. How a rule is added is shown in heronry_dg/rules/rul
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DRIVER, RUNS
 
 FAMILY: Final = Family("DG4", "dependability: single faults and redundancy", fast=False)
 
-_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 _ASKED: Final = (
     "The planner is asked for the best plan without the element, in every phase in which all that is critical fits "
     "with everything up."
@@ -28,17 +28,17 @@ def _doubled(criticality: str, *, pitot_pe: str = "tail", middle: str = "", read
         "  lamp: {kind: actuator, pe: tail}\n  second_lamp: {kind: actuator, pe: nav}\n"
         f"variables:\n  speed: {{type: FLOAT}}\n{level}"
         f"gates: {{light: {{demux: {reads}}}}}\n"
-        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-        f"  other_driver: {{device: pitot, gives: {{speed: 1}}, {_RUNS}}}\n{middle}"
-        f"  display: {{device: lamp, needs: light, {_RUNS}}}\n"
-        f"  second_display: {{device: second_lamp, needs: light, {_RUNS}}}\n"
+        f"modules:\n{DRIVER}"
+        f"  other_driver: {{device: pitot, gives: {{speed: 1}}, {RUNS}}}\n{middle}"
+        f"  display: {{device: lamp, needs: light, {RUNS}}}\n"
+        f"  second_display: {{device: second_lamp, needs: light, {RUNS}}}\n"
         f"functions: {{showing: {{output: light, criticality: {criticality}}}}}\n"
     )
 
 
 def _smoothed(criticality: str, *names: str) -> str:
     """The same with modules of these names that make `level` of `speed`."""
-    middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {_RUNS}}}\n" for name in names)
+    middle = "".join(f"  {name}: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n" for name in names)
     return _doubled(criticality, middle=middle, reads="level")
 
 
@@ -46,9 +46,9 @@ def _two_lamps(second_lamp_pe: str) -> str:
     return (
         "devices:\n  gps: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"
         f"  second_lamp: {{kind: actuator, pe: {second_lamp_pe}}}\n"
-        f"gates: {{light: {{demux: speed}}}}\nmodules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-        f"  display: {{device: lamp, needs: light, {_RUNS}}}\n"
-        f"  second_display: {{device: second_lamp, needs: light, {_RUNS}}}\n"
+        f"gates: {{light: {{demux: speed}}}}\nmodules:\n{DRIVER}"
+        f"  display: {{device: lamp, needs: light, {RUNS}}}\n"
+        f"  second_display: {{device: second_lamp, needs: light, {RUNS}}}\n"
         "functions: {showing: {output: light}}\n"
     )
 
@@ -58,9 +58,9 @@ def _choice(pitot_pe: str) -> str:
         f"devices:\n  gps: {{kind: sensor, pe: nav}}\n  pitot: {{kind: sensor, pe: {pitot_pe}}}\n"
         "  lamp: {kind: actuator, pe: tail}\n"
         "variables:\n  speed: {type: FLOAT, versions: 2}\n"
-        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-        f"  other_driver: {{device: pitot, gives: {{speed: 2}}, {_RUNS}}}\n"
-        f'  display: {{device: lamp, needs: {{xor: ["speed@1", "speed@2"]}}, {_RUNS}}}\n'
+        f"modules:\n{DRIVER}"
+        f"  other_driver: {{device: pitot, gives: {{speed: 2}}, {RUNS}}}\n"
+        f'  display: {{device: lamp, needs: {{xor: ["speed@1", "speed@2"]}}, {RUNS}}}\n'
     )
 
 
@@ -72,10 +72,10 @@ def _voter(third_pe: str) -> str:
         "devices:\n  one: {kind: sensor, pe: nav}\n  two: {kind: sensor, pe: tail}\n"
         f"  three: {{kind: sensor, pe: {third_pe}}}\n"
         "variables:\n  speed_1: {type: FLOAT}\n  speed_2: {type: FLOAT}\n  speed_3: {type: FLOAT}\n"
-        f"modules:\n  driver_1: {{device: one, gives: {{speed_1: 1}}, {_RUNS}}}\n"
-        f"  driver_2: {{device: two, gives: {{speed_2: 1}}, {_RUNS}}}\n"
-        f"  driver_3: {{device: three, gives: {{speed_3: 1}}, {_RUNS}}}\n"
-        f"  display: {{needs: {{or: {{k: 2, of: [speed_1, speed_2, speed_3]}}}}, {_RUNS}}}\n"
+        f"modules:\n  driver_1: {{device: one, gives: {{speed_1: 1}}, {RUNS}}}\n"
+        f"  driver_2: {{device: two, gives: {{speed_2: 1}}, {RUNS}}}\n"
+        f"  driver_3: {{device: three, gives: {{speed_3: 1}}, {RUNS}}}\n"
+        f"  display: {{needs: {{or: {{k: 2, of: [speed_1, speed_2, speed_3]}}}}, {RUNS}}}\n"
     )
 
 
@@ -83,17 +83,16 @@ def _smoothers(placement: str) -> str:
     """Two modules that could stand in for each other, under these placement rules."""
     return (
         "variables:\n  speed: {type: FLOAT}\n  level: {type: FLOAT}\n"
-        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-        f"  one: {{needs: speed, gives: {{level: 1}}, {_RUNS}}}\n"
-        f"  two: {{needs: speed, gives: {{level: 1}}, {_RUNS}}}\n"
-        f"  display: {{device: lamp, needs: level, {_RUNS}}}\n{placement}"
+        f"modules:\n{DRIVER}"
+        f"  one: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n"
+        f"  two: {{needs: speed, gives: {{level: 1}}, {RUNS}}}\n"
+        f"  display: {{device: lamp, needs: level, {RUNS}}}\n{placement}"
     )
 
 
-LOST_WITH_HARDWARE = FAMILY.rule(
+LOST_WITH_HARDWARE = FAMILY.warning(
     "DG401",
     "lost-with-hardware",
-    Severity.WARNING,
     what="A function of class A or B is lost when one PE, device or bus fails.",
     why="One fault is what every flight must expect. What has no second way, and what has one for which there is no "
     f"room, is told alike. {_ASKED}",
@@ -102,20 +101,18 @@ LOST_WITH_HARDWARE = FAMILY.rule(
     bad=_doubled("A", pitot_pe="nav"),
     good=_doubled("A", pitot_pe="tail"),
 )
-LESSER_LOST_WITH_HARDWARE = FAMILY.rule(
+LESSER_LOST_WITH_HARDWARE = FAMILY.warning(
     "DG402",
     "lesser-lost-with-hardware",
-    Severity.WARNING,
     what="A function of class C or D is lost when one PE, device or bus fails.",
     why=f"It is told apart from DG401, so that one of them can be an error and the other accepted. {_ASKED}",
     fix="As for DG401; or make the function class E, if nobody depends on it.",
     bad=_doubled("C", pitot_pe="nav"),
     good=_doubled("C", pitot_pe="tail"),
 )
-LOST_WITH_MODULE = FAMILY.rule(
+LOST_WITH_MODULE = FAMILY.warning(
     "DG403",
     "lost-with-module",
-    Severity.WARNING,
     what="A function of class A or B is lost when one module fails, though all hardware works.",
     why="Software fails too: a module that raises an error is stopped until its fault is cleared. Drivers are left out "
     f"where the same is told of their device. {_ASKED}",
@@ -124,20 +121,18 @@ LOST_WITH_MODULE = FAMILY.rule(
     bad=_smoothed("A", "smoother"),
     good=_smoothed("A", "smoother", "plain_smoother"),
 )
-LESSER_LOST_WITH_MODULE = FAMILY.rule(
+LESSER_LOST_WITH_MODULE = FAMILY.warning(
     "DG404",
     "lesser-lost-with-module",
-    Severity.WARNING,
     what="A function of class C or D is lost when one module fails, though all hardware works.",
     why=f"It is told apart from DG403, so that one of them can be an error and the other accepted. {_ASKED}",
     fix="As for DG403; or make the function class E, if nobody depends on it.",
     bad=_smoothed("D", "smoother"),
     good=_smoothed("D", "smoother", "plain_smoother"),
 )
-DEMUX_SHARES = FAMILY.rule(
+DEMUX_SHARES = FAMILY.warning(
     "DG410",
     "demux-shares",
-    Severity.WARNING,
     what="All branches of a DEMUX are lost with one element, though the demanded variable is still there.",
     why=f"A DEMUX is there so that another output takes over. {_IMAGINED} Seen from the graph alone, with resources "
     "without end.",
@@ -145,10 +140,9 @@ DEMUX_SHARES = FAMILY.rule(
     bad=_two_lamps("tail"),
     good=_two_lamps("nav"),
 )
-XOR_SHARES = FAMILY.rule(
+XOR_SHARES = FAMILY.warning(
     "DG411",
     "xor-shares",
-    Severity.WARNING,
     what="All inputs of a XOR are lost with one element, though the module that reads them could still run.",
     why=f"A XOR is there to choose another source. {_IMAGINED} So it is, too, where one module gives all the versions "
     "that it chooses from.",
@@ -156,10 +150,9 @@ XOR_SHARES = FAMILY.rule(
     bad=_choice("nav"),
     good=_choice("tail"),
 )
-VOTER_SHARES = FAMILY.rule(
+VOTER_SHARES = FAMILY.warning(
     "DG412",
     "voter-shares",
-    Severity.WARNING,
     what="A voter (k of n inputs, 2 <= k < n) has fewer than three sources of which no two are lost with one element.",
     why="A vote outnumbers one liar. Inputs that share a PE, a sensor or a module can lie or fall silent together, and "
     "then they are the majority.",
@@ -167,30 +160,27 @@ VOTER_SHARES = FAMILY.rule(
     bad=_voter("tail"),
     good=_voter("wing"),
 )
-SEPARATE_AND_TOGETHER = FAMILY.rule(
+SEPARATE_AND_TOGETHER = FAMILY.warning(
     "DG420",
     "separate-and-together",
-    Severity.WARNING,
     what="Two modules are to be separate by one rule and together by others.",
     why="Both rules hold for modules that run, so only one of the two ever runs beside the other's absence.",
     fix="Remove one of the rules.",
     bad=_smoothers("separate: [[one, two]]\ntogether: [[one, two]]\n"),
     good=_smoothers("separate: [[one, two]]\n"),
 )
-SEPARATE_WITHOUT_ROOM = FAMILY.rule(
+SEPARATE_WITHOUT_ROOM = FAMILY.warning(
     "DG421",
     "separate-without-room",
-    Severity.WARNING,
     what="Modules are to be on different PEs, and there are not enough PEs on which they fit.",
     why="Some of them never run beside the others. A rule that was to protect redundancy takes it away.",
     fix="Let one of them run elsewhere, or remove it from the rule.",
     bad=_choice("nav").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
     good=_choice("tail").replace('{xor: ["speed@1", "speed@2"]}', "speed") + "separate: [[driver, other_driver]]\n",
 )
-TOGETHER_NOWHERE = FAMILY.rule(
+TOGETHER_NOWHERE = FAMILY.warning(
     "DG422",
     "together-nowhere",
-    Severity.WARNING,
     what="Two modules are to be on one PE, and no PE fits both.",
     why="Only one of the two ever runs. Of two branches of a DEMUX that is so anyway, and the rule only keeps others "
     "that it names from running beside one of them.",

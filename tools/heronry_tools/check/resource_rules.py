@@ -6,20 +6,18 @@ fault is told by DG4xx. How a rule is added is shown in heronry_dg/rules/rule.py
 
 from typing import Final
 
-from heronry_dg.rules.rule import Family, Severity
+from heronry_dg.rules.rule import Family
+from heronry_dg.rules.samples import DISPLAY, DRIVER, RUNS
 
 FAMILY: Final = Family("DG3", "resources: room, bandwidth, deadlines", fast=False)
 
-_RUNS: Final = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
-_DRIVER: Final = f"  driver: {{device: gps, gives: {{speed: 1}}, {_RUNS}}}\n"
-_DISPLAY: Final = f"  display: {{device: lamp, needs: speed, {_RUNS}}}\n"
 _CHECKED: Final = (
     "Whatever the planner does, this spec cannot do what it promises, so it is said before anything flies."
 )
 
 
 def _display_with(cpu: str) -> str:
-    return f"modules:\n{_DRIVER}  display: {{device: lamp, needs: speed, cpu: {cpu}, ram: 1KiB, rate_hz: 10}}\n"
+    return f"modules:\n{DRIVER}  display: {{device: lamp, needs: speed, cpu: {cpu}, ram: 1KiB, rate_hz: 10}}\n"
 
 
 def _two_functions(cpu: str) -> str:
@@ -31,7 +29,7 @@ def _two_functions(cpu: str) -> str:
         "  red_1: {kind: actuator, pe: nav}\n  red_2: {kind: actuator, pe: tail}\n"
         "  green_1: {kind: actuator, pe: nav}\n  green_2: {kind: actuator, pe: tail}\n"
         "gates: {red: {demux: speed}, green: {demux: speed}}\n"
-        f"modules:\n{_DRIVER}  other_driver: {{device: pitot, gives: {{speed: 1}}, {_RUNS}}}\n"
+        f"modules:\n{DRIVER}  other_driver: {{device: pitot, gives: {{speed: 1}}, {RUNS}}}\n"
         f"  red_driver_1: {{device: red_1, needs: red, {lit}}}\n"
         f"  red_driver_2: {{device: red_2, needs: red, {lit}}}\n"
         f"  green_driver_1: {{device: green_1, needs: green, {lit}}}\n"
@@ -51,14 +49,13 @@ def _on_one_pe(gps_pe: str) -> str:
 def _slow_bus(rate_hz: str) -> str:
     return (
         "buses: {can0: {bitrate: 10000, heartbeat_ms: 1000}}\n"
-        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, cpu: 0.1, ram: 1KiB, rate_hz: {rate_hz}}}\n{_DISPLAY}"
+        f"modules:\n  driver: {{device: gps, gives: {{speed: 1}}, cpu: 0.1, ram: 1KiB, rate_hz: {rate_hz}}}\n{DISPLAY}"
     )
 
 
-MODULE_FITS_NOWHERE = FAMILY.rule(
+MODULE_FITS_NOWHERE = FAMILY.error(
     "DG301",
     "module-fits-nowhere",
-    Severity.ERROR,
     what="No mode of a module fits any PE on which the module may run, even with nothing else there.",
     why="It never runs, and neither does what needs it. A PE must have the module's device and features, be allowed by "
     "`runs_on`, and offer enough CPU, RAM and flash.",
@@ -66,24 +63,22 @@ MODULE_FITS_NOWHERE = FAMILY.rule(
     bad=_display_with("2"),
     good=_display_with("0.5"),
 )
-MODE_FITS_NOWHERE = FAMILY.rule(
+MODE_FITS_NOWHERE = FAMILY.error(
     "DG302",
     "mode-fits-nowhere",
-    Severity.ERROR,
     what="One mode of a module is too large for every PE on which the module may run; others fit.",
     why="The mode is never chosen, whatever it is worth: the quality that it promises does not exist.",
     fix="Let the mode need less, enlarge a PE, or remove the mode.",
     bad="modules:\n  driver:\n    device: gps\n    modes:\n"
     "      fine: {gives: {speed: 1}, cpu: 2, ram: 1KiB, rate_hz: 10}\n"
-    f"      coarse: {{gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
+    f"      coarse: {{gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
     good="modules:\n  driver:\n    device: gps\n    modes:\n"
     "      fine: {gives: {speed: 1}, cpu: 0.5, ram: 1KiB, rate_hz: 10}\n"
-    f"      coarse: {{gives: {{speed: 1}}, {_RUNS}}}\n{_DISPLAY}",
+    f"      coarse: {{gives: {{speed: 1}}, {RUNS}}}\n{DISPLAY}",
 )
-CRITICAL_DO_NOT_FIT = FAMILY.rule(
+CRITICAL_DO_NOT_FIT = FAMILY.error(
     "DG303",
     "critical-do-not-fit",
-    Severity.ERROR,
     what="With everything up, not all functions of class A to D that a phase wants can be served at once.",
     why="Degrading is for faults. A system that gives up a critical function on a good day has none to spare on a bad "
     "one. The best plan is asked; it serves the function alone, and not beside the others.",
@@ -92,20 +87,18 @@ CRITICAL_DO_NOT_FIT = FAMILY.rule(
     bad=_two_functions("0.95"),
     good=_two_functions("0.4"),
 )
-NEVER_FITS = FAMILY.rule(
+NEVER_FITS = FAMILY.error(
     "DG304",
     "never-fits",
-    Severity.ERROR,
     what="A function cannot be served with everything up, even if nothing else were wanted.",
     why=f"Each of its modules fits some PE, but not all that it needs fit together. {_CHECKED}",
     fix="Give the PEs or buses on its way more room, loosen a placement rule, or remove the function.",
     bad=_on_one_pe("tail"),
     good=_on_one_pe("nav"),
 )
-BUS_OVERLOADED = FAMILY.rule(
+BUS_OVERLOADED = FAMILY.error(
     "DG305",
     "bus-overloaded",
-    Severity.ERROR,
     what="What must cross a bus, wherever modules are placed and whichever modes they take, is more than it may carry.",
     why="Data may take max_load - reserve of the bit rate, in frames of the greatest length. Counted is only what is "
     "forced: data that a function cannot do without, from PEs on one side of the bus to PEs on the other, at the "
@@ -114,10 +107,9 @@ BUS_OVERLOADED = FAMILY.rule(
     bad=_slow_bus("60"),
     good=_slow_bus("10"),
 )
-LATE = FAMILY.rule(
+LATE = FAMILY.error(
     "DG306",
     "missed-deadline",
-    Severity.ERROR,
     what="A function is not served with everything up, only because data would miss its deadline on a bus.",
     why="The response-time analysis of CAN bounds how late a datum can be: it waits for one frame that has just "
     "started, and for all that has a smaller identifier. A datum without `deadline_ms` must arrive within its period.",
@@ -126,10 +118,9 @@ LATE = FAMILY.rule(
     bad="variables:\n  speed: {type: FLOAT, deadline_ms: 0.5}\n",
     good="variables:\n  speed: {type: FLOAT, deadline_ms: 5}\n",
 )
-RESERVE_TOO_SMALL = FAMILY.rule(
+RESERVE_TOO_SMALL = FAMILY.error(
     "DG307",
     "reserve-too-small",
-    Severity.ERROR,
     what="The `reserve` of a bus is less than what management sends there all the time.",
     why="In each heartbeat period every PE on the bus sends its state and the manager its LEASE and ALIVE, frames of "
     "up to 135 bits. Without room for them healthy PEs fall silent, and are declared down.",
