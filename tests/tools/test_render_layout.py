@@ -1,6 +1,7 @@
 """The places in a picture: no symbol on another, no edge through a symbol, everything to the right of its cause."""
 
 import random
+from collections import Counter
 from itertools import combinations
 
 import pytest
@@ -17,6 +18,7 @@ from heronry_tools.render.layout import Box, Layout, Point, laid_out
 from heronry_tools.render.marks import marks
 from heronry_tools.render.ranks import ranked
 from heronry_tools.render.shapes import wrapped
+from heronry_tools.render.sheets import sheets
 from planner.random_specs import random_spec
 
 SHIPPED = ("elevator_and_chute", "big_blue")
@@ -82,6 +84,33 @@ def test_a_shipped_graph_has_no_symbol_on_another_and_no_edge_through_one(name: 
     assert overlapping(layout) == []
     assert outside(layout) == []
     assert crossed(layout, graph) == []
+
+
+def test_a_wide_graph_is_broken_into_sheets_that_fit_a_screen() -> None:
+    graph = shipped("big_blue")
+    assert laid_out(graph).width > 4000
+    drawn = sheets(graph)
+    assert all(sheet.layout.width <= 2000 for sheet in drawn)
+    for sheet in drawn:
+        assert overlapping(sheet.layout) == []
+        assert outside(sheet.layout) == []
+        assert crossed(sheet.layout, sheet.graph) == []
+
+
+def test_on_the_sheets_everything_is_there_once_and_a_variable_again_where_it_is_read() -> None:
+    graph = shipped("big_blue")
+    drawn = sheets(graph)
+    itself = Counter(key for sheet in drawn for key, node in sheet.graph.nodes.items() if not node.again)
+    assert itself == Counter(graph.nodes.keys())
+    assert Counter(edge for sheet in drawn for edge in sheet.graph.edges) == Counter(graph.edges)
+    again = {key for sheet in drawn for key, node in sheet.graph.nodes.items() if node.again}
+    assert again
+    assert all(key.startswith("variable:") for key in again)
+
+
+def test_a_graph_that_is_not_wide_stays_in_one_piece() -> None:
+    (sheet,) = sheets(shipped("elevator_and_chute"))
+    assert sheet.graph == shipped("elevator_and_chute")
 
 
 @settings(max_examples=60)

@@ -29,6 +29,7 @@ class Node:
     label: str  # the name, or what stands in the symbol of a gate
     note: str = ""  # said below the name, smaller
     cells: tuple[Cell, ...] = ()  # modes of a module that has more than one
+    again: bool = False  # a variable that stands on another sheet as well, and is given there
     initial: bool = False  # a variable that has a value before it is received: a cycle may pass through it
     dead: bool = False  # cannot run, hold or be given
     chosen: bool = False  # runs, holds or is given in the plan

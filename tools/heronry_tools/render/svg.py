@@ -1,14 +1,15 @@
 """A graph as a picture: one SVG file that needs nothing else.
 
-Edges are drawn first, chosen ones over the others, then the symbols over them. Every symbol carries its key, and every
-edge its ends, so that programs find their way in the picture as well.
+Edges are drawn first, chosen ones over the others, then the symbols over them; sheet by sheet, where there are several.
+Every symbol carries its key, and every edge its ends, so that programs find their way in the picture as well.
 """
 
 from collections.abc import Iterator
 from xml.sax.saxutils import escape, quoteattr
 
 from heronry_tools.render.graph import Edge, Graph
-from heronry_tools.render.layout import Curve, Layout, Loop, laid_out
+from heronry_tools.render.layout import Curve, Layout, Loop
+from heronry_tools.render.sheets import Sheet, sheets
 from heronry_tools.render.symbols import symbol
 
 _STYLE = """
@@ -23,6 +24,7 @@ text { font-family: "DejaVu Sans", Verdana, sans-serif; text-anchor: middle; fil
 .edge.dead { stroke: #b4b9bf; stroke-dasharray: 4 3; }
 .dead > .body, .dead > .line, .cell.dead { stroke: #a0a6ad; } .dead > text, text.dead { fill: #a0a6ad; }
 text.dead { text-decoration: line-through; } .strike { stroke: #c0392b; stroke-width: 2; }
+.again > .body { stroke-dasharray: 3 2; } .fold { stroke: #d0d7de; }
 """
 _ARROW = (
     '<marker id="arrow" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" '
@@ -32,20 +34,33 @@ _ARROW = (
 
 def svg(graph: Graph) -> str:
     """Draw a graph; the same graph gives the same bytes."""
-    layout = laid_out(graph)
-    size = f'width="{layout.width}" height="{layout.height}" viewBox="0 0 {layout.width} {layout.height}"'
+    drawn = sheets(graph)
+    width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
+    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">',
         f"<title>{escape(f'Dependency graph of {graph.name}')}</title>",
         f"<style>{_STYLE}</style>",
         _ARROW,
-        f'<rect width="{layout.width}" height="{layout.height}" fill="#fff"/>',
-        *_edges(graph, layout),
+        f'<rect width="{width}" height="{height}" fill="#fff"/>',
     ]
-    for key, node in graph.nodes.items():
-        lines += symbol(node, layout.boxes[key])
-    lines += _labels(graph, layout)
+    top = 0
+    for sheet in drawn:
+        lines += _sheet(sheet, top, width)
+        top += sheet.layout.height
     return "\n".join([*lines, "</svg>"]) + "\n"
+
+
+def _sheet(sheet: Sheet, top: int, width: int) -> Iterator[str]:
+    """One sheet, below those above it."""
+    if top:
+        yield f'<path class="fold" d="M0,{top}H{width}"/>'
+    yield f'<g transform="translate(0,{top})">'
+    yield from _edges(sheet.graph, sheet.layout)
+    for key, node in sheet.graph.nodes.items():
+        yield from symbol(node, sheet.layout.boxes[key])
+    yield from _labels(sheet.graph, sheet.layout)
+    yield "</g>"
 
 
 def _edges(graph: Graph, layout: Layout) -> Iterator[str]:

@@ -13,8 +13,10 @@ from heronry_tools.render.shapes import CELL_ROW, NAME_LINE, NOTE_LINE
 
 def symbol(node: Node, box: Box) -> Iterator[str]:
     """Lines of SVG for one symbol."""
-    marks = "".join(f" {name}" for name, set_ in (("dead", node.dead), ("chosen", node.chosen)) if set_)
-    yield f"<g class={quoteattr(f'node {node.kind}{marks}')} data-key={quoteattr(node.key)}>"
+    set_marks = (("dead", node.dead), ("chosen", node.chosen), ("again", node.again))
+    marks = "".join(f" {name}" for name, set_ in set_marks if set_)
+    attribute = "data-again" if node.again else "data-key"  # a key is there once
+    yield f"<g class={quoteattr(f'node {node.kind}{marks}')} {attribute}={quoteattr(node.key)}>"
     yield f"<title>{escape(_title(node))}</title>"
     yield from _module(node, box) if node.kind == "module" else _small(node, box)
     if node.dead:
