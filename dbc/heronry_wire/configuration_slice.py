@@ -16,7 +16,7 @@ digest too: a PE that holds another spec's table stages nothing.
 
 import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from heronry_wire.errors import HeronryError
 
@@ -53,6 +53,20 @@ class Slice:
         numbers.append(len(self.forward))
         numbers += [n for source, (node, mask) in sorted(self.forward.items()) for n in (source, node, mask)]
         return b"".join(map(_varint, numbers))
+
+    def restricted_to(self, before: "Slice") -> "Slice":
+        """This slice, but publishing and forwarding nothing that the one before does not (step BREAK)."""
+        publish = {s: mask & before.publish.get(s, 0) for s, mask in self.publish.items()}
+        forward = {
+            s: (node, mask & before.forward[s][1])
+            for s, (node, mask) in self.forward.items()
+            if s in before.forward and node == before.forward[s][0]
+        }
+        return replace(
+            self,
+            publish={s: mask for s, mask in publish.items() if mask},
+            forward={s: entry for s, entry in forward.items() if entry[1]},
+        )
 
 
 class SliceError(HeronryError, ValueError):

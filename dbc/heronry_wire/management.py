@@ -11,7 +11,7 @@ Two phases, numbered
     body from the frames 1, 2, ... (five bytes each) in any order, doubled or not. What is staged is told in page 1.
     ACTIVATE then carries a step, and LEASE repeats it for whoever missed it:
 
-    step BREAK   stop what the new slice lacks, rewire what stays, report BROKEN
+    step BREAK   stop what the new slice lacks, rewire what stays, send nothing new, report BROKEN
     step GO      start the rest, but for DEMUX branches that are new on this PE: those stay held (PARTIAL)
     step GO_ALL  start those too (ACTIVE)
 

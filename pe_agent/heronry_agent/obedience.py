@@ -11,7 +11,7 @@ taken, its epoch old or its slice staged, and changes nothing; a forged one is b
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 from heronry_agent.gateway import Gateway
@@ -60,6 +60,7 @@ class Obedience:
     modules: RunningModules
     gateway: Gateway
     _settled_lease: bytes = b""  # of the reigning manager, with nothing in it that has not been done
+    _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
         """Give what takes the frames of each management identifier."""
@@ -165,11 +166,12 @@ class Obedience:
         if moves is None:
             return None
         self._settled_lease = b""
-        self.modules.carry_out(moves, target.slice)
-        if moves.rewire:
-            self.gateway.rewire(target.slice.forward)
-            self.turn.rewired = True
-            self._withdraw(running.slice, target.slice)
+        before = self._sends
+        self._sends = target.slice if order.step >= Step.GO else target.slice.restricted_to(before)
+        self.modules.carry_out(moves, self._sends)
+        self.gateway.rewire(self._sends.forward)
+        self.turn.rewired = True
+        self._withdraw(before, self._sends)
         self.turn.wants_page_0 = True
         self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.reconfiguration.state.name}")
         return None

@@ -1,7 +1,8 @@
 """Which modules run here, and how a configuration takes over from the one before: the PE's half of rule 4.
 
     UNCONFIGURED  nothing has been taken since the start
-    BROKEN        step BREAK: what the new slice lacks has stopped, what stays is rewired; nothing new runs yet
+    BROKEN        step BREAK: what the new slice lacks has stopped, what stays is rewired; nothing new runs yet, and
+                  nothing is sent that was not sent before
     PARTIAL       step GO: the rest runs, but for DEMUX branches that are new here; those are held
     ACTIVE        step GO_ALL, or GO with nothing held
 

@@ -64,7 +64,7 @@ class RunningModules:
             self._stop(module)
         if moves.rewire:
             self.mailboxes.rewire(wanted)
-            self._publish = dict(wanted.publish)
+        self._publish = dict(wanted.publish)
         for module, mode in moves.start:
             self._start(module, mode)
         self._take_stock()

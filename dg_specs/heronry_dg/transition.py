@@ -1,0 +1,342 @@
+"""How one configuration takes over from another: in which steps, and who must have let go before anybody starts.
+
+Every PE changes over at an instant of its own (protocol rule 4), so for a while any mixture of old and new is on the
+buses. What a PE does by itself is never too much: it stops before it starts, in one instant, and old and new each fit.
+A bus is shared, and so are a DEMUX and the identifiers of a module that moves. The states of one PE:
+
+    before   what it runs now
+    broken   after BREAK: what both configurations have on it, in one mode; it sends and forwards what both of them have
+             it send and forward, and nothing that is new
+    after    after GO_ALL; after GO the same but for DEMUX branches that are new on it
+
+BREAK alone takes away and the rest alone adds. So a mixture of `before` and `broken` loads no bus more than what runs
+now does, and one of `broken` and `after` none more than what is to run: if everybody breaks, and only then anybody
+goes, nothing is exceeded. That costs a round trip during which what moves is not served. Hence the choice here:
+
+    one step     where no mixture of `before` and `after` exceeds a bus, and nothing exclusive moves
+    two steps    otherwise: the fewest PEs are waited for, first those that give up something exclusive, then whoever
+                 makes room on a bus that would be exceeded; PEs that are reached by wire are preferred, since a radio
+                 is slow. All others go over whenever they are told
+
+Only a silent PE that drove a DEMUX adds a third one: that branch alone is held until it has certainly stopped.
+
+What a mixture can put on a bus is bounded from above: each PE in its worst state, each gateway forwarding what it does
+in any of its states. That is exact but where gateways change over too. What is not counted: rule 9. A transition lasts
+a few heartbeats at most, and a mixture within a bus's budget may let a datum be late.
+
+Why critical functions do not go first in a step of their own: steps are broadcasts, so that would be another epoch, and
+preparing one takes longer than the round trip that it could save. What goes on untouched is not interrupted at all.
+
+Where it is not known what the running modules are wired to, everything that they give is taken to be on every bus.
+`verify_transition` is the judge of all this, and shares nothing with it.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement, serving_modules
+from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.traffic import source_mbit_per_s
+from heronry_wire.management import Step
+
+Source = tuple[str, str]  # producer, variable
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one PE has to do with the buses under a configuration."""
+
+    modules: frozenset[tuple[str, str]] = frozenset()  # with their modes
+    sends: Mapping[Source, tuple[int, frozenset[str]]] = field(default_factory=dict)  # mbit/s on each of these buses
+    forwards: frozenset[tuple[Source, str, str]] = frozenset()  # a source, its PE, the bus onto which it goes
+
+    def broken(self, after: "Part") -> "Part":
+        """What is left of this part at BREAK, on the way to another."""
+        kept = self.modules & after.modules
+        running = {module for module, _ in kept}
+        both = {
+            source: (mbit_per_s, buses & after.sends[source][1])
+            for source, (mbit_per_s, buses) in self.sends.items()
+            if source[0] in running and source in after.sends
+        }
+        return Part(kept, both, self.forwards & after.forwards)
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """The most that may be published on a bus on the way, and what it may carry; thousandths of a bit/s."""
+
+    mbit_per_s: int
+    limit_mbit_per_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """The way from one configuration to another."""
+
+    steps: tuple[Step, ...]  # what ACTIVATE carries, in order; the last is always GO_ALL
+    wait_for: Mapping[str, tuple[str, ...]]  # PEs that must be BROKEN before anybody goes, and why
+    hold: tuple[str, ...]  # DEMUXes that wait for T_lease of a silent PE, between GO and GO_ALL
+    interrupted: tuple[str, ...]  # functions served before and after, whose modules do not all go on as they are
+    peaks: Mapping[str, Peak]
+
+    def document(self) -> dict[str, object]:
+        """Give it as plain data."""
+        return {
+            "steps": [step.name for step in self.steps],
+            "wait_for": {pe: list(why) for pe, why in self.wait_for.items()},
+            "hold": list(self.hold),
+            "interrupted": list(self.interrupted),
+            "buses": {
+                bus: {"bits_per_s": peak.mbit_per_s // 1000, "limit_bits_per_s": peak.limit_mbit_per_s // 1000}
+                for bus, peak in self.peaks.items()
+            },
+        }
+
+
+def transition(spec: Spec, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
+    """Find the way from what runs to a configuration that is legal in a situation.
+
+    before: with its wires where they are known; modules, modes and PEs that the spec lacks are left out.
+    """
+    return Transitions(spec).transition(before, after, now)
+
+
+class Transitions:
+    """Transitions of one spec; what depends on the spec alone is worked out once."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._everything = survivors(spec, Situation())
+        radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
+        self._wired = survivors(spec, Situation(radios)).pe_cpu_millis.keys()
+        self._gateways = {
+            (inward, outward): pe.name
+            for pe in spec.pes.values()
+            for inward in pe.buses
+            for outward in pe.buses
+            if inward != outward
+        }
+        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+
+    def transition(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Transition:
+        """Find the way; see the function of this name."""
+        spec, left = self._spec, survivors(self._spec, now)
+        known = isinstance(before, Configuration)
+        runs = self._in_spec(placement(before))
+        old = self._parts(runs, _links(before, runs) if isinstance(before, Configuration) else self._floods(runs))
+        exclusive, hold = self._exclusive(runs, placement(after), left)
+        mixtures = _Mixtures({pe: [old[pe]] for pe in left.pe_cpu_millis}, self.parts(after), left, self._gateways)
+        limits = mixtures.limits(known=known)
+        budget = mixtures.makes_room(exclusive.keys(), limits, [pe for pe in left.pe_cpu_millis if pe in self._wired])
+        wait_for = {
+            pe: (*exclusive.get(pe, ()), *(f"makes room on {bus}" for bus in budget.get(pe, ())))
+            for pe in spec.pes
+            if pe in exclusive or pe in budget
+        }
+        peaks = mixtures.peaks(frozenset(wait_for))
+        return Transition(
+            steps=((Step.BREAK,) if wait_for else ()) + ((Step.GO,) if hold else ()) + (Step.GO_ALL,),
+            wait_for=wait_for,
+            hold=hold,
+            interrupted=tuple(self._interrupted(before, after, now)),
+            peaks={bus: Peak(peak, limits[bus]) for bus, peak in peaks.items()},
+        )
+
+    def must_break(
+        self,
+        may_run: Mapping[str, Sequence[Configuration]],
+        after: Configuration,
+        now: Situation,
+        exclusive: Collection[str],
+    ) -> frozenset[str]:
+        """PEs to wait for in flight, where a PE may still run one of several configurations.
+
+        may_run: for each PE that is counted on. exclusive: the PEs that are waited for anyway; they are included.
+        """
+        left = survivors(self._spec, now)
+        parts: dict[int, dict[str, Part]] = {}
+        for configuration in (one for several in may_run.values() for one in several):
+            if id(configuration) not in parts:
+                parts[id(configuration)] = self.parts(configuration)
+        old = {pe: [parts[id(one)][pe] for one in may_run.get(pe, ())] or [Part()] for pe in left.pe_cpu_millis}
+        mixtures = _Mixtures(old, self.parts(after), left, self._gateways)
+        budget = mixtures.makes_room(
+            exclusive, mixtures.limits(known=True), [pe for pe in left.pe_cpu_millis if pe in self._wired]
+        )
+        return frozenset(exclusive) | budget.keys()
+
+    def parts(self, configuration: Configuration) -> dict[str, Part]:
+        """Part of every PE of the spec in a configuration of it."""
+        runs = placement(configuration)
+        return self._parts(runs, _links(configuration, runs))
+
+    def _in_spec(self, runs: Placement) -> Placement:
+        modules, pes = self._spec.modules, self._spec.pes
+        return {
+            m: (mode, pe) for m, (mode, pe) in runs.items() if m in modules and mode in modules[m].modes and pe in pes
+        }
+
+    def _floods(self, runs: Placement) -> Iterator[tuple[Source, str]]:
+        """Everything that is given, to everybody."""
+        for module, (mode, _) in runs.items():
+            for variable in self._spec.modules[module].modes[mode].gives:
+                yield from (((module, variable), pe) for pe in self._spec.pes)
+
+    def _parts(self, runs: Placement, links: Iterable[tuple[Source, str]]) -> dict[str, Part]:
+        sends: dict[str, dict[Source, tuple[int, frozenset[str]]]] = {pe: {} for pe in self._spec.pes}
+        forwards: dict[str, set[tuple[Source, str, str]]] = {pe: set() for pe in self._spec.pes}
+        for source, consumer_pe in links:
+            (producer, variable), (mode, origin) = source, runs[source[0]]
+            route = self._everything.route(origin, consumer_pe) or ()
+            for inward, outward in pairwise(route):
+                forwards[self._gateways[inward, outward]].add((source, origin, outward))
+            if route:
+                mbit_per_s = source_mbit_per_s(self._spec, variable, self._spec.modules[producer].modes[mode])
+                buses = sends[origin].get(source, (0, frozenset[str]()))[1]
+                sends[origin][source] = mbit_per_s, buses | {route[0]}
+        there: dict[str, set[tuple[str, str]]] = {pe: set() for pe in self._spec.pes}
+        for module, (mode, pe) in runs.items():
+            there[pe].add((module, mode))
+        return {pe: Part(frozenset(there[pe]), sends[pe], frozenset(forwards[pe])) for pe in self._spec.pes}
+
+    def _exclusive(
+        self, runs: Placement, wanted: Placement, left: Survivors
+    ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+        """PEs that give up what another one takes, and what that is; DEMUXes that a silent PE may still drive."""
+        branch_on = {self._demux_of[m]: pe for m, (_, pe) in wanted.items() if m in self._demux_of}
+        reasons: dict[str, tuple[str, ...]] = {}
+        hold = []
+        for module, (_, pe) in runs.items():
+            demux = self._demux_of.get(module)
+            moved_to = wanted[module][1] if module in wanted else pe
+            if demux is not None and branch_on.get(demux, pe) != pe:
+                if pe not in left.pe_cpu_millis:
+                    hold.append(demux)
+                    continue
+                why = f"{module} gives {demux} up to {branch_on[demux]}"
+            elif moved_to != pe and pe in left.pe_cpu_millis:
+                why = f"{module} moves to {moved_to}"
+            else:
+                continue
+            reasons[pe] = (*reasons.get(pe, ()), why)
+        return reasons, tuple(demux for demux in self._spec.demuxes if demux in hold)
+
+    def _interrupted(self, before: Configuration | Placement, after: Configuration, now: Situation) -> Iterator[str]:
+        runs, wanted = placement(before), placement(after)
+        for function, output in serving_modules(self._spec, after):
+            served_before = any(one in runs for one in function.outputs)
+            if output is None or not served_before or function.priority_in(now.phase) == 0:
+                continue
+            behind = _behind(after, output)
+            moved = any(runs.get(module) != wanted[module] for module in behind)
+            if moved or (isinstance(before, Configuration) and any(_rewired(before, after, m) for m in behind)):
+                yield function.name
+
+
+class _Mixtures:
+    """What the buses may have to carry, whoever has taken which step."""
+
+    def __init__(
+        self,
+        old: Mapping[str, Sequence[Part]],
+        new: Mapping[str, Part],
+        left: Survivors,
+        gateways: Mapping[tuple[str, str], str],
+    ) -> None:
+        """`old`: what each PE that takes part may run now."""
+        self._old, self._new, self._left, self._gateways = old, new, left, gateways
+        self._gone = {pe: [part.broken(new[pe]) for part in parts] for pe, parts in old.items()}
+
+    def limits(self, *, known: bool) -> dict[str, int]:
+        """What each bus may carry: its budget, or what it is known to carry already where that is more."""
+        carried = self._peaks(self._old) if known else {}
+        return {bus: max(room, carried.get(bus, 0)) for bus, room in self._left.bus_mbit_per_s.items()}
+
+    def peaks(self, waited_for: Collection[str]) -> dict[str, int]:
+        """The most on each bus, if these PEs are BROKEN before anybody goes."""
+        states = {
+            pe: [*([] if pe in waited_for else self._old[pe]), *self._gone[pe], self._new[pe]] for pe in self._old
+        }
+        return self._peaks(states)
+
+    def makes_room(
+        self, waited_for: Collection[str], limits: Mapping[str, int], preferred: Collection[str]
+    ) -> dict[str, tuple[str, ...]]:
+        """PEs to wait for as well, and the buses on which each makes room: none of them could be left out.
+
+        Others than the preferred ones only where those are not enough.
+        """
+        over = self._over(waited_for, limits)
+        added: list[str] = []
+        rest = [pe for pe in preferred if pe not in waited_for and self._old[pe] != [self._new[pe]]]
+        if over and self._over([*waited_for, *rest], limits):
+            rest += [pe for pe in self._old if pe not in waited_for and pe not in rest]
+        while over and rest:
+            best = min(rest, key=lambda pe: sum(self._over([*waited_for, *added, pe], limits).values()))
+            rest.remove(best)
+            added.append(best)
+            over = self._over([*waited_for, *added], limits)
+        reasons = {}
+        for pe in added.copy():
+            without = self._over([*waited_for, *(other for other in added if other != pe)], limits)
+            if without.keys() <= over.keys():
+                added.remove(pe)
+            else:
+                reasons[pe] = tuple(bus for bus in without if bus not in over)
+        return reasons
+
+    def _over(self, waited_for: Collection[str], limits: Mapping[str, int]) -> dict[str, int]:
+        peaks = self.peaks(waited_for)
+        return {bus: peaks[bus] - limit for bus, limit in limits.items() if peaks[bus] > limit}
+
+    def _peaks(self, states: Mapping[str, Sequence[Part]]) -> dict[str, int]:
+        peaks = dict.fromkeys(self._left.bus_mbit_per_s, 0)
+        forwards = {(pe, *entry) for pe, parts in states.items() for part in parts for entry in part.forwards}
+        for pe, parts in states.items():
+            loads = [self._loads(pe, part, forwards) for part in parts]
+            for bus in peaks:
+                peaks[bus] += max(load.get(bus, 0) for load in loads)
+        return peaks
+
+    def _loads(self, pe: str, part: Part, forwards: Collection[tuple[str, Source, str, str]]) -> dict[str, int]:
+        """What a part puts on each bus, forwarded by everybody who may."""
+        loads: dict[str, int] = {}
+        for source, (mbit_per_s, buses) in part.sends.items():
+            reached = set(buses)
+            frontier = list(buses)
+            while frontier:
+                inward = frontier.pop()
+                for outward in self._left.bus_mbit_per_s:
+                    gateway = self._gateways.get((inward, outward))
+                    if outward not in reached and (gateway, source, pe, outward) in forwards:
+                        reached.add(outward)
+                        frontier.append(outward)
+            for bus in reached:
+                loads[bus] = loads.get(bus, 0) + mbit_per_s
+        return loads
+
+
+def _links(configuration: Configuration, runs: Placement) -> Iterator[tuple[Source, str]]:
+    """Every source that is wired, and the PE of its consumer."""
+    for consumer, _, wire in configuration.wires():
+        if wire.producer in runs and consumer in runs:
+            yield (wire.producer, wire.variable), runs[consumer][1]
+
+
+def _behind(configuration: Configuration, output: str) -> set[str]:
+    """The modules that a module's data come from, itself included."""
+    found, frontier = set[str](), [output]
+    while frontier:
+        module = frontier.pop()
+        if module not in found and module in configuration.modules:
+            found.add(module)
+            frontier.extend(wire.producer for wire in configuration.modules[module].inputs.values())
+    return found
+
+
+def _rewired(before: Configuration, after: Configuration, module: str) -> bool:
+    return dict(before.modules[module].inputs) != dict(after.modules[module].inputs)

@@ -1,0 +1,342 @@
+"""Transitions: what the player chooses, the judge accepts; and what the slices of the agents say bears both out.
+
+`loads_of` is a third opinion. It knows nothing of transitions: it lets the slices that the agents would hold publish
+and forward, PE by PE, each in the state that it is put into.
+"""
+
+import itertools
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.loader import load, loads
+from heronry_dg.model import Spec
+from heronry_dg.objective import placement
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation, situation, survivors
+from heronry_dg.traffic import source_mbit_per_s
+from heronry_dg.transition import Transition, Transitions, transition
+from heronry_dg.verify_transition import MOST_MIXTURES, verify_transition
+from heronry_manager.compilation import Compiler
+from heronry_manager.planner.exact import plan
+from heronry_wire.configuration_slice import Slice, decode_slice
+from heronry_wire.management import Step
+from planner.comparison import crossing_case
+from planner.random_specs import random_case, random_situation
+
+# Two sensors that do not fit on the bus together; which one is read is decided on `sink`, and nothing moves.
+SWAP = """
+dg: 1
+name: swap
+buses: {can0: {bitrate: 100000}}
+pes:
+  left:  {node_id: 92, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+  right: {node_id: 93, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+  sink:  {node_id: 94, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+  key:   {node_id: 95, buses: [can0], cpu: 0.5, ram: 32KiB, flash: 64KiB}
+devices:
+  eye_left:  {kind: sensor, pe: left}
+  eye_right: {kind: sensor, pe: right}
+  key_1: {kind: sensor, pe: key}
+  screen_left: {kind: actuator, pe: sink}
+  screen_right: {kind: actuator, pe: sink}
+variables:
+  view_left: {type: FLOAT, deadline_ms: 100}
+  view_right: {type: FLOAT, deadline_ms: 100}
+  unlocked: {type: UCHAR}
+modules:
+  look_left:  {device: eye_left, gives: {view_left: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 300}
+  look_right: {device: eye_right, gives: {view_right: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 300}
+  unlock: {device: key_1, gives: {unlocked: 1}, cpu: 0.1, ram: 1KiB, rate_hz: 10}
+  show_left: {device: screen_left, needs: {and: [view_left, unlocked]}, cpu: 0.1, ram: 1KiB, rate_hz: 10}
+  show_right: {device: screen_right, needs: view_right, cpu: 0.1, ram: 1KiB, rate_hz: 10}
+functions:
+  left:  {output: show_left, criticality: A, priority: 100}
+  right: {output: show_right, criticality: B, priority: 50}
+"""
+
+
+def direct(way: Transition) -> Transition:
+    """The same without waiting for anybody."""
+    return replace(way, steps=(Step.GO_ALL,), wait_for={}, hold=())
+
+
+def slices_of(spec: Spec, configuration: Configuration) -> dict[str, Slice]:
+    compiler = Compiler(spec)
+    compiled = compiler.configuration(configuration)
+    decoded = {}
+    for pe in spec.pes.values():
+        leaves = {
+            (module.index, number): len(mode.leaves)
+            for module in compiler.table(pe.name).modules
+            for number, mode in enumerate(module.modes)
+        }
+        decoded[pe.name] = decode_slice(compiled.slices[pe.node_id], leaves)
+    return decoded
+
+
+def agents_slice(before: Slice, after: Slice, state: str) -> Slice:
+    """What an agent publishes and forwards, and the modules that it really runs."""
+    if state == "before":
+        return before
+    if state == "after":
+        return after
+    then = {module.module: module.mode for module in after.modules}
+    kept = tuple(module for module in before.modules if then.get(module.module) == module.mode)
+    return replace(after.restricted_to(before), modules=kept)
+
+
+def loads_of(spec: Spec, slices: Mapping[str, Slice]) -> dict[str, int]:
+    """Let the agents hold these slices; what is published on each bus, in thousandths of a bit/s."""
+    sources, modules = list(spec.sources()), list(spec.modules.values())
+    loads = dict.fromkeys(spec.buses, 0)
+    for pe, held in slices.items():
+        node = spec.pes[pe].node_id
+        for running in held.modules:
+            module = modules[running.module]
+            mode = list(module.modes.values())[running.mode]
+            for variable in mode.gives:
+                index = sources.index((module.name, variable))
+                buses = {bus for port, bus in enumerate(spec.pes[pe].buses) if held.publish.get(index, 0) >> port & 1}
+                grown = True
+                while grown:
+                    onto = {
+                        bus
+                        for other, theirs in slices.items()
+                        if other != pe
+                        and theirs.forward.get(index, (0, 0))[0] == node
+                        and buses & set(spec.pes[other].buses)
+                        for port, bus in enumerate(spec.pes[other].buses)
+                        if theirs.forward[index][1] >> port & 1
+                    }
+                    grown = not onto <= buses
+                    buses |= onto
+                for bus in buses:
+                    loads[bus] += source_mbit_per_s(spec, variable, mode)
+    return loads
+
+
+def mixtures(spec: Spec, now: Situation, way: Transition) -> Iterator[dict[str, str]]:
+    """Every state of every PE that can be commanded, step by step."""
+    states = {pe: {"before"} for pe in survivors(spec, now).pe_cpu_millis}
+    for step in way.steps:
+        for possible in states.values():
+            possible.add("broken" if step is Step.BREAK else "after")
+        yield from (dict(zip(states, each, strict=True)) for each in itertools.product(*map(sorted, states.values())))
+        if step is Step.BREAK:
+            for pe in way.wait_for:
+                states[pe] = {"broken"}
+
+
+def worst_of(
+    spec: Spec, before: Configuration, after: Configuration, now: Situation, way: Transition
+) -> dict[str, int]:
+    """The most on each bus on the way, as the agents would have it."""
+    old, new = slices_of(spec, before), slices_of(spec, after)
+    worst = dict.fromkeys(spec.buses, 0)
+    for states in mixtures(spec, now, way):
+        held = {pe: agents_slice(old[pe], new[pe], state) for pe, state in states.items()}
+        for bus, carried in loads_of(spec, held).items():
+            worst[bus] = max(worst[bus], carried)
+    return worst
+
+
+def limits_of(spec: Spec, before: Configuration, now: Situation) -> dict[str, int]:
+    left = survivors(spec, now)
+    carried = loads_of(spec, {pe: held for pe, held in slices_of(spec, before).items() if pe in left.pe_cpu_millis})
+    return {bus: max(room, carried[bus]) for bus, room in left.bus_mbit_per_s.items()}
+
+
+def pair(rng: random.Random) -> tuple[Spec, Configuration, Configuration, Situation]:
+    """A spec, what runs, and what is to run after something has happened, on buses that just carry either."""
+    case = crossing_case(rng) if rng.random() < 0.7 else random_case(rng, modules=6)
+    spec, now = case.spec, random_situation(rng, case.spec)
+    before = plan(spec, random_situation(rng, spec), case.running).configuration
+    after = plan(spec, now, placement(before) if rng.random() < 0.5 else None).configuration
+    return tight(rng, spec, before, after), before, after, replace(now, limits={})
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_what_is_chosen_is_accepted_and_the_agents_exceed_nothing(rng: random.Random) -> None:
+    spec, before, after, now = pair(rng) if rng.random() < 0.3 else squeezed(rng, buses=rng.randint(1, 3))
+    way = transition(spec, before, after, now)
+    assert verify_transition(spec, before, after, now, way) == []
+    limits = limits_of(spec, before, now)
+    worst = worst_of(spec, before, after, now, way)
+    assert {bus: worst[bus] for bus in limits if worst[bus] > limits[bus]} == {}
+    assert all(way.peaks[bus].mbit_per_s >= worst[bus] for bus in limits) or way.wait_for
+    blind = transition(spec, placement(before), after, now)
+    assert verify_transition(spec, placement(before), after, now, blind) == []
+    assert verify_transition(spec, before, after, now, blind) == []
+    assert len(blind.steps) >= len(way.steps)
+
+
+def test_waiting_for_fewer_would_not_do() -> None:
+    seen = {"exclusive": 0, "budget": 0, "one step": 0}
+    for seed in range(160):
+        spec, before, after, now = squeezed(random.Random(seed))
+        way = transition(spec, before, after, now)
+        assert verify_transition(spec, before, after, now, way) == [], seed
+        seen["one step"] += way.steps == (Step.GO_ALL,)
+        for pe, why in way.wait_for.items():
+            seen["budget" if all(one.startswith("makes room") for one in why) else "exclusive"] += 1
+            fewer = {other: reason for other, reason in way.wait_for.items() if other != pe}
+            steps = way.steps if fewer else way.steps[1:]
+            assert verify_transition(spec, before, after, now, replace(way, wait_for=fewer, steps=steps)), (seed, pe)
+    assert min(seen.values()) > 8, seen
+
+
+def squeezed(rng: random.Random, *, buses: int = 1) -> tuple[Spec, Configuration, Configuration, Situation]:
+    """Two configurations of sensors and readers on a chain of buses that just carry either; few of them move."""
+    pes = {f"p{i}": [f"b{rng.randrange(buses)}"] for i in range(rng.randint(2, 4))}
+    pes |= {f"g{i}": [f"b{i}", f"b{i + 1}"] for i in range(buses - 1)}
+    count = rng.randint(2, 4)
+    lines = ["dg: 1", "name: squeezed", "buses:", *(f"  b{i}: {{bitrate: 1000000}}" for i in range(buses))]
+    lines += ["manager: {bus: b0}", "pes:"]
+    lines += [
+        f"  {pe}: {{node_id: {92 + i}, buses: [{', '.join(on)}], cpu: 4, ram: 1MiB, flash: 1MiB}}"
+        for i, (pe, on) in enumerate(pes.items())
+    ]
+    lines += ["variables:", *(f"  v{i}: {{type: FLOAT, versions: 2}}" for i in range(count)), "modules:"]
+    for i in range(count):
+        lines += [f"  m{i}:", "    modes:"]
+        for mode, (version, rate) in {"fast": (1, rng.randint(100, 300)), "slow": (2, rng.randint(10, 80))}.items():
+            lines.append(f"      {mode}: {{gives: {{v{i}: {version}}}, cpu: 0.01, ram: 1KiB, rate_hz: {rate}}}")
+        for pe in pes:
+            lines.append(f"  r{i}_{pe}: {{needs: v{i}, runs_on: [{pe}], cpu: 0.01, ram: 1KiB, rate_hz: 10}}")
+    lines += ["functions:", *(f"  f{i}_{pe}: {{output: r{i}_{pe}}}" for i in range(count) for pe in pes)]
+    spec = loads("\n".join(lines) + "\n", "squeezed.dg.yaml")
+    homes = rng.choices(list(pes), k=count)
+    later = [rng.choice(list(pes)) if rng.random() < 0.1 else home for home in homes]
+    before, after = (_drawn(rng, list(pes), there) for there in (homes, later))
+    return tight(rng, spec, before, after), before, after, situation(spec)
+
+
+def _drawn(rng: random.Random, pes: list[str], homes: list[str]) -> Configuration:
+    """Some of the sensors, in drawn modes, and some of the readers."""
+    modules = {}
+    for i, home in enumerate(homes):
+        version, mode = rng.choice(((1, "fast"), (1, "fast"), (2, "slow")))
+        readers = rng.sample(pes, rng.randint(0, 2))
+        if readers:
+            modules[f"m{i}"] = Running(home, mode)
+            modules |= {f"r{i}_{pe}": Running(pe, "only", {"": Wire(f"m{i}", f"v{i}", version)}) for pe in readers}
+    return Configuration(modules)
+
+
+def tight(rng: random.Random, spec: Spec, *configurations: Configuration) -> Spec:
+    """The spec, with buses that just carry each of these configurations."""
+    carried = [loads_of(spec, slices_of(spec, one)) for one in configurations]
+    buses = {
+        name: replace(bus, bitrate=1 + max(load[name] for load in carried) * rng.choice((10, 11, 13)) // 7_000)
+        for name, bus in spec.buses.items()
+    }
+    return replace(spec, buses={name: replace(bus, max_load=Fraction(8, 10)) for name, bus in buses.items()})
+
+
+@pytest.fixture
+def swap() -> tuple[Spec, Configuration, Configuration, Situation]:
+    spec = loads(SWAP, "swap.dg.yaml")
+    now = situation(spec, ["pe:key"])
+    before = plan(spec, situation(spec)).configuration
+    return spec, before, plan(spec, now, placement(before)).configuration, now
+
+
+def test_who_fills_the_bus_lets_go_before_another_one_fills_it(
+    swap: tuple[Spec, Configuration, Configuration, Situation],
+) -> None:
+    spec, before, after, now = swap
+    assert {"look_left"} <= before.modules.keys()
+    assert {"look_right"} <= after.modules.keys()
+    way = transition(spec, before, after, now)
+    assert way.steps == (Step.BREAK, Step.GO_ALL)
+    assert way.wait_for == {"left": ("makes room on can0",)}
+    assert way.interrupted == ()
+    assert way.peaks["can0"].mbit_per_s == 135 * 300_000
+    (refusal,) = verify_transition(spec, before, after, now, direct(way))
+    assert (refusal.rule, refusal.where) == ("t.bus", "bus can0")
+    assert "81000.000 bit/s on the way, and it may carry 70000.000" in refusal.sentence
+
+
+def test_where_the_wires_are_not_known_everything_given_may_be_on_the_bus(
+    swap: tuple[Spec, Configuration, Configuration, Situation],
+) -> None:
+    spec, before, after, now = swap
+    blind = transition(spec, placement(before), after, now)
+    assert blind.wait_for.keys() == {"left"}
+    strangers = dict(placement(before)) | {
+        "nobody": ("only", "left"),
+        "look_right": ("fast", "right"),
+        "unlock": ("only", "-"),
+    }
+    assert transition(spec, strangers, after, now) == blind
+
+
+def test_a_silent_pe_keeps_its_demux_until_it_has_certainly_stopped() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    before = plan(spec, situation(spec, phase="glide")).configuration
+    now = situation(spec, ["pe:tail_a"], phase="glide")
+    after = plan(spec, now, placement(before)).configuration
+    way = transition(spec, before, after, now)
+    assert "elevator_out" in way.hold
+    assert way.steps[-2:] == (Step.GO, Step.GO_ALL)
+    assert "elevator" in way.interrupted
+    assert verify_transition(spec, before, after, now, way) == []
+    rash = replace(way, steps=tuple(step for step in way.steps if step is not Step.GO))
+    assert {v.rule for v in verify_transition(spec, before, after, now, rash)} == {"t.exclusive"}
+
+
+def test_what_moves_is_given_up_first_and_the_judge_says_so_too() -> None:
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    after = plan(spec, situation(spec)).configuration
+    mover = next(m for m in after.modules if spec.modules[m].device is None)
+    here = after.modules[mover].pe
+    there = next(pe for pe in spec.pes if pe != here)
+    before = Configuration({**after.modules, mover: replace(after.modules[mover], pe=there)})
+    way = transition(spec, before, after, situation(spec))
+    assert way.wait_for == {there: (f"{mover} moves to {here}",)}
+    assert way.interrupted
+    assert verify_transition(spec, before, after, situation(spec), way) == []
+    (refusal,) = verify_transition(spec, before, after, situation(spec), direct(way))
+    assert refusal.rule == "t.exclusive"
+    assert verify_transition(spec, before, after, situation(spec), replace(way, steps=(Step.GO_ALL, Step.BREAK)))
+    stranger = replace(way, wait_for={**way.wait_for, "tail_pe": ()})
+    assert verify_transition(spec, before, after, situation(spec, ["pe:tail_pe"]), stranger)
+
+
+def test_from_nothing_to_something_takes_one_step() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    after = plan(spec, situation(spec)).configuration
+    way = transition(spec, {}, after, situation(spec))
+    assert (way.steps, way.wait_for, way.interrupted) == ((Step.GO_ALL,), {}, ())
+    assert Transitions(spec).must_break({}, after, situation(spec), {"nav"}) == {"nav"}
+
+
+def test_where_there_are_too_many_mixtures_to_play_the_judge_takes_the_worst_of_each() -> None:
+    lines = ["dg: 1", "name: many", "buses: {can0: {bitrate: 100000}}", "pes:"]
+    lines += [f"  p{i}: {{node_id: {92 + i}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for i in range(15)]
+    lines += ["variables:", *(f"  v{i}: {{type: FLOAT}}" for i in range(14)), "modules:"]
+    lines += [f"  m{i}: {{runs_on: [p{i}], gives: {{v{i}: 1}}, cpu: 0.1, ram: 1KiB, rate_hz: 64}}" for i in range(14)]
+    lines += [f"  r{i}: {{needs: v{i}, runs_on: [p14], cpu: 0.01, ram: 1KiB, rate_hz: 10}}" for i in range(14)]
+    lines += ["functions:", *(f"  f{i}: {{output: r{i}}}" for i in range(14))]
+    spec = loads("\n".join(lines) + "\n", "many.dg.yaml")
+    first, last = some_of(range(8)), some_of(range(7, 14))
+    assert MOST_MIXTURES < 2**13
+    way = transition(spec, first, last, situation(spec))
+    assert way.steps == (Step.BREAK, Step.GO_ALL)
+    assert verify_transition(spec, first, last, situation(spec), way) == []
+    (refusal,) = verify_transition(spec, first, last, situation(spec), direct(way))
+    assert refusal.rule == "t.bus"
+    assert f"{14 * 64 * 135}.000 bit/s" in refusal.sentence
+
+
+def some_of(numbers: range) -> Configuration:
+    modules = {f"m{i}": Running(f"p{i}", "only") for i in numbers}
+    return Configuration(modules | {f"r{i}": Running("p14", "only", {"": Wire(f"m{i}", f"v{i}", 1)}) for i in numbers})
