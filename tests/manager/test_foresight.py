@@ -5,13 +5,17 @@ from collections.abc import Iterator
 
 import pytest
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
+from heronry_manager.contingency.contingencies import contingencies
+from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.foresight import Foresight
+from heronry_manager.planner.sweep import Outcome, Question, Scope, Sweep
 from heronry_manager.vocabulary import PlanReady, RequestPlan
 
 FILE = shipped_spec_path("elevator_and_chute")
@@ -87,3 +91,27 @@ def test_a_real_question_does_not_wait_for_those_ahead(foresight: Foresight) -> 
     assert answer_of(foresight).request == 1
     think_to_the_end(foresight)
     assert foresight.request(RequestPlan(2, TAIL_LOST, None, RUNNING)) is not None
+
+
+def test_what_is_in_a_contingency_table_is_at_hand_and_not_thought_about() -> None:
+    """A single loss is in the table, so neither planner nor thinker is asked; another one's return is not."""
+    scope = Scope(tuple(f"pe:{pe}" for pe in SPEC.pes), 1, (None,))
+    swept = Sweep(SPEC, scope)
+    swept.run(lambda _, questions: [(one, _planned(one)) for one in questions])
+    table = ContingencyTable(SPEC, contingencies(SPEC, scope, swept.outcomes, {None: Configuration()}))
+    with PlannerClient(SPEC, FILE) as planner:
+        foresight = Foresight(SPEC, planner, lambda: planner, table)
+        foresight.settled(frozenset(), None, RUNNING)
+        assert not foresight.is_thinking
+        answer = foresight.request(RequestPlan(7, TAIL_LOST, None, RUNNING))
+        assert answer is not None
+        assert answer.request == 7
+        assert answer.plan.configuration == plan(SPEC, Situation(TAIL_LOST), RUNNING).configuration
+        two = frozenset({"pe:sensor_pe", "pe:control_pe"})
+        assert foresight.request(RequestPlan(8, two, None, RUNNING)) is None
+        assert answer_of(foresight).request == 8
+
+
+def _planned(question: Question) -> Outcome:
+    found = plan(SPEC, Situation(question.down, {}, question.phase), question.running)
+    return Outcome(found.configuration, found.objective, found.optimal)

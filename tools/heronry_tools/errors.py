@@ -8,6 +8,7 @@ from heronry_wire.errors import HeronryError
 _EXTRAS: Final = {
     **dict.fromkeys(("numpy", "ortools", "pydantic", "yaml"), "manager"),
     **dict.fromkeys(("cantools", "rich"), "watch"),
+    "distributed": "cluster",
 }
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")

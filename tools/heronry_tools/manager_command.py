@@ -9,6 +9,7 @@ examples:
   heronry manager big_blue -i socketcan -c can0
   heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
+  heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 It listens first: a bus with another manager on it is left alone. Where the spec has several buses, -c is the one that
 the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are honoured.
@@ -32,6 +33,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--node", type=int, choices=(126, 127), default=126, help="node-ID (default 126)")
     parser.add_argument(
         "--state-dir", type=Path, metavar="DIR", help="where the term is kept over restarts (default: the user's state)"
+    )
+    parser.add_argument(
+        "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

@@ -10,6 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from heronry_dg.model import Spec
+from heronry_manager.contingency.file_format import read_contingencies
+from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core import ManagerCore
 from heronry_manager.driver import FILTERS, ManagerDriver
 from heronry_manager.events import event
@@ -30,6 +33,7 @@ def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
     import_module("ortools")  # used in the planner's process alone, where nobody would read that it is missing
     spec = load_spec(arguments.spec)
+    table = contingency_table(spec, arguments.contingencies)
     tell = print_event if arguments.json else screen(spec)
     link = Link({**flagged_bus(arguments), "can_filters": FILTERS})
     file = spec_path(arguments.spec)
@@ -44,7 +48,7 @@ def reign(arguments: argparse.Namespace) -> int:
             tell(_bus_event(spec.manager.bus, arguments))
             term = next_term(arguments.state_dir or default_state_dir(spec.name))
             core = ManagerCore(spec, arguments.node, term, time.monotonic_ns())
-            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker), tell)
+            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker, table), tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)
@@ -53,6 +57,11 @@ def reign(arguments: argparse.Namespace) -> int:
     if reason is not None:
         print(f"heronry: {reason}", file=sys.stderr)
     return 0 if reason is None else 1
+
+
+def contingency_table(spec: Spec, file: Path | None) -> ContingencyTable | None:
+    """Contingencies of a file; raises ContingencyFileError for one of another spec."""
+    return None if file is None else ContingencyTable(spec, read_contingencies(file, spec))
 
 
 def default_state_dir(spec_name: str) -> Path:

@@ -9,7 +9,8 @@ A plan is known under all that it depends on: what is down, the phase, and what 
 and these three are its precondition; so nothing stale can be found here. When another configuration runs, everything
 known is forgotten.
 
-Faults of devices and modules, and pairs of faults, are not foreseen: contingency tables are for those.
+Faults of devices and modules, and pairs of faults, are not thought about here: they are in the contingency table
+(`heronry_manager.contingency`), if there is one. It is looked into first, and what it knows is not thought about again.
 """
 
 from collections import deque
@@ -20,6 +21,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.planner.client import Failed, Planned
 from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
@@ -44,8 +46,15 @@ class Asked(Protocol):
 class Foresight:
     """Asks a planner, and lets another one think ahead."""
 
-    def __init__(self, spec: Spec, planner: Asked, start_thinker: Callable[[], Asked]) -> None:
+    def __init__(
+        self,
+        spec: Spec,
+        planner: Asked,
+        start_thinker: Callable[[], Asked],
+        table: ContingencyTable | None = None,
+    ) -> None:
         self._spec, self._planner, self._start_thinker = spec, planner, start_thinker
+        self._table = table
         self._thinker: Asked | None = None
         self._known: dict[_Key, Plan] = {}
         self._questions: deque[_Key] = deque()
@@ -63,6 +72,8 @@ class Foresight:
     def request(self, asked: RequestPlan) -> PlanReady | None:
         """Ask for a plan; gives the answer at once if it was foreseen, else it comes from `poll`."""
         plan = self._known.get(_key(asked.down, asked.phase, asked.running or {}))
+        if plan is None and self._table is not None:
+            plan = self._table.plan(asked.down, asked.phase, asked.running)
         if plan is not None:
             return PlanReady(asked.request, plan)
         self._planner.request(asked.request, Situation(asked.down, {}, asked.phase), asked.running)
@@ -82,8 +93,12 @@ class Foresight:
         returns = [down - {element} for element in sorted(down) if element.startswith("pe:")]
         ahead = [_key(situation, phase, running) for situation in (*losses, *returns)]
         self._known = {key: plan for key, plan in self._known.items() if key in ahead}
-        self._questions = deque(key for key in ahead if key not in self._known)
+        self._questions = deque(key for key in ahead if key not in self._known and not self._is_in_table(key))
         self._think()
+
+    def _is_in_table(self, key: _Key) -> bool:
+        down, phase, running = key
+        return self._table is not None and self._table.find(down, phase, dict(running)) is not None
 
     def _think(self) -> None:
         if self._thinking is not None or not self._questions:

@@ -38,6 +38,9 @@ def add_parsers(subparsers: Any) -> None:
         "--for", dest="seconds", metavar="SECONDS", type=float, help=f"how long to run (default {DEFAULT_SECONDS:.0f})"
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
+    parser.add_argument(
+        "--contingencies", metavar="FILE", type=Path, help="plans made ahead by 'heronry contingencies' for this spec"
+    )
     parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines, and no story")
     parser.add_argument(
         "--bus",

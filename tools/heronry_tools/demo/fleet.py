@@ -57,8 +57,9 @@ def _here() -> str:
 class Fleet:
     """All processes of one run; as a context manager it ends them all."""
 
-    def __init__(self, spec: Spec, spec_file: Path, folder: Path) -> None:
+    def __init__(self, spec: Spec, spec_file: Path, folder: Path, contingencies: Path | None = None) -> None:
         self.folder = folder
+        self._contingencies = contingencies
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
@@ -88,6 +89,8 @@ class Fleet:
         """Start the manager; gives the stream of its events."""
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--state-dir", str(self.folder), *_bus_flags(self._buses[self._spec.manager.bus])]
+        if self._contingencies is not None:
+            arguments += ["--contingencies", str(self._contingencies)]
         self._manager = self._start("manager", arguments, stdout=subprocess.PIPE)
         assert self._manager.stdout is not None
         return self._manager.stdout

@@ -13,6 +13,7 @@ from heronry_tools.demo.run import Show
 from heronry_tools.demo.script import read_script
 from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
+from heronry_tools.reign import contingency_table
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import named_buses
@@ -26,11 +27,12 @@ def play(arguments: argparse.Namespace) -> int:
     acts = read_script(spec, arguments.kill, arguments.restore)
     last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    contingency_table(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         stack.enter_context(_terminated_like_interrupted())
         folder = run_folder()
-        fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder))
+        fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder, arguments.contingencies))
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         fleet.start_buses(choices)
         return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)

@@ -1,0 +1,103 @@
+"""A configuration as a row of bytes: indices into the spec, as small as they are.
+
+    for each module of the spec   0: it does not run; else 1 + mode x (number of PEs) + PE
+    for each leaf of its mode     0: it is not wired; else 1 + producer
+
+Variable and version of a wire follow from the leaf and from the producer's mode. Equal configurations have equal rows.
+Rows mean something together with the spec's digest, and with nothing else.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.gates import Leaf
+from heronry_dg.model import Mode, Spec
+from heronry_dg.objective import Objective
+from heronry_manager.contingency.packing import PackingError, Unpacker, pack
+
+_T = TypeVar("_T")
+
+
+class ConfigurationCode:
+    """Writes and reads the configurations of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._pes = list(spec.pes)
+        self._modules = list(spec.modules)
+        self._modes: dict[str, list[Mode]] = {m.name: list(m.modes.values()) for m in spec.modules.values()}
+        self._leaves: dict[tuple[str, str], list[tuple[str, Leaf]]] = {
+            (name, mode.name): list(mode.leaves()) for name, modes in self._modes.items() for mode in modes
+        }
+        self._pe_index = {pe: index for index, pe in enumerate(self._pes)}
+        self._module_index = {module: index for index, module in enumerate(self._modules)}
+        self._mode_index = {(n, mode.name): i for n, modes in self._modes.items() for i, mode in enumerate(modes)}
+
+    def encode(self, configuration: Configuration) -> bytes:
+        """Write a configuration; every name in it must exist in the spec."""
+        numbers: list[int] = []
+        for module in self._modules:
+            running = configuration.modules.get(module)
+            if running is None:
+                numbers.append(0)
+                continue
+            mode_index = self._mode_index[module, running.mode]
+            numbers.append(1 + mode_index * len(self._pes) + self._pe_index[running.pe])
+            for path, _ in self._leaves[module, running.mode]:
+                wire = running.inputs.get(path)
+                numbers.append(0 if wire is None else 1 + self._module_index[wire.producer])
+        return pack(numbers)
+
+    def decode(self, row: bytes) -> Configuration:
+        """Read a configuration; raises PackingError where the bytes are no row of this spec."""
+        numbers = Unpacker(row)
+        places: dict[str, tuple[str, Mode]] = {}
+        wired: dict[str, list[int]] = {}
+        for module in self._modules:
+            number = numbers.number()
+            if number:
+                mode_index, pe_index = divmod(number - 1, len(self._pes))
+                mode = _at(self._modes[module], mode_index)
+                places[module] = (self._pes[pe_index], mode)
+                wired[module] = [numbers.number() for _ in self._leaves[module, mode.name]]
+        if not numbers.at_end():
+            raise PackingError("bytes are left over after the last module")
+        return Configuration(
+            {
+                module: Running(pe, mode.name, dict(self._wires(module, mode.name, wired[module], places)))
+                for module, (pe, mode) in places.items()
+            }
+        )
+
+    def _wires(
+        self, module: str, mode: str, wired: list[int], places: Mapping[str, tuple[str, Mode]]
+    ) -> list[tuple[str, Wire]]:
+        wires = []
+        for (path, leaf), number in zip(self._leaves[module, mode], wired, strict=True):
+            if number:
+                producer = _at(self._modules, number - 1)
+                if producer not in places or leaf.variable not in places[producer][1].gives:
+                    raise PackingError(f"{module} reads from {producer}, which does not give {leaf.variable}")
+                wires.append((path, Wire(producer, leaf.variable, places[producer][1].gives[leaf.variable])))
+        return wires
+
+
+def _at(names: Sequence[_T], index: int) -> _T:
+    if index >= len(names):
+        raise PackingError(f"index {index} is beyond the spec")
+    return names[index]
+
+
+def worth_of(objective: Objective) -> tuple[int, ...]:
+    """Write what a plan is worth as ten numbers, none of them negative."""
+    costs = (objective.changes, objective.branches, objective.bus_mbit_per_s, objective.cpu_millis)
+    return (*objective.critical, objective.utility, objective.inputs, *costs)
+
+
+def objective_of(worth: Sequence[int]) -> Objective:
+    """Read ten numbers of `worth_of`; raises PackingError for another count."""
+    match worth:
+        case [a, b, c, d, utility, inputs, changes, branches, bus, cpu]:
+            return Objective((a, b, c, d), utility, inputs, changes, branches, bus, cpu)
+        case _:
+            raise PackingError(f"{len(worth)} numbers say what a plan is worth, and 10 should")

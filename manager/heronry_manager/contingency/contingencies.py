@@ -1,0 +1,111 @@
+"""Plans made ahead, as a value: every fault set up to a size, in several phases, and a safe mode for each phase.
+
+Configurations are kept once and numbered from 1, in the order in which they are wanted on board: the fault-free ones,
+the safe modes, then those of single faults phase by phase, then those of two, and so on. Number 0 is none. PREPARE has
+12 bits for a number (docs/protocol.md), so those up to 4095 can be called by it. The same spec, scope and planner give
+the same numbers.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Objective
+from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A plan made ahead: the number of its configuration, its worth, and whether it is proven to be the best."""
+
+    number: int
+    objective: Objective
+    optimal: bool
+
+
+@dataclass(frozen=True, slots=True)
+class PhasePlans:
+    """What was made ahead for one phase."""
+
+    phase: Phase
+    safe_mode: int  # number of the configuration that serves critical functions only
+    plans: tuple[Made, ...]  # each once
+    by_fault_set: tuple[int, ...]  # index into `plans` for each fault set, in the order of `Scope.fault_sets`
+
+
+@dataclass(frozen=True, slots=True)
+class Contingencies:
+    """Everything made ahead for a spec."""
+
+    spec_digest: str  # SHA-256 of the spec's file, hexadecimal
+    scope: Scope
+    configurations: tuple[Configuration, ...]  # number 1 first
+    phases: tuple[PhasePlans, ...]  # as in the scope
+
+    def configuration(self, number: int) -> Configuration:
+        """Configuration of a number."""
+        return self.configurations[number - 1]
+
+    def entries(self) -> Iterator[tuple[Phase, FaultSet, Made]]:
+        """Every fault set in every phase, with its plan."""
+        for table in self.phases:
+            for down, index in zip(self.scope.fault_sets(), table.by_fault_set, strict=True):
+                yield table.phase, down, table.plans[index]
+
+
+def contingencies(
+    spec: Spec,
+    scope: Scope,
+    outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
+    safe_modes: Mapping[Phase, Configuration],
+) -> Contingencies:
+    """Number what a sweep found. `outcomes` has every fault set of the scope in every phase of it."""
+    numbers = _Numbers(spec)
+    for phase in scope.phases:
+        numbers.of(outcomes[phase, frozenset()].configuration)
+    safe = {phase: numbers.of(safe_modes[phase]) for phase in scope.phases}
+    for size in scope.sizes():
+        for phase in scope.phases:
+            for down in scope.of_size(size):
+                numbers.of(outcomes[phase, down].configuration)
+    tables = tuple(_phase_plans(phase, safe[phase], scope, outcomes, numbers) for phase in scope.phases)
+    return Contingencies(spec.digest, scope, tuple(numbers.configurations), tables)
+
+
+def _phase_plans(
+    phase: Phase,
+    safe_mode: int,
+    scope: Scope,
+    outcomes: Mapping[tuple[Phase, FaultSet], Outcome],
+    numbers: "_Numbers",
+) -> PhasePlans:
+    plans: dict[Made, int] = {}
+    by_fault_set = []
+    for down in scope.fault_sets():
+        found = outcomes[phase, down]
+        made = Made(numbers.of(found.configuration), found.objective, found.optimal)
+        by_fault_set.append(plans.setdefault(made, len(plans)))
+    return PhasePlans(phase, safe_mode, tuple(plans), tuple(by_fault_set))
+
+
+class _Numbers:
+    """Numbers configurations as they come; equal ones get one number."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.configurations: list[Configuration] = []
+        self._code = ConfigurationCode(spec)
+        self._by_row: dict[bytes, int] = {}
+        self._by_identity: dict[int, int] = {}  # of configurations that a sweep holds: most sets share one
+
+    def of(self, configuration: Configuration) -> int:
+        known = self._by_identity.get(id(configuration))
+        if known is not None:
+            return known
+        row = self._code.encode(configuration)
+        if row not in self._by_row:
+            self.configurations.append(configuration)
+            self._by_row[row] = len(self.configurations)
+        self._by_identity[id(configuration)] = self._by_row[row]
+        return self._by_row[row]

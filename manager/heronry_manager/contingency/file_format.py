@@ -1,0 +1,135 @@
+"""The contingency file: format 1.
+
+    8 bytes   "HERONRY" and the format's number
+    32 bytes  digest of the spec's file (SHA-256)
+    4 bytes   length of what follows when it is unpacked, most significant byte first
+    ...       zlib-compressed: numbers as in `packing`, counts before lists
+    32 bytes  SHA-256 of everything before
+
+Numbers: faults; the elements (indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the
+configurations, as rows; for each phase the safe mode's number, its plans (number of the configuration, proven or not,
+ten integers of worth) and, for each fault set in the order of `Scope.fault_sets`, the index of its plan. So a fault set
+costs no more than that index.
+
+Bytes of our own, because indices into a spec that is bound by its digest need a tenth of what names do, and compressed,
+because neighbours are alike: configurations differ in a few modules. zlib and SHA-256 are in the standard library.
+Whatever is wrong with a file is one sentence with the remedy, and none of it is used.
+"""
+
+import hashlib
+import zlib
+from pathlib import Path
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import elements
+from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
+from heronry_manager.contingency.contingencies import Contingencies, Made, PhasePlans
+from heronry_manager.contingency.packing import PackingError, Unpacker, pack
+from heronry_manager.planner.sweep import Phase, Scope
+from heronry_wire.errors import HeronryError
+
+_MAGIC = b"HERONRY"
+FORMAT = 1
+_HEAD_BYTES = len(_MAGIC) + 1 + 32 + 4
+_DIGEST_BYTES = 32
+_MOST_BYTES = 1 << 28  # unpacked; more is no file of ours, and nobody's memory is taken by it
+
+
+class ContingencyFileError(HeronryError, ValueError):
+    """A contingency file that cannot be used; the message says why and what to do."""
+
+
+def read_contingencies(file: Path, spec: Spec) -> Contingencies:
+    """Read a file of a spec; raises ContingencyFileError, or OSError where it cannot be read at all."""
+    try:
+        return from_bytes(file.read_bytes(), spec)
+    except ContingencyFileError as error:
+        raise ContingencyFileError(f"{file}: {error}; make it anew with 'heronry contingencies'") from None
+
+
+def to_bytes(made: Contingencies, spec: Spec) -> bytes:
+    """Write; the same contingencies give the same bytes."""
+    body = _body(made, spec)
+    head = _MAGIC + bytes((FORMAT,)) + bytes.fromhex(made.spec_digest) + len(body).to_bytes(4, "big")
+    content = head + zlib.compress(body, 9)
+    return content + hashlib.sha256(content).digest()
+
+
+def from_bytes(data: bytes, spec: Spec) -> Contingencies:
+    """Read; raises ContingencyFileError."""
+    content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
+    if len(content) < _HEAD_BYTES or not content.startswith(_MAGIC):
+        raise ContingencyFileError("this is no contingency file")
+    if content[len(_MAGIC)] != FORMAT:
+        raise ContingencyFileError(f"it is of format {content[len(_MAGIC)]}, and this program reads format {FORMAT}")
+    if hashlib.sha256(content).digest() != digest:
+        raise ContingencyFileError("it is damaged: its checksum is wrong")
+    if content[len(_MAGIC) + 1 :][:32].hex() != spec.digest:
+        raise ContingencyFileError(f"it was made for another file than this spec {spec.name}")
+    try:
+        return _read(Unpacker(_unpacked(content)), spec)
+    except (PackingError, IndexError, zlib.error) as error:
+        raise ContingencyFileError(f"it cannot be read ({error})") from None
+
+
+def _unpacked(content: bytes) -> bytes:
+    length = int.from_bytes(content[_HEAD_BYTES - 4 : _HEAD_BYTES], "big")
+    if length > _MOST_BYTES:
+        raise PackingError(f"it claims {length} bytes")
+    return zlib.decompressobj().decompress(content[_HEAD_BYTES:], length)
+
+
+def _body(made: Contingencies, spec: Spec) -> bytes:
+    index = {element: i for i, element in enumerate(elements(spec))}
+    phases = {phase: i for i, phase in enumerate(spec.phases, start=1)}
+    code = ConfigurationCode(spec)
+    rows = [code.encode(configuration) for configuration in made.configurations]
+    parts = [
+        pack([made.scope.faults, len(made.scope.elements), *(index[element] for element in made.scope.elements)]),
+        pack([len(made.phases), *(phases.get(str(table.phase), 0) for table in made.phases), len(rows)]),
+        *(pack([len(row)]) + row for row in rows),
+        *map(_phase_body, made.phases),
+    ]
+    return b"".join(parts)
+
+
+def _phase_body(table: PhasePlans) -> bytes:
+    numbers = [table.safe_mode, len(table.plans)]
+    for plan in table.plans:
+        numbers += [plan.number, int(plan.optimal), *worth_of(plan.objective)]
+    return pack([*numbers, len(table.by_fault_set), *table.by_fault_set])
+
+
+def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
+    faults, every = numbers.number(), elements(spec)
+    scope_elements = tuple(every[index] for index in numbers.numbers())
+    names: tuple[Phase, ...] = (None, *spec.phases)
+    phases = tuple(names[index] for index in numbers.numbers())
+    scope = Scope(scope_elements, faults, phases)
+    code = ConfigurationCode(spec)
+    configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
+    tables = tuple(_read_phase(numbers, phase, scope, configurations) for phase in phases)
+    if not numbers.at_end():
+        raise PackingError("bytes are left over")
+    return Contingencies(spec.digest, scope, configurations, tables)
+
+
+def _read_phase(numbers: Unpacker, phase: Phase, scope: Scope, configurations: tuple[Configuration, ...]) -> PhasePlans:
+    safe_mode = _checked(numbers.number(), len(configurations))
+    plans = tuple(_read_made(numbers, len(configurations)) for _ in range(numbers.number()))
+    by_fault_set = tuple(numbers.numbers())
+    if len(by_fault_set) != scope.set_count() or max(by_fault_set) >= len(plans):
+        raise PackingError(f"the plans of phase {phase} do not fit its fault sets")
+    return PhasePlans(phase, safe_mode, plans, by_fault_set)
+
+
+def _read_made(numbers: Unpacker, known: int) -> Made:
+    number, optimal = _checked(numbers.number(), known), bool(numbers.number())
+    return Made(number, objective_of([numbers.number() for _ in range(10)]), optimal)
+
+
+def _checked(number: int, known: int) -> int:
+    if not 1 <= number <= known:
+        raise PackingError(f"there is no configuration number {number}")
+    return number

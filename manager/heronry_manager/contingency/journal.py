@@ -1,0 +1,109 @@
+"""What a sweep has found so far, on disk: a run that was killed loses nothing but what was being searched.
+
+The journal is a text file beside the one that is being made. Each line is a checksum (CRC-32, 8 hexadecimal digits), a
+space, and JSON. The first line says for what (spec digest, scope); every other one is an answer: phase, elements that
+are down, configuration as a row, worth, proven or not. Lines are only ever appended. A kill can tear the last one: at
+the next start everything from the first bad line on is cut off. A journal of another spec or scope is written anew.
+
+Only one run at a time may write it, which a lock sees to; the lock goes with the process, however that ends.
+"""
+
+import fcntl
+import json
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
+from heronry_manager.contingency.packing import PackingError
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
+from heronry_wire.errors import HeronryError
+
+_FORMAT = 1
+
+
+class JournalError(HeronryError):
+    """The journal cannot be used; the message says why and what to do."""
+
+
+class Journal:
+    """The journal of one sweep, open for appending; `known` is what earlier runs found."""
+
+    def __init__(self, file: Path, spec: Spec, scope: Scope) -> None:
+        """Open or begin it; raises JournalError while another run writes it."""
+        self.file = file
+        self.known: dict[tuple[Phase, FaultSet], Outcome] = {}
+        self._code = ConfigurationCode(spec)
+        head = {"journal": _FORMAT, "spec": spec.digest, "faults": scope.faults}
+        self._head = _line({**head, "elements": scope.elements, "phases": scope.phases})
+        self._stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o644), "r+b")
+        try:
+            fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._stream.close()
+            raise JournalError(
+                f"{file} is being written by another run; wait for it, or write to another file"
+            ) from None
+        self._take_up()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.close()
+
+    def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
+        """Append an answer; it survives a kill from the moment this returns."""
+        row = self._code.encode(outcome.configuration)
+        content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
+        self._stream.write(_line(content))
+        self._stream.flush()
+
+    def remove(self) -> None:
+        """Delete it: what it holds has been written elsewhere."""
+        self.file.unlink()
+
+    def _take_up(self) -> None:
+        good = 0
+        for number, (line, content) in enumerate(_whole_lines(self._stream.read())):
+            if number == 0 and line != self._head:
+                break
+            if number > 0 and not self._learn(content):
+                break
+            good += len(line)
+        self._stream.seek(good)
+        self._stream.truncate()
+        if good == 0:
+            self._stream.write(self._head)
+            self._stream.flush()
+
+    def _learn(self, content: object) -> bool:
+        match content:
+            case [str() | None as phase, list(down), str(row), list(worth), bool(optimal)]:
+                try:
+                    found = Outcome(self._code.decode(bytes.fromhex(row)), objective_of(worth), optimal)
+                except (PackingError, ValueError):
+                    return False
+                self.known[phase, frozenset(down)] = found
+                return True
+        return False
+
+
+def _line(content: object) -> bytes:
+    text = json.dumps(content, separators=(",", ":")).encode()
+    return b"%08x %s\n" % (zlib.crc32(text), text)
+
+
+def _whole_lines(data: bytes) -> Iterator[tuple[bytes, object]]:
+    """Lines with what they say, up to the first that is torn or damaged."""
+    for line in data.splitlines(keepends=True):
+        checksum, _, text = line.rstrip(b"\n").partition(b" ")
+        if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
+            return
+        yield line, json.loads(text)

@@ -1,0 +1,68 @@
+"""The plan for what has just happened, if it was made ahead: found in microseconds, without a solver.
+
+A plan made ahead was judged when it was made and when its file was checked. What is left to see to in flight is its
+precondition:
+
+    these elements are down    or a set that comes to the same: a PE behind a dead gateway, a device on a dead PE and a
+                               module that has no PE left are down already, whether somebody names them or not
+    this phase holds
+    this configuration runs    the fault-free one of the phase, module by module; at the start, when nothing is down, it
+                               is enough that nothing is known to run: then changes are free
+
+Anything else is for the planner. With another configuration running the plan would still be legal, but no longer the
+one with the fewest changes.
+"""
+
+from heronry_dg.losses import lost_of
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement
+from heronry_dg.plan import Plan, make_plan
+from heronry_dg.situation import Situation, elements, survivors
+from heronry_manager.contingency.contingencies import Contingencies, Made
+from heronry_manager.planner.sweep import FaultSet, Phase
+
+
+class ContingencyTable:
+    """The contingencies of a spec, ready to be looked up."""
+
+    def __init__(self, spec: Spec, made: Contingencies) -> None:
+        self._spec, self._contingencies = spec, made
+        self._made = {(phase, down): plan for phase, down, plan in made.entries()}
+        self._running: dict[Phase, Placement] = {
+            phase: placement(made.configuration(self._made[phase, frozenset()].number)) for phase in made.scope.phases
+        }
+        self._implied = {element: _implied(spec, element) for element in elements(spec)}
+        self._plans: dict[tuple[Phase, FaultSet], Plan] = {}
+
+    def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
+        """Find what was made ahead for this; None where nothing was."""
+        found = self._made.get((phase, self._named_once(down)))
+        if found is None or (running is None and down):
+            return None
+        return found if running is None or running == self._running[phase] else None
+
+    def plan(self, down: FaultSet, phase: Phase, running: Placement | None) -> Plan | None:
+        """Find the same as a plan."""
+        found = self.find(down, phase, running)
+        if found is None:
+            return None
+        known = self._plans.get((phase, down))
+        if known is None:
+            configuration = self._contingencies.configuration(found.number)
+            now = Situation(down, {}, phase)
+            known = make_plan(self._spec, now, configuration, found.objective, optimal=found.optimal)
+            self._plans[phase, down] = known
+        return known
+
+    def _named_once(self, down: FaultSet) -> FaultSet:
+        """Leave out what is down because something else is."""
+        if len(down) < 2:
+            return down
+        return frozenset(one for one in down if not any(one in self._implied[other] for other in down))
+
+
+def _implied(spec: Spec, element: str) -> frozenset[str]:
+    """Give what is as good as down while an element is; never two elements each other."""
+    left = survivors(spec, Situation(frozenset({element})))
+    homeless = (f"module:{module.name}" for module in spec.modules.values() if not left.hosts(module))
+    return (lost_of(left) | frozenset(homeless)) - {element}

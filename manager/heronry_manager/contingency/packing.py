@@ -1,0 +1,54 @@
+"""Whole numbers in as few bytes as they need: seven bits a byte, the least significant group first."""
+
+
+class PackingError(ValueError):
+    """Bytes that end too early, or a number that does not end."""
+
+
+def pack(numbers: list[int]) -> bytes:
+    """Write numbers that are not negative, one after the other."""
+    out = bytearray()
+    for number in numbers:
+        rest = number
+        while rest > 0x7F:
+            out.append(rest & 0x7F | 0x80)
+            rest >>= 7
+        out.append(rest)
+    return bytes(out)
+
+
+class Unpacker:
+    """Reads what `pack` wrote."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self) -> int:
+        """Read one number of at most 70 bits; raises PackingError."""
+        number = shift = 0
+        while self._at < len(self._data) and shift < 70:
+            byte = self._data[self._at]
+            self._at += 1
+            number |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return number
+            shift += 7
+        raise PackingError("the bytes end, or a number does not")
+
+    def numbers(self) -> list[int]:
+        """Read a count and so many numbers; raises PackingError."""
+        return [self.number() for _ in range(self.number())]
+
+    def text(self) -> bytes:
+        """Read a count and so many bytes; raises PackingError."""
+        length = self.number()
+        found = self._data[self._at : self._at + length]
+        if len(found) < length:
+            raise PackingError("the bytes end before a text does")
+        self._at += length
+        return found
+
+    def at_end(self) -> bool:
+        """Tell whether everything has been read."""
+        return self._at == len(self._data)

@@ -1,0 +1,75 @@
+"""The safe mode of a phase: its critical functions, and nothing that moves without need.
+
+What a PE falls back to where nobody commands (`without_manager: safe_mode`) should be small and near what runs. So
+functions of class E are not wanted; one mode is as good as another; optional inputs count nothing. What is left of the
+objective is the critical classes and then, at once, the fewest changes against the phase's fault-free plan. Outputs of
+class E that feed what is critical would be kept for that reason; they stop, unless something critical needs them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import assert_never
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.model import CRITICALITIES, Function, Mode, Module, Spec
+from heronry_dg.objective import Placement, score
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.situation import Situation
+from heronry_manager.planner.candidates import candidates
+from heronry_manager.planner.exact import DEFAULT_EFFORT, Search
+
+
+def safe_mode(spec: Spec, phase: str | None, running: Placement) -> Configuration:
+    """Find the safe mode of a phase in which `running` runs, with everything up."""
+    reduced = _critical_alone(spec, phase)
+    wanted = {output for function in reduced.functions.values() for output in function.outputs}
+    luxuries = {output for function in spec.functions.values() for output in function.outputs} - wanted
+    plain, whole = (
+        _best(spec, reduced, Situation(frozenset(down), phase=phase), running)
+        for down in ([f"module:{name}" for name in luxuries], [])
+    )
+    now = Situation(phase=phase)
+    served_alike = score(spec, now, plain, None).critical == score(spec, now, whole, None).critical
+    return plain if served_alike else whole
+
+
+def _best(spec: Spec, reduced: Spec, now: Situation, running: Placement) -> Configuration:
+    """Best configuration of a reduced spec, with the identifiers of the whole one."""
+    search = Search(candidates(reduced, now), running, ResponseTimes(spec), DEFAULT_EFFORT)
+    search.run()
+    return search.best
+
+
+def _critical_alone(spec: Spec, phase: str | None) -> Spec:
+    functions = {
+        name: replace(function, value=(0,) * _most_modes(spec, function))
+        for name, function in spec.functions.items()
+        if function.criticality_in(phase) != CRITICALITIES[-1]
+    }
+    return replace(spec, functions=functions, modules=_without_worth(spec.modules))
+
+
+def _most_modes(spec: Spec, function: Function) -> int:
+    return max(len(spec.modules[output].modes) for output in function.outputs)
+
+
+def _without_worth(modules: Mapping[str, Module]) -> dict[str, Module]:
+    return {
+        name: replace(module, modes={mode.name: _plain(mode) for mode in module.modes.values()})
+        for name, module in modules.items()
+    }
+
+
+def _plain(mode: Mode) -> Mode:
+    return mode if mode.needs is None else replace(mode, needs=_worthless(mode.needs))
+
+
+def _worthless(needs: Expression) -> Expression:
+    match needs:
+        case Leaf(worth=worth):
+            return replace(needs, worth=(0,) * len(worth))
+        case And(inputs) | Xor(inputs) | Or(_, inputs):
+            return replace(needs, inputs=tuple(map(_worthless, inputs)))
+        case _:
+            assert_never(needs)

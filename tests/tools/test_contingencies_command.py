@@ -1,0 +1,156 @@
+"""`heronry contingencies` as a user meets it: a file, what it holds, and whether that is true."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import elements
+from heronry_manager.contingency.contingencies import contingencies
+from heronry_manager.contingency.file_format import read_contingencies, to_bytes
+from heronry_manager.contingency.journal import Journal
+from heronry_manager.planner.safe_mode import safe_mode
+from heronry_manager.planner.sweep import Scope, Sweep
+from heronry_tools.campaign.crew import crew
+from heronry_tools.campaign.sweeping import sweep
+from heronry_tools.cli import main
+from heronry_tools.progress import progress_line
+
+CHUTE = load(shipped_spec_path("elevator_and_chute"))
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(["contingencies", *arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture
+def file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
+    """A file with all single faults of Figure 3."""
+    made = tmp_path / "chute.contingencies"
+    assert run(capsys, "elevator_and_chute", "-o", str(made), "--faults", "1", "--jobs", "1")[0] == 0
+    return made
+
+
+def written(scope: Scope, swept: Sweep) -> bytes:
+    safe: dict[str | None, Configuration] = {None: safe_mode(CHUTE, None, swept.running(None) or {})}
+    return to_bytes(contingencies(CHUTE, scope, swept.outcomes, safe), CHUTE)
+
+
+def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = tmp_path / "chute.contingencies"
+    code, out, err = run(capsys, "elevator_and_chute", "-o", str(made), "--jobs", "1")
+    assert (code, err) == (0, "")
+    assert f"{made}: {made.stat().st_size} bytes, bound to elevator_and_chute" in out
+    assert "301 plans: up to 2 faults of 24 elements, and safe modes" in out
+    assert re.search(r"\d+ searched, 7\d\.\d% pruned: \d+ by a plan that lives on, \d+ by a twin", out)
+    assert "0 plans not proven to be the best" in out
+    assert re.search(r"pe tail_pe: \d+ configurations on board, \d+ of 4096 bytes", out)
+    assert list(tmp_path.iterdir()) == [made], "no journal is left, and no draft"
+
+
+def test_every_entry_passes_the_judge(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
+    assert code == 0
+    assert out == "25 plans and 1 safe modes: every one is legal and worth what the file says\n"
+
+
+def test_an_entry_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What runs when nothing is down is claimed to be the plan for a dead PE, too."""
+    scope = Scope(("pe:tail_pe",), 1, (None,))
+    with crew(1) as nobody:
+        swept = sweep(CHUTE, scope, nobody)
+    swept.outcomes[None, frozenset({"pe:tail_pe"})] = swept.outcomes[None, frozenset()]
+    file.write_bytes(written(scope, swept))
+    code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "2")
+    assert code == 1
+    assert "pe:tail_pe: rule 1.pe_down, module servo_driver_1" in out
+
+
+def test_a_worth_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scope = Scope((), 0, (None,))
+    with crew(1) as nobody:
+        swept = sweep(CHUTE, scope, nobody)
+        elsewhere = sweep(CHUTE, Scope(("device:gps",), 1, (None,)), nobody).outcomes[None, frozenset({"device:gps"})]
+    healthy = swept.outcomes[None, frozenset()]
+    swept.outcomes[None, frozenset()] = replace(healthy, objective=elsewhere.objective)
+    file.write_bytes(written(scope, swept))
+    code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
+    assert (code, out) == (1, "nothing down: it is not worth what the file says\n")
+
+
+def test_a_run_goes_on_from_what_an_earlier_one_left(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = file.read_bytes()
+    scope = Scope(elements(CHUTE), 1, (None,))
+    with Journal(file.with_name(f"{file.name}.partial"), CHUTE, scope) as journal, crew(1) as nobody:
+        sweep(CHUTE, Scope(elements(CHUTE), 0, (None,)), nobody, journal)
+    file.unlink()
+    code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1")
+    assert (code, err) == (0, f"heronry: {file}.partial goes on with 1 plans\n")
+    assert file.read_bytes() == whole
+
+
+def test_ctrl_c_tells_how_to_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("heronry_tools.campaign.sweeping.answers", interrupted)
+    file = tmp_path / "chute.contingencies"
+    code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--jobs", "1")
+    assert (code, err) == (130, f"heronry: stopped; the same command goes on from {file}.partial\n")
+
+
+def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = tmp_path / "f"
+    code, out, _ = run(capsys, "elevator_and_chute", "-o", str(made), "--kinds", "pe, bus", "--jobs", "1")
+    assert code == 0
+    assert "11 plans: up to 2 faults of 4 elements" in out
+    assert read_contingencies(made, CHUTE).scope.elements[-1] == "bus:can0"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["elevator_and_chute"], "one of the arguments -o/--output --check is required"),
+        (["elevator_and_chute", "-o", "FILE", "--faults", "-1"], "write how many may happen at once"),
+        (["elevator_and_chute", "-o", "FILE", "--jobs", "0"], "at least one process must plan"),
+        (["elevator_and_chute", "-o", "FILE", "--kinds", "pes"], "'pes' is no kind of element; there is pe, device"),
+        (["elevator_and_chute", "-o", "FILE", "--phase", "glide"], "no phase is named 'glide'"),
+        (["elevator_and_chute", "-o", "missing/FILE"], "missing is no folder; make it first"),
+        (["big_blue", "--check", "FILE"], "another file than this spec big_blue"),
+        (["elevator_and_chute", "--check", "missing"], "No such file"),
+    ],
+)
+def test_bad_input_is_one_sentence(
+    arguments: list[str], sentence: str, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(file.parent)
+        file.rename(file.with_name("FILE"))
+        try:
+            code = main(["contingencies", *arguments])
+        except SystemExit as usage:  # argparse
+            code = int(usage.code or 0)
+    assert code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_manager_refuses_a_file_of_another_spec(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in (["manager", "big_blue", "-i", "virtual", "-c", "x"], ["demo", "big_blue"]):
+        assert main([*command, "--contingencies", str(file)]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert "it was made for another file than this spec big_blue; make it anew" in said
+
+
+def test_how_far_it_is_and_how_long_it_will_take() -> None:
+    assert progress_line("plans", 0, 10, 0.0) == "plans: 0 of 10"
+    assert progress_line("plans", 10, 100, 10.0) == "plans: 10 of 100, 1:30 left"
+    assert progress_line("plans", 100, 100, 10.0) == "plans: 100 of 100"

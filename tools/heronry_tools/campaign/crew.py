@@ -1,0 +1,119 @@
+"""Who answers the questions of a sweep: this process, several of its own, or a Dask cluster.
+
+A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
+that any `concurrent.futures.Executor` can carry it, a cluster's as well. Every plan passes the judge where it is made.
+
+Processes of our own start afresh (spawn: a solver with threads must not be forked), leave Ctrl-C to us, and end
+when we end, however that happens.
+"""
+
+import os
+import signal
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from multiprocessing import connection, get_context, parent_process
+from threading import Thread
+from typing import Final
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.planner.exact import PlannerDefectError, plan
+from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
+from heronry_tools.errors import UserError
+
+_QUESTIONS_IN_A_TASK: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Questions about one phase of a spec."""
+
+    spec: Spec
+    phase: Phase
+    running: Placement | None
+    downs: tuple[FaultSet, ...]
+
+
+def solved(task: Task) -> list[Outcome]:
+    """Answer all questions of a task, in their order."""
+    return [_solved(task, down) for down in task.downs]
+
+
+def _solved(task: Task, down: FaultSet) -> Outcome:
+    now = Situation(down, {}, task.phase)
+    found = plan(task.spec, now, task.running)
+    violations = verify(task.spec, now, found.configuration)
+    if violations:
+        raise PlannerDefectError(f"the plan for {', '.join(sorted(down))} is not legal: {violations[0]}")
+    return Outcome(found.configuration, found.objective, found.optimal)
+
+
+def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
+    """Answer questions as they get done; without an executor here, one after the other."""
+    tasks = list(_tasks(spec, questions))
+    if executor is None:
+        for task in tasks:
+            yield from zip(_questions(task), solved(task), strict=True)
+        return
+    under_way = {executor.submit(solved, task): task for task in tasks}
+    for done in as_completed(under_way):
+        yield from zip(_questions(under_way[done]), done.result(), strict=True)
+
+
+def _tasks(spec: Spec, questions: Iterable[Question]) -> Iterator[Task]:
+    by_phase = sorted(questions, key=lambda question: question.phase or "")  # stable: the order within a phase stays
+    for phase, alike in groupby(by_phase, key=lambda question: question.phase):
+        of_phase = list(alike)
+        for start in range(0, len(of_phase), _QUESTIONS_IN_A_TASK):
+            part = of_phase[start : start + _QUESTIONS_IN_A_TASK]
+            yield Task(spec, phase, part[0].running, tuple(question.down for question in part))
+
+
+def _questions(task: Task) -> Iterator[Question]:
+    return (Question(task.phase, down, task.running) for down in task.downs)
+
+
+@contextmanager
+def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Give who answers: nobody else for one job, so many processes, or the Dask cluster at an address."""
+    if scheduler is not None:
+        with _cluster(scheduler) as executor:
+            yield executor
+    elif jobs == 1:
+        yield None
+    else:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin) as executor:
+            try:
+                yield executor
+            finally:
+                executor.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    from distributed import Client  # noqa: PLC0415 - an extra
+
+    try:
+        client = Client(address, timeout="5s")
+    except (OSError, ValueError) as error:
+        raise UserError(f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler") from error
+    with client, client.get_executor() as executor:
+        yield executor
+
+
+def _begin() -> None:
+    """Begin life as a process of a crew."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    connection.wait([parent.sentinel])
+    os._exit(1)

@@ -1,0 +1,56 @@
+"""How far long work has come, on standard error, where that is a terminal: one line that is written over."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Final, Self
+
+_EVERY_S: Final = 0.2
+
+
+class Progress:
+    """Counts up to a total; as a context manager it leaves an empty line behind."""
+
+    def __init__(self) -> None:
+        self._shown_at = 0.0
+        self._begun_at = time.monotonic()
+        self._what, self._done, self._total = "", 0, 0
+        self._visible = sys.stderr.isatty()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._visible:
+            sys.stderr.write("\r\x1b[K")
+            sys.stderr.flush()
+
+    def begin(self, what: str, total: int) -> None:
+        """Begin a piece of work of so many steps."""
+        self._what, self._done, self._total = what, 0, total
+        self._begun_at = time.monotonic()
+        self._show()
+
+    def step(self, steps: int = 1) -> None:
+        """So many steps more are done."""
+        self._done += steps
+        if self._visible and time.monotonic() - self._shown_at >= _EVERY_S:
+            self._show()
+
+    def _show(self) -> None:
+        if self._visible:
+            self._shown_at = time.monotonic()
+            spent_s = self._shown_at - self._begun_at
+            sys.stderr.write("\r\x1b[K" + progress_line(self._what, self._done, self._total, spent_s))
+            sys.stderr.flush()
+
+
+def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
+    """Say how far it is, and how long it will take at the pace so far."""
+    line = f"{what}: {done} of {total}"
+    if not done or done >= total:
+        return line
+    left_s = round(spent_s / done * (total - done))
+    return f"{line}, {left_s // 60}:{left_s % 60:02d} left"
