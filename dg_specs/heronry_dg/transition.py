@@ -190,17 +190,19 @@ class Transitions:
         sends: dict[str, dict[Source, tuple[int, frozenset[str]]]] = {pe: {} for pe in self._spec.pes}
         forwards: dict[str, set[tuple[Source, str, str]]] = {pe: set() for pe in self._spec.pes}
         for source, consumer_pe in links:
-            (producer, variable), (mode, origin) = source, runs[source[0]]
+            (producer, variable), (chosen, origin) = source, runs[source[0]]
+            mode = self._spec.modules[producer].modes[chosen]
             route = self._everything.route(origin, consumer_pe) or ()
+            if variable not in mode.gives:
+                continue  # what runs may come from a plan for another spec
             for inward, outward in pairwise(route):
                 forwards[self._gateways[inward, outward]].add((source, origin, outward))
             if route:
-                mbit_per_s = source_mbit_per_s(self._spec, variable, self._spec.modules[producer].modes[mode])
                 buses = sends[origin].get(source, (0, frozenset[str]()))[1]
-                sends[origin][source] = mbit_per_s, buses | {route[0]}
+                sends[origin][source] = source_mbit_per_s(self._spec, variable, mode), buses | {route[0]}
         there: dict[str, set[tuple[str, str]]] = {pe: set() for pe in self._spec.pes}
-        for module, (mode, pe) in runs.items():
-            there[pe].add((module, mode))
+        for module, (chosen, pe) in runs.items():
+            there[pe].add((module, chosen))
         return {pe: Part(frozenset(there[pe]), sends[pe], frozenset(forwards[pe])) for pe in self._spec.pes}
 
     def _exclusive(

@@ -159,3 +159,31 @@ def test_help_teaches_by_example(capsys: pytest.CaptureFixture[str], command: st
         main([command, "--help"])
     assert leaving.value.code == 0
     assert "examples:" in capsys.readouterr().out
+
+
+def test_a_plan_against_what_runs_tells_the_way_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    now = tmp_path / "now.json"
+    now.write_text(run(capsys, "plan", "big_blue", "--phase", "glide", "--json")[1])
+    after = ("plan", "big_blue", "--phase", "glide", "--down", "pe:tail_a", "--running", str(now))
+    _, out, _ = run(capsys, *after)
+    way = out.splitlines()[-4:]
+    assert way[0].startswith("way there  interrupted: elevator, rudder")
+    assert way[1].startswith("BREAK      then wait for tail_b (rudder_control moves to comms")
+    assert way[2:] == ["GO         then T_lease, for elevator_out", "GO_ALL"]
+    document = json.loads(run(capsys, *after, "--json")[1])
+    assert document["transition"]["steps"] == ["BREAK", "GO", "GO_ALL"]
+    assert document["transition"]["wait_for"].keys() == {"tail_b"}
+    assert document["transition"]["hold"] == ["elevator_out"]
+
+
+def test_a_running_plan_without_wires_is_taken_at_its_worst(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    plan = json.loads(run(capsys, "plan", "elevator_and_chute", "--json")[1])
+    places = {name: {"pe": running["pe"], "mode": running["mode"]} for name, running in plan["modules"].items()}
+    now = tmp_path / "now.json"
+    now.write_text(json.dumps({"modules": places}))
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--running", str(now), "--json")
+    assert json.loads(out)["transition"]["steps"] == ["GO_ALL"]
+    places["gps_driver"]["inputs"] = {"": {"producer": "servo_monitor", "variable": "altitude", "version": 1}}
+    now.write_text(json.dumps({"modules": {n: {"inputs": {}, **entry} for n, entry in places.items()}}))
+    _, out, _ = run(capsys, "plan", "elevator_and_chute", "--running", str(now), "--json")
+    assert json.loads(out)["transition"]["steps"] == ["GO_ALL"]

@@ -4,6 +4,7 @@ Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2
 """
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.errors import UserError
 
 if TYPE_CHECKING:
+    from heronry_dg.configuration import Configuration
     from heronry_dg.model import Spec
+    from heronry_dg.objective import Placement
     from heronry_dg.situation import Situation
 
 _SITUATIONS = """\
@@ -27,7 +30,8 @@ examples:
   heronry plan big_blue --down pe:nav --down bus:radio       a processor and the radio are gone
   heronry plan big_blue --limit bus:radio=40% --phase glide  a bad radio link, while gliding
   heronry plan big_blue --json >now.json                     the plan as JSON, to keep and to compare
-  heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it
+  heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it,
+                                                             and the way there: who has to let go before who starts
 """
 
 _VERIFY_EPILOG = f"""\
@@ -87,6 +91,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
     from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
     from heronry_dg.situation import situation  # noqa: PLC0415
+    from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_manager.planner.exact import plan  # noqa: PLC0415
     from heronry_manager.planner.explain import explained  # noqa: PLC0415
     from heronry_tools.plan_report import print_plan  # noqa: PLC0415
@@ -94,13 +99,28 @@ def run_plan(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
-    running = read_running(_text(arguments.running)) if arguments.running else None
+    text = _text(arguments.running) if arguments.running else None
+    running = read_running(text) if text is not None else None
     found = explained(spec, plan(spec, now, running))
-    if arguments.json:
+    way = transition(spec, _as_known(text), found.configuration, now) if text is not None else None
+    if not arguments.json:
+        print_plan(spec, found, way)
+    elif way is None:
         sys.stdout.write(found.to_json())
     else:
-        print_plan(spec, found)
+        document = {**found.document(), "transition": way.document()}
+        sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
     return 0
+
+
+def _as_known(text: str) -> "Configuration | Placement":
+    """What a plan says of what runs: with its wires where it tells them of every module."""
+    from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
+
+    try:
+        return read_configuration(text)
+    except PlanError:
+        return read_running(text)
 
 
 def run_verify(arguments: argparse.Namespace) -> int:

@@ -1,54 +1,22 @@
-"""A plan on paper: functions, PEs and buses as tables; coloured on a terminal that can, plain text anywhere else.
+"""A plan on paper: functions, PEs and buses, and the way to it from what runs.
 
-One description of the tables, two renderers. The plain one needs nothing installed, and its lines are for `grep` as
-well: one function, one module of a PE and one bus a line.
+Its lines are for `grep` as well: one function, one module of a PE and one bus a line.
 """
 
-import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Survivors, survivors
-
-_BAR = 5  # characters; wide tables must fit narrow terminals
-
-
-@dataclass(frozen=True, slots=True)
-class Bar:
-    """A share of a capacity, and the two in words."""
-
-    share: float
-    text: str
+from heronry_dg.transition import Transition
+from heronry_tools.tables import Bad, Cell, Table, bar, print_tables
+from heronry_wire.management import Step
 
 
-@dataclass(frozen=True, slots=True)
-class Bad:
-    """A cell that is no good news."""
-
-    text: str
-
-
-Cell = str | Bar | Bad
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table with one title row."""
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[Cell]]
-
-
-def print_plan(spec: Spec, plan: Plan) -> None:
-    """Print a plan to standard output."""
+def print_plan(spec: Spec, plan: Plan, way: Transition | None = None) -> None:
+    """Print a plan to standard output, with the way to it from what runs."""
     tables = list(_tables(spec, plan))
-    if not (sys.stdout.isatty() and _print_rich(_headline(spec, plan), tables)):
-        print(_headline(spec, plan))
-        for table in tables:
-            print()
-            print("\n".join(_plain(table)))
+    print_tables(_headline(spec, plan), tables if way is None else [*tables, _way(way)])
 
 
 def _headline(spec: Spec, plan: Plan) -> str:
@@ -99,8 +67,8 @@ def _pe_rows(spec: Spec, plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]
         ]
         yield (
             name,
-            _bar(used.cpu_millis, cpu, f"{used.cpu_millis / 1000:g}/{cpu / 1000:g}"),
-            _bar(used.ram, pe.ram, _bytes(used.ram, pe.ram)),
+            bar(used.cpu_millis, cpu, f"{used.cpu_millis / 1000:g}/{cpu / 1000:g}"),
+            bar(used.ram, pe.ram, _bytes(used.ram, pe.ram)),
             _bytes(used.flash, pe.flash),
             modules[0] if modules else "",
         )
@@ -114,12 +82,16 @@ def _bus_rows(plan: Plan, left: Survivors) -> Iterator[Sequence[Cell]]:
             yield name, Bad("is down"), "-"
             continue
         capacity = left.bus_mbit_per_s[name] // 1000
-        share = _bar(used.bits_per_s, capacity, f"{used.bits_per_s}/{capacity} bit/s")
+        share = bar(used.bits_per_s, capacity, f"{used.bits_per_s}/{capacity} bit/s")
         yield name, share, f"{used.load:.2%}"
 
 
-def _bar(used: int, capacity: int, text: str) -> Bar:
-    return Bar(used / capacity if capacity else 0.0, text)
+def _way(way: Transition) -> Table:
+    """The steps of a transition, one a line."""
+    waited = [f"{pe} ({', '.join(why)})" for pe, why in way.wait_for.items()]
+    why = {Step.BREAK: f"then wait for {'; '.join(waited)}", Step.GO: f"then T_lease, for {', '.join(way.hold)}"}
+    rows: list[Sequence[Cell]] = [(step.name, why.get(step, "")) for step in way.steps]
+    return Table(("way there", f"interrupted: {', '.join(way.interrupted) or 'no function'}"), rows)
 
 
 def _bytes(used: int, capacity: int) -> str:
@@ -127,62 +99,3 @@ def _bytes(used: int, capacity: int) -> str:
         if capacity >= size:
             return f"{used / size:.3g}/{capacity / size:.4g}{unit}"
     return f"{used}/{capacity}"
-
-
-def _plain(table: Table) -> Iterator[str]:
-    """Aligned columns; the last one as long as it likes."""
-    texts = [table.columns, *([_in_words(cell) for cell in row] for row in table.rows)]
-    widths = [max(len(row[column]) for row in texts) for column in range(len(table.columns) - 1)]
-    for row in texts:
-        cells = (text.ljust(width) for text, width in zip(row, [*widths, 0], strict=True))
-        yield "  ".join(cells).rstrip()
-
-
-def _in_words(cell: Cell) -> str:
-    match cell:
-        case Bar(share, text):
-            return f"[{'#' * _filled(share):.<{_BAR}}] {text}"
-        case Bad(text):
-            return text
-        case _:
-            return cell
-
-
-def _filled(share: float) -> int:
-    """Length of a bar: nothing only for nothing, full only for full."""
-    if share <= 0:
-        return 0
-    return min(_BAR if share >= 1 else _BAR - 1, max(1, round(share * _BAR)))
-
-
-def _print_rich(headline: str, tables: Sequence[Table]) -> bool:
-    """Print with rich; False where it is not installed."""
-    try:
-        from rich.box import SIMPLE_HEAD  # noqa: PLC0415 - an extra
-        from rich.console import Console  # noqa: PLC0415
-        from rich.table import Table as RichTable  # noqa: PLC0415
-        from rich.text import Text  # noqa: PLC0415
-    except ImportError:
-        return False
-
-    def rendered(cell: Cell) -> Text:
-        match cell:
-            case Bar(share, text):
-                colour = "green" if share < 0.7 else "yellow" if share < 0.9 else "red"
-                full = _filled(share)
-                return Text.assemble(("█" * full, colour), ("░" * (_BAR - full), "dim"), f" {text}")
-            case Bad(text):
-                return Text(text, style="bold red")
-            case _:
-                return Text(cell)
-
-    console = Console()
-    console.print(Text(headline))
-    for table in tables:
-        rich_table = RichTable(box=SIMPLE_HEAD, pad_edge=False)
-        for column in table.columns:
-            rich_table.add_column(column, overflow="fold")
-        for row in table.rows:
-            rich_table.add_row(*map(rendered, row))
-        console.print(rich_table)
-    return True
