@@ -12,7 +12,7 @@ PEs; programs run where there is room (some ask for a feature, or are bound to a
 CPU and memory are drawn as weights and scaled at the end. CPU adds up to `work` times what there is, over all modules
 in their best modes: at 1.05 not everything runs in its best mode, at 1.5 much cannot run. RAM and flash add up to three
 quarters of what there is. The buses could carry two thirds of all data, and a heartbeat is as long as it takes for what
-manages the buses to fit into its reserve.
+manages the buses to fit into its reserve; still a few data cannot be in time wherever they are wanted.
 """
 
 import random
@@ -26,7 +26,7 @@ Needs = str | Fields | None
 
 PHASES: Final = ("cruise", "survey")
 _MEMORY_SHARE: Final = 0.75
-_BITRATES: Final = (125_000, 250_000, 500_000, 1_000_000)
+_BITRATES: Final = (250_000, 500_000, 1_000_000)
 _FRAME_BITS: Final = 135  # at most
 _DATA_SHARE: Final = 0.7  # of a bit rate
 _RESERVE: Final = 0.1
