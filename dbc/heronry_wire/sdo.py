@@ -1,0 +1,109 @@
+"""CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
+
+What it decides: how the eight bytes of a message are read and written. What follows from them is the server's affair
+(`heronry_agent.sdo_server`). An SDO message has eight bytes, always: a command, then index (little-endian) and
+sub-index, then four bytes of data or a length; or a command and seven bytes of data.
+
+    client  command (three bits)        server answers
+    1       download, initiate          3
+    0       download, segment           1
+    2       upload, initiate            2
+    3       upload, segment             0
+    6       block download              5       two more bits say which part of it
+    5       block upload                6
+    4       abort                       4
+
+States: none.
+"""
+
+import struct
+from binascii import crc_hqx
+from enum import Enum
+
+MESSAGE_BYTES = 8
+SEGMENT_BYTES = 7
+MOST_SEGMENTS = 127  # in one block
+
+# First bytes: a command in its place, and the flags that may join it.
+DOWNLOAD, UPLOAD = 1 << 5, 2 << 5
+SEGMENT_DOWNLOAD, SEGMENT_UPLOAD = 0 << 5, 3 << 5
+BLOCK_DOWNLOAD, BLOCK_UPLOAD = 6 << 5, 5 << 5
+ABORT = 4 << 5
+DOWNLOAD_ANSWER, UPLOAD_ANSWER = 3 << 5, 2 << 5
+SEGMENT_DOWNLOAD_ANSWER, SEGMENT_UPLOAD_ANSWER = 1 << 5, 0 << 5
+BLOCK_DOWNLOAD_ANSWER, BLOCK_UPLOAD_ANSWER = 5 << 5, 6 << 5
+
+COMMAND_BITS = 0xE0
+EXPEDITED, SIZE_GIVEN = 0x02, 0x01  # of an initiate; bits 3 and 2 count the bytes without data
+TOGGLE, LAST_SEGMENT = 0x10, 0x01  # of a segment; bits 3 to 1 count the bytes without data
+BLOCK_PART_BITS = 0x03
+BLOCK_INITIATE, BLOCK_END, BLOCK_ACKNOWLEDGE, BLOCK_START = 0, 1, 2, 3
+BLOCK_SIZE_GIVEN, BLOCK_CRC = 0x02, 0x04  # of a block's initiate
+BLOCK_LAST_SEGMENT, SEQUENCE_BITS = 0x80, 0x7F  # of a segment in a block
+
+_HEAD = struct.Struct("<BHB4s")
+_WITH_NUMBER = struct.Struct("<BHBI")
+_BLOCK_END = struct.Struct("<BH5x")
+
+
+class Abort(Enum):
+    """Why a transfer ends without success (CiA 301, table 22)."""
+
+    TOGGLE = 0x0503_0000  # the toggle bit has not alternated
+    TIME_OUT = 0x0504_0000
+    COMMAND = 0x0504_0001  # no such command, or not in this place
+    BLOCK_SIZE = 0x0504_0002
+    SEQUENCE = 0x0504_0003
+    CRC = 0x0504_0004
+    OUT_OF_MEMORY = 0x0504_0005
+    UNSUPPORTED = 0x0601_0000
+    WRITE_ONLY = 0x0601_0001
+    READ_ONLY = 0x0601_0002
+    NO_OBJECT = 0x0602_0000
+    LENGTH = 0x0607_0010  # not the length of the object, or not the length that was announced
+    NO_SUB_INDEX = 0x0609_0011
+    VALUE = 0x0609_0030
+    DEVICE_STATE = 0x0800_0022  # not in the present state of the device
+    NO_DATA = 0x0800_0024
+
+
+def read_head(message: bytes) -> tuple[int, int, bytes]:
+    """Index, sub-index and last four bytes of a message that has them."""
+    _, index, sub_index, rest = _HEAD.unpack(message)
+    return index, sub_index, rest
+
+
+def with_data(command: int, index: int, sub_index: int, data: bytes = b"") -> bytes:
+    """Give a message with up to four bytes of data."""
+    return _HEAD.pack(command, index, sub_index, data)
+
+
+def with_number(command: int, index: int, sub_index: int, number: int) -> bytes:
+    """Give a message with a length."""
+    return _WITH_NUMBER.pack(command, index, sub_index, number)
+
+
+def abort_message(index: int, sub_index: int, reason: Abort) -> bytes:
+    """Give the message that ends a transfer."""
+    return _WITH_NUMBER.pack(ABORT, index, sub_index, reason.value)
+
+
+def segment(command: int, data: bytes) -> bytes:
+    """Give a message with up to seven bytes of data."""
+    return bytes((command,)) + data.ljust(SEGMENT_BYTES, b"\0")
+
+
+def block_end(command: int, checksum: int = 0) -> bytes:
+    """Give the message that ends a block transfer, with its checksum where it has one."""
+    return _BLOCK_END.pack(command, checksum)
+
+
+def block_checksum(message: bytes) -> int:
+    """Checksum in the message that ends a block transfer."""
+    checksum: int = _BLOCK_END.unpack(message)[1]
+    return checksum
+
+
+def crc(data: bytes | bytearray) -> int:
+    """Checksum of what a block transfer carries: CRC-16, polynomial 1021h, from 0 (CiA 301, 7.2.4.3.16)."""
+    return crc_hqx(data, 0)

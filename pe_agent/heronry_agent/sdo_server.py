@@ -1,0 +1,416 @@
+"""The SDO server of a node: requests in, answers out, one object at a time (CiA 301, 7.2.4).
+
+A client reads (uploads) or writes (downloads) one value of the object dictionary per transfer, in one of three ways:
+
+    expedited   up to four bytes, in the request or the answer itself
+    segmented   seven bytes a request, each answered; a toggle bit tells a doubled request from the next
+    block       up to 127 segments in a row, then one answer that says how many have come in order; the rest is sent
+                again. A checksum over everything at the end
+
+States
+
+    none         no transfer
+    Segmented download, upload
+                 the next segment is awaited; a wrong toggle bit ends the transfer
+    BlockDownload
+                 segments of a block come; `is_complete` once the last one is here, and the end is awaited
+    BlockUpload  OPENED until the client says start, SENDING segments, WAITING for the answer to a block, CLOSING:
+                 the end was sent, the client's answer is awaited
+
+One transfer at a time. Requests of two clients cannot be told apart, since they have one identifier: a new initiate
+takes the place of whatever was under way, and the other client's next request does not fit and is aborted. (Within a
+block download every frame is a segment; there the second client must wait for the end or for the time-out.)
+
+What is written reaches the object at the end of its transfer, complete and checked, or not at all.
+
+Lost, late, doubled. A request or an answer that is lost ends an expedited or segmented transfer: the client gives up,
+and so does this server after TIME_OUT_NS, with an abort. In a block a lost segment is sent again: what comes after a
+gap is dropped, and the answer names the last one in order. If the last segment of a block itself is lost, that answer
+comes after BLOCK_PAUSE_NS. A forged request does what a true one does. Garbage is answered with an abort, or not at
+all; nothing here raises. A restart knows of no transfer, and aborts what is continued.
+
+Slow path: each request is answered with at most one frame; an upload by block sends one segment at a time, and lets
+the bus have as much time again. A block to this node has SEGMENTS_PER_BLOCK segments at most, so that a client does
+not hold the bus for longer: SDO outranks some of the data.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import Protocol
+
+from heronry_wire.sansio import NEVER_NS
+from heronry_wire.sdo import (
+    ABORT,
+    BLOCK_ACKNOWLEDGE,
+    BLOCK_CRC,
+    BLOCK_DOWNLOAD,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_END,
+    BLOCK_INITIATE,
+    BLOCK_LAST_SEGMENT,
+    BLOCK_PART_BITS,
+    BLOCK_SIZE_GIVEN,
+    BLOCK_START,
+    BLOCK_UPLOAD,
+    BLOCK_UPLOAD_ANSWER,
+    COMMAND_BITS,
+    DOWNLOAD,
+    DOWNLOAD_ANSWER,
+    EXPEDITED,
+    LAST_SEGMENT,
+    MESSAGE_BYTES,
+    MOST_SEGMENTS,
+    SEGMENT_BYTES,
+    SEGMENT_DOWNLOAD,
+    SEGMENT_DOWNLOAD_ANSWER,
+    SEGMENT_UPLOAD,
+    SEGMENT_UPLOAD_ANSWER,
+    SEQUENCE_BITS,
+    SIZE_GIVEN,
+    TOGGLE,
+    UPLOAD,
+    UPLOAD_ANSWER,
+    Abort,
+    abort_message,
+    block_checksum,
+    block_end,
+    crc,
+    read_head,
+    segment,
+    with_data,
+    with_number,
+)
+
+TIME_OUT_NS = 1_000_000_000
+BLOCK_PAUSE_NS = 150_000_000  # clients give up after 300 ms and more
+SEGMENTS_PER_BLOCK = 32
+
+_EXPEDITED_BYTES = 4
+
+
+class Objects(Protocol):
+    """What is served: an object dictionary."""
+
+    def read(self, index: int, sub_index: int) -> bytes | Abort:
+        """Value of an object."""
+
+    def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
+        """Most bytes that may be written to an object, asked before the first one comes; length where announced."""
+
+    def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
+        """Take the value of an object."""
+
+
+class _Phase(Enum):
+    OPENED = auto()
+    SENDING = auto()
+    WAITING = auto()
+    CLOSING = auto()
+
+
+@dataclass(slots=True)
+class _Download:
+    """Segments are coming; `length` is what was announced."""
+
+    index: int
+    sub_index: int
+    length: int | None
+    room: int
+    data: bytearray = field(default_factory=bytearray)
+    toggle: int = 0
+
+
+@dataclass(slots=True)
+class _Upload:
+    """Segments are being fetched."""
+
+    index: int
+    sub_index: int
+    data: bytes
+    at: int = 0
+    toggle: int = 0
+
+
+@dataclass(slots=True)
+class _BlockDownload:
+    """Blocks are coming; `sequence` is the last segment of this block that came in order."""
+
+    index: int
+    sub_index: int
+    length: int | None
+    room: int
+    has_crc: bool
+    data: bytearray = field(default_factory=bytearray)
+    sequence: int = 0
+    has_begun: bool = False  # something of this block has come, so the client knows the answer to the one before
+    is_complete: bool = False
+
+
+@dataclass(slots=True)
+class _BlockUpload:
+    """Blocks are being sent; this one begins at `at`, has `size` segments at most, and `sent` of them have gone out."""
+
+    index: int
+    sub_index: int
+    data: bytes
+    has_crc: bool
+    size: int
+    at: int = 0
+    sent: int = 0
+    phase: _Phase = _Phase.OPENED
+
+
+_Transfer = _Download | _Upload | _BlockDownload | _BlockUpload
+
+
+class SdoServer:
+    """One server; `next_ns` is when to call `tick` at the latest."""
+
+    def __init__(self, objects: Objects, segment_ns: int) -> None:
+        """Serve these objects; `segment_ns` is the pause from one segment of a block upload to the next."""
+        self._objects = objects
+        self._segment_ns = segment_ns
+        self._transfer: _Transfer | None = None
+        self.next_ns = NEVER_NS
+        self._limit_ns = NEVER_NS  # when the transfer is given up
+        self._commands: dict[int, Callable[[bytes, int], bytes | None]] = {
+            DOWNLOAD: self._download,
+            SEGMENT_DOWNLOAD: self._download_segment,
+            UPLOAD: self._upload,
+            SEGMENT_UPLOAD: self._upload_segment,
+            BLOCK_DOWNLOAD: self._block_download,
+            BLOCK_UPLOAD: self._block_upload,
+        }
+
+    def reset(self) -> None:
+        """Forget the transfer that is under way."""
+        self._transfer = None
+        self.next_ns = self._limit_ns = NEVER_NS
+
+    def request(self, message: bytes, now_ns: int) -> bytes | None:
+        """Take a request; gives the answer, if there is one."""
+        if len(message) != MESSAGE_BYTES:
+            return None
+        if message[0] == ABORT:
+            self.reset()
+            return None
+        transfer = self._transfer
+        self._await(now_ns)
+        if isinstance(transfer, _BlockDownload) and not transfer.is_complete:
+            return self._block_segment(transfer, message, now_ns)
+        answer = self._commands.get(message[0] & COMMAND_BITS, self._unknown)(message, now_ns)
+        if self._transfer is None:
+            self.reset()
+        return answer
+
+    def tick(self, now_ns: int) -> bytes | None:
+        """Time has come: the next segment of an upload, an answer to an interrupted block, or the end of patience."""
+        transfer = self._transfer
+        if transfer is None or now_ns < self.next_ns:
+            return None
+        if now_ns >= self._limit_ns:
+            return self._abort(transfer.index, transfer.sub_index, Abort.TIME_OUT)
+        self.next_ns = self._limit_ns
+        if isinstance(transfer, _BlockUpload) and transfer.phase is _Phase.SENDING:
+            return self._send_segment(transfer, now_ns)
+        if isinstance(transfer, _BlockDownload) and transfer.has_begun:
+            return self._acknowledge(transfer)
+        return None
+
+    def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
+        """Give the client time anew; be woken before that where something else is to be done."""
+        self._limit_ns = now_ns + TIME_OUT_NS
+        self.next_ns = min(self._limit_ns, wake_ns)
+
+    def _abort(self, index: int, sub_index: int, reason: Abort) -> bytes:
+        self.reset()
+        return abort_message(index, sub_index, reason)
+
+    def _unknown(self, message: bytes, _now_ns: int) -> bytes:
+        """A request that does not exist, or has no place here: it ends what is under way, too."""
+        transfer = self._transfer
+        index, sub_index = read_head(message)[:2] if transfer is None else (transfer.index, transfer.sub_index)
+        return self._abort(index, sub_index, Abort.COMMAND)
+
+    # Expedited and segmented
+
+    def _download(self, message: bytes, _now_ns: int) -> bytes:
+        self._transfer = None
+        command, (index, sub_index, rest) = message[0], read_head(message)
+        length = None
+        if command & SIZE_GIVEN:
+            unused = command >> 2 & 3
+            length = _EXPEDITED_BYTES - unused if command & EXPEDITED else int.from_bytes(rest, "little")
+        room = self._objects.room(index, sub_index, length)
+        if isinstance(room, Abort):
+            return self._abort(index, sub_index, room)
+        if command & EXPEDITED:
+            return self._write(index, sub_index, rest[: room if length is None else length], DOWNLOAD_ANSWER)
+        self._transfer = _Download(index, sub_index, length, room)
+        return with_data(DOWNLOAD_ANSWER, index, sub_index)
+
+    def _write(self, index: int, sub_index: int, data: bytes, answer: int) -> bytes:
+        """Everything has come: hand it over, and say how that went; the transfer is at its end."""
+        refusal = self._objects.write(index, sub_index, data)
+        if refusal is not None:
+            return self._abort(index, sub_index, refusal)
+        self._transfer = None
+        is_initiate = answer == DOWNLOAD_ANSWER
+        return with_data(answer, index, sub_index) if is_initiate else segment(answer, b"")
+
+    def _download_segment(self, message: bytes, now_ns: int) -> bytes:
+        transfer, command = self._transfer, message[0]
+        if not isinstance(transfer, _Download):
+            return self._unknown(message, now_ns)
+        if command & TOGGLE != transfer.toggle:
+            return self._abort(transfer.index, transfer.sub_index, Abort.TOGGLE)
+        transfer.data += message[1 : MESSAGE_BYTES - (command >> 1 & 7)]
+        is_last = bool(command & LAST_SEGMENT)
+        if not _fits(transfer, is_last=is_last):
+            return self._abort(transfer.index, transfer.sub_index, Abort.LENGTH)
+        answer = SEGMENT_DOWNLOAD_ANSWER | transfer.toggle
+        if is_last:
+            return self._write(transfer.index, transfer.sub_index, bytes(transfer.data), answer)
+        transfer.toggle ^= TOGGLE
+        return segment(answer, b"")
+
+    def _upload(self, message: bytes, _now_ns: int) -> bytes:
+        self._transfer = None
+        index, sub_index, _ = read_head(message)
+        data = self._objects.read(index, sub_index)
+        if isinstance(data, Abort):
+            return self._abort(index, sub_index, data)
+        if 0 < len(data) <= _EXPEDITED_BYTES:
+            unused = _EXPEDITED_BYTES - len(data)
+            return with_data(UPLOAD_ANSWER | unused << 2 | EXPEDITED | SIZE_GIVEN, index, sub_index, data)
+        self._transfer = _Upload(index, sub_index, data)
+        return with_number(UPLOAD_ANSWER | SIZE_GIVEN, index, sub_index, len(data))
+
+    def _upload_segment(self, message: bytes, now_ns: int) -> bytes:
+        transfer, command = self._transfer, message[0]
+        if not isinstance(transfer, _Upload):
+            return self._unknown(message, now_ns)
+        if command & TOGGLE != transfer.toggle:
+            return self._abort(transfer.index, transfer.sub_index, Abort.TOGGLE)
+        part = transfer.data[transfer.at : transfer.at + SEGMENT_BYTES]
+        answer = SEGMENT_UPLOAD_ANSWER | transfer.toggle | SEGMENT_BYTES - len(part) << 1
+        transfer.at += SEGMENT_BYTES
+        transfer.toggle ^= TOGGLE
+        if transfer.at >= len(transfer.data):
+            self._transfer = None
+            answer |= LAST_SEGMENT
+        return segment(answer, part)
+
+    # Block download
+
+    def _block_download(self, message: bytes, now_ns: int) -> bytes:
+        command, (index, sub_index, rest) = message[0], read_head(message)
+        if command & BLOCK_END:
+            return self._block_download_end(message, now_ns)
+        self._transfer = None
+        length = int.from_bytes(rest, "little") if command & BLOCK_SIZE_GIVEN else None
+        room = self._objects.room(index, sub_index, length)
+        if isinstance(room, Abort):
+            return self._abort(index, sub_index, room)
+        self._transfer = _BlockDownload(index, sub_index, length, room, bool(command & BLOCK_CRC))
+        answer = BLOCK_DOWNLOAD_ANSWER | command & BLOCK_CRC | BLOCK_INITIATE
+        return with_data(answer, index, sub_index, bytes((SEGMENTS_PER_BLOCK,)))
+
+    def _block_segment(self, transfer: _BlockDownload, message: bytes, now_ns: int) -> bytes | None:
+        sequence, is_last = message[0] & SEQUENCE_BITS, bool(message[0] & BLOCK_LAST_SEGMENT)
+        transfer.has_begun = True
+        if sequence == transfer.sequence + 1:
+            transfer.sequence = sequence
+            transfer.data += message[1:]
+            transfer.is_complete = is_last
+            most = transfer.room if transfer.length is None else transfer.length
+            if len(transfer.data) > most + SEGMENT_BYTES:
+                return self._abort(transfer.index, transfer.sub_index, Abort.LENGTH)
+        if is_last or sequence >= SEGMENTS_PER_BLOCK:
+            return self._acknowledge(transfer)
+        self._await(now_ns, now_ns + BLOCK_PAUSE_NS)
+        return None
+
+    def _acknowledge(self, transfer: _BlockDownload) -> bytes:
+        """Say how far the block has come; the next segment of the client has number 1 again."""
+        received, transfer.sequence, transfer.has_begun = transfer.sequence, 0, False
+        return segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, bytes((received, SEGMENTS_PER_BLOCK)))
+
+    def _block_download_end(self, message: bytes, now_ns: int) -> bytes:
+        transfer = self._transfer
+        if not isinstance(transfer, _BlockDownload):
+            return self._unknown(message, now_ns)
+        del transfer.data[len(transfer.data) - (message[0] >> 2 & 7) :]
+        if not _fits(transfer, is_last=True):
+            return self._abort(transfer.index, transfer.sub_index, Abort.LENGTH)
+        if transfer.has_crc and crc(transfer.data) != block_checksum(message):
+            return self._abort(transfer.index, transfer.sub_index, Abort.CRC)
+        answer = BLOCK_DOWNLOAD_ANSWER | BLOCK_END
+        return self._write(transfer.index, transfer.sub_index, bytes(transfer.data), answer)
+
+    # Block upload
+
+    def _block_upload(self, message: bytes, now_ns: int) -> bytes | None:
+        part, transfer = message[0] & BLOCK_PART_BITS, self._transfer
+        if part == BLOCK_INITIATE:
+            return self._block_upload_initiate(message)
+        if isinstance(transfer, _BlockUpload):
+            if part == BLOCK_START and transfer.phase is _Phase.OPENED:
+                return self._send_segment(transfer, now_ns)
+            if part == BLOCK_ACKNOWLEDGE and transfer.phase in (_Phase.SENDING, _Phase.WAITING):
+                return self._acknowledged(transfer, message[1], message[2], now_ns)
+            if part == BLOCK_END and transfer.phase is _Phase.CLOSING:
+                self._transfer = None
+                return None
+        return self._unknown(message, now_ns)
+
+    def _block_upload_initiate(self, message: bytes) -> bytes:
+        self._transfer = None
+        index, sub_index, rest = read_head(message)
+        if not 0 < rest[0] <= MOST_SEGMENTS:
+            return self._abort(index, sub_index, Abort.BLOCK_SIZE)
+        data = self._objects.read(index, sub_index)
+        if isinstance(data, Abort):
+            return self._abort(index, sub_index, data)
+        self._transfer = _BlockUpload(index, sub_index, data, bool(message[0] & BLOCK_CRC), rest[0])
+        answer = BLOCK_UPLOAD_ANSWER | message[0] & BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
+        return with_number(answer, index, sub_index, len(data))
+
+    def _send_segment(self, transfer: _BlockUpload, now_ns: int) -> bytes:
+        """Send the next segment of the block; the one after it when the bus has had its turn."""
+        start = transfer.at + transfer.sent * SEGMENT_BYTES
+        part = transfer.data[start : start + SEGMENT_BYTES]
+        transfer.sent += 1
+        command = transfer.sent
+        if start + SEGMENT_BYTES >= len(transfer.data):
+            command |= BLOCK_LAST_SEGMENT
+        if command & BLOCK_LAST_SEGMENT or transfer.sent == transfer.size:
+            transfer.phase = _Phase.WAITING
+        else:
+            transfer.phase = _Phase.SENDING
+            self._await(now_ns, now_ns + self._segment_ns)
+        return segment(command, part)
+
+    def _acknowledged(self, transfer: _BlockUpload, received: int, size: int, now_ns: int) -> bytes:
+        """So many segments of the block have come in order, perhaps before all went out; `size` is the next one's."""
+        if received > transfer.sent:
+            return self._abort(transfer.index, transfer.sub_index, Abort.SEQUENCE)
+        if not 0 < size <= MOST_SEGMENTS:
+            return self._abort(transfer.index, transfer.sub_index, Abort.BLOCK_SIZE)
+        transfer.at += received * SEGMENT_BYTES
+        if received and transfer.at >= len(transfer.data):
+            transfer.phase = _Phase.CLOSING
+            unused = transfer.at - len(transfer.data)
+            checksum = crc(transfer.data) if transfer.has_crc else 0
+            return block_end(BLOCK_UPLOAD_ANSWER | unused << 2 | BLOCK_END, checksum)
+        transfer.sent, transfer.size = 0, size
+        return self._send_segment(transfer, now_ns)
+
+
+def _fits(transfer: _Download | _BlockDownload, *, is_last: bool) -> bool:
+    """Tell whether what has come has a length that was announced, or that the object may have."""
+    length = len(transfer.data)
+    if transfer.length is None:
+        return length <= transfer.room
+    return length == transfer.length if is_last else length <= transfer.length
