@@ -23,6 +23,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "rules_command": ("rules", "explain", "schema"),
     "render_command": ("render",),
     "diff_command": ("diff",),
+    "bus_command": ("bus",),
     "contingencies_command": ("contingencies",),
 }
 

@@ -99,7 +99,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
-    text = _text(arguments.running) if arguments.running else None
+    text = read_text(arguments.running) if arguments.running else None
     running = read_running(text) if text is not None else None
     found = explained(spec, plan(spec, now, running))
     way = transition(spec, _as_known(text), found.configuration, now) if text is not None else None
@@ -130,8 +130,8 @@ def run_verify(arguments: argparse.Namespace) -> int:
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    text = _text(arguments.plan)
-    violations = verify(spec, _judged_in(spec, text, arguments), read_configuration(text))
+    text = read_text(arguments.plan)
+    violations = verify(spec, judged_in(spec, text, arguments), read_configuration(text))
     for violation in violations:
         print(violation)
     if not violations:
@@ -139,7 +139,7 @@ def run_verify(arguments: argparse.Namespace) -> int:
     return 1 if violations else 0
 
 
-def _judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
+def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
     """Take the situation from the plan, and from the options what they say."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415
@@ -153,7 +153,7 @@ def _judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situa
     )
 
 
-def _text(file: str) -> str:
+def read_text(file: str) -> str:
     """Read a file, or standard input for `-`."""
     try:
         return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")

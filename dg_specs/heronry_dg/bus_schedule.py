@@ -1,0 +1,199 @@
+"""Every message on a bus, with its worst-case response time: data, and what manages them.
+
+The data and what stands above them are those of rule 9 (`response_times`), under the identifiers that they really have:
+LEASE and ALIVE of a manager, the state of each PE on the bus. Below the data come the CANopen heartbeats, once a
+second; rule 9 counts them, and whatever else is down there, as one 8-byte frame that has just started. Response times
+count from when a message is due at its source; that of a datum on its second bus holds the first one's as well.
+
+What is not regular has no line of its own: PREPARE, SLICE, ACTIVATE, PING, EMCY and CONTROL go out within the room that
+the reserve leaves, and outputs are echoed below everything.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import ceil
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Bus, Spec
+from heronry_dg.response_times import Response, ResponseTimes
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
+from heronry_wire.canaerospace import HEADER_BYTES, DataType
+from heronry_wire.frame import MAX_DATA_BYTES
+from heronry_wire.identifiers import FIRST_MANAGER, Command, heartbeat_id, management_id, state_id
+from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bits
+
+CANOPEN_HEARTBEAT_NS = 1_000_000_000
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ScheduledMessage:
+    """One message of one bus; times in nanoseconds, worst cases rounded up."""
+
+    identifier: int
+    kind: str  # management | data | heartbeat
+    name: str  # the variable, or what the frame is
+    producer: str | None  # the module
+    node: str  # the PE that sends it at its source, or "manager"
+    data_bytes: int
+    bits: int  # of its longest frame
+    period_ns: int
+    response_ns: int | None  # None: nothing bounds it, or the bus is not analysed
+    deadline_ns: int
+
+    @property
+    def slack_ns(self) -> int | None:
+        """What is left of the deadline; less than nothing where it can be missed."""
+        return None if self.response_ns is None else self.deadline_ns - self.response_ns
+
+
+@dataclass(frozen=True, slots=True)
+class BusSchedule:
+    """What one bus carries; shares are of its bit rate."""
+
+    bus: Bus
+    is_up: bool
+    messages: tuple[ScheduledMessage, ...]  # most urgent first
+    data: Fraction
+    data_limit: Fraction  # max_load - reserve, or what is left of it
+    management: Fraction  # everything regular that is no data
+    blocking_ns: int  # the longest frame that may just have started
+
+    def share(self, message: ScheduledMessage) -> Fraction:
+        """Share of the bit rate that a message takes at most."""
+        return Fraction(message.bits * _NS_PER_S, message.period_ns * self.bus.bitrate)
+
+    @property
+    def reserve_left_frames_per_s(self) -> int:
+        """Longest frames a second that the reserve still has room for; none where it is overdrawn."""
+        left = (self.bus.reserve - self.management) * self.bus.bitrate / WORST_BLOCKING_BITS
+        return max(0, int(left))
+
+
+def bus_schedules(spec: Spec, now: Situation, configuration: Configuration) -> list[BusSchedule]:
+    """Give every bus of the spec with what it carries under a configuration, whose names must exist in the spec.
+
+    Raises WireError where the spec has more sources than identifiers.
+    """
+    left = survivors(spec, now)
+    published = hops(left, configuration)
+    loads = bus_loads_mbit_per_s(spec, published)
+    times = ResponseTimes(spec)
+    responses = {(r.hop.producer, r.hop.variable, r.hop.bus): r for r in times.responses(published)}
+    schedules = []
+    for bus in spec.buses.values():
+        there = sorted(
+            (hop for hop in published if hop.bus == bus.name),
+            key=lambda hop: times.identifiers[hop.producer, hop.variable],
+        )
+        data = [_datum(spec, configuration, hop, times, responses) for hop in there]
+        jitters = [_arrives(hop, responses) for hop in there]
+        messages = _messages(spec, bus, data, jitters)
+        room = left.bus_mbit_per_s.get(bus.name)
+        schedules.append(
+            BusSchedule(
+                bus=bus,
+                is_up=room is not None,
+                messages=messages,
+                data=Fraction(loads[bus.name], 1000 * bus.bitrate),
+                data_limit=Fraction(room or 0, 1000 * bus.bitrate),
+                management=_load(bus, (message for message in messages if message.producer is None)),
+                blocking_ns=ceil(Fraction(WORST_BLOCKING_BITS * _NS_PER_S, bus.bitrate)),
+            )
+        )
+    return schedules
+
+
+_Responses = Mapping[tuple[str, str, str], Response]
+
+
+def _datum(
+    spec: Spec, configuration: Configuration, hop: Hop, times: ResponseTimes, responses: _Responses
+) -> ScheduledMessage:
+    variable, mode = spec.variables[hop.variable], spec.modules[hop.producer].modes[hop.mode]
+    period_ns = 1000 * _NS_PER_S // mode.rate_mhz
+    response = responses.get((hop.producer, hop.variable, hop.bus))
+    return ScheduledMessage(
+        identifier=times.identifiers[hop.producer, hop.variable],
+        kind="data",
+        name=hop.variable,
+        producer=hop.producer,
+        node=configuration.modules[hop.producer].pe,
+        data_bytes=HEADER_BYTES + DataType[variable.type].payload_bytes,
+        bits=frame_bits(spec, hop.variable),
+        period_ns=period_ns,
+        response_ns=response.response_ns if response else None,
+        deadline_ns=period_ns if variable.deadline_ns is None else variable.deadline_ns,
+    )
+
+
+def _arrives(hop: Hop, responses: _Responses) -> int | None:
+    """When the datum of a hop comes to its bus at the latest; a wireless bus before it adds nothing."""
+    before = responses.get((hop.producer, hop.variable, hop.after)) if hop.after is not None else None
+    return 0 if before is None else before.response_ns
+
+
+def _messages(
+    spec: Spec, bus: Bus, data: list[ScheduledMessage], jitters: list[int | None]
+) -> tuple[ScheduledMessage, ...]:
+    """Put the regular frames around the data, with response times of their own where the bus is wired."""
+    above, below = _above(spec, bus), _below(spec, bus)
+    if bus.kind == "wired":
+        bounded = [ns for ns in jitters if ns is not None]
+        if len(bounded) == len(jitters):
+            times = _times(bus, [*above, *data, *below], [*(0 for _ in above), *bounded, *(0 for _ in below)])
+            below = _timed(below, times[len(times) - len(below) :])
+        above = _timed(above, _times(bus, above, [0] * len(above)))
+    return (*above, *data, *below)
+
+
+def _above(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
+    """LEASE, ALIVE and the states of the PEs on a bus; to other buses than the manager's a gateway passes them on."""
+    lease, alive = (management_id(FIRST_MANAGER, command) for command in (Command.LEASE, Command.ALIVE))
+    nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
+    period_ns = bus.heartbeat_ns
+    return [
+        _management("management", lease, "LEASE", "manager", period_ns),
+        _management("management", alive, "ALIVE", "manager", period_ns),
+        *(_management("management", state_id(node), "state", name, period_ns) for node, name in nodes),
+    ]
+
+
+def _below(spec: Spec, bus: Bus) -> list[ScheduledMessage]:
+    """The CANopen heartbeats on a bus, of one byte each."""
+    nodes = sorted((pe.node_id, pe.name) for pe in spec.pes.values() if bus.name in pe.buses)
+    if bus.name == spec.manager.bus:
+        nodes.append((FIRST_MANAGER, "manager"))
+    return [
+        _management("heartbeat", heartbeat_id(node), "CANopen heartbeat", name, CANOPEN_HEARTBEAT_NS, data_bytes=1)
+        for node, name in nodes
+    ]
+
+
+def _management(
+    kind: str, identifier: int, name: str, node: str, period_ns: int, *, data_bytes: int = MAX_DATA_BYTES
+) -> ScheduledMessage:
+    return ScheduledMessage(
+        identifier, kind, name, None, node, data_bytes, worst_bits(data_bytes), period_ns, None, period_ns
+    )
+
+
+def _times(bus: Bus, messages: list[ScheduledMessage], jitters_ns: list[int]) -> list[int | None]:
+    """Response times in nanoseconds, rounded up."""
+    bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
+    analysed = [
+        Message(m.name, m.bits, m.period_ns * bits_per_ns, jitter * bits_per_ns, m.deadline_ns * bits_per_ns)
+        for m, jitter in zip(messages, jitters_ns, strict=True)
+    ]
+    found = analyse(analysed, blocking_bits=WORST_BLOCKING_BITS)
+    return [None if r.bits is None else ceil(r.bits / bits_per_ns) for r in found]
+
+
+def _timed(messages: list[ScheduledMessage], times: list[int | None]) -> list[ScheduledMessage]:
+    return [replace(message, response_ns=ns) for message, ns in zip(messages, times, strict=True)]
+
+
+def _load(bus: Bus, messages: Iterable[ScheduledMessage]) -> Fraction:
+    return sum((Fraction(m.bits * _NS_PER_S, m.period_ns * bus.bitrate) for m in messages), Fraction(0))

@@ -1,0 +1,171 @@
+"""`heronry bus`: what every bus carries, under the plan that is asked for, and whether it comes in time."""
+
+import json
+import re
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.bus_schedule import BusSchedule, bus_schedules
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.loader import load, loads
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import situation, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+from heronry_manager.planner.exact import plan
+from heronry_tools.cli import main
+from heronry_wire.identifiers import Use, classify
+
+# Readings cross a bus of 20 kbit/s, and go on to a second one.
+SLOW = """
+dg: 1
+name: slow
+buses: {near: {bitrate: 20000, heartbeat_ms: 200}, far: {bitrate: 1000000}}
+pes:
+  eye:  {node_id: 92, buses: [near], cpu: 1, ram: 1MiB, flash: 1MiB}
+  gate: {node_id: 93, buses: [near, far], cpu: 1, ram: 1MiB, flash: 1MiB}
+  hand: {node_id: 94, buses: [far], cpu: 1, ram: 1MiB, flash: 1MiB}
+variables: {view: {type: FLOAT, deadline_ms: 200}}
+modules:
+  look: {runs_on: [eye], gives: {view: 1}, cpu: 0.1, ram: 1KiB, rate_hz: RATE}
+  act: {needs: view, runs_on: [hand], cpu: 0.1, ram: 1KiB, rate_hz: 10}
+functions: {acting: {output: act}}
+"""
+RUNNING = Configuration({"look": Running("eye", "only"), "act": Running("hand", "only", {"": Wire("look", "view", 1)})})
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    code = main(list(arguments))
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def schedules_of(name: str, *down: str) -> tuple[list[BusSchedule], Configuration]:
+    spec = load(shipped_spec_path(name))
+    now = situation(spec, down)
+    configuration = plan(spec, now).configuration
+    return bus_schedules(spec, now, configuration), configuration
+
+
+def test_data_have_the_response_times_and_the_load_of_the_judge() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    schedules, configuration = schedules_of("big_blue")
+    published = hops(survivors(spec, situation(spec)), configuration)
+    judged = {
+        (r.hop.bus, r.hop.variable, r.hop.producer): r.response_ns for r in ResponseTimes(spec).responses(published)
+    }
+    shown = {
+        (s.bus.name, m.name, m.producer): m.response_ns
+        for s in schedules
+        for m in s.messages
+        if m.kind == "data" and s.bus.kind == "wired"
+    }
+    assert shown == judged
+    exact = bus_loads_mbit_per_s(spec, published)
+    assert {s.bus.name: s.data * 1000 * s.bus.bitrate for s in schedules} == exact
+
+
+def test_everything_stands_in_order_of_priority_under_its_own_identifier() -> None:
+    uses = {"management": {Use.MANAGEMENT, Use.STATE}, "data": {Use.STANDARD_DATA, Use.ALLOCATED_DATA}}
+    for schedule in schedules_of("big_blue")[0]:
+        identifiers = [message.identifier for message in schedule.messages]
+        assert identifiers == sorted(set(identifiers))
+        for message in schedule.messages:
+            assert classify(message.identifier).use in uses.get(message.kind, {Use.HEARTBEAT})
+
+
+def test_what_manages_comes_before_all_data_and_takes_the_reserve() -> None:
+    (schedule,), _ = schedules_of("elevator_and_chute")
+    first, second = schedule.messages[:2]
+    assert (first.name, first.response_ns, second.name, second.response_ns) == ("LEASE", 270_000, "ALIVE", 405_000)
+    assert schedule.management == Fraction(5 * 135 * 50 + 4 * 65, 1_000_000)
+    assert schedule.reserve_left_frames_per_s == (100_000 - 5 * 135 * 50 - 4 * 65) // 135
+    assert schedule.share(first) == Fraction(135 * 50, 1_000_000)
+
+
+def test_a_second_bus_holds_the_time_of_the_first_and_without_a_bound_there_is_none_after_it() -> None:
+    spec = loads(SLOW.replace("RATE", "5"), "slow.dg.yaml")
+    near, far = bus_schedules(spec, situation(spec), RUNNING)
+    (here,), (there,) = ([m for m in s.messages if m.kind == "data"] for s in (near, far))
+    assert here.response_ns is not None
+    assert there.response_ns is not None
+    assert there.response_ns > here.response_ns
+    assert all(message.slack_ns is not None for message in far.messages)
+    flooded = loads(SLOW.replace("RATE", "200"), "slow.dg.yaml")
+    near, far = bus_schedules(flooded, situation(flooded), RUNNING)
+    assert [m.response_ns for s in (near, far) for m in s.messages if m.kind != "management"] == [None] * 7
+    assert near.data > near.data_limit
+
+
+def test_the_report_shows_each_message_and_the_totals(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "bus", "big_blue", "--phase", "glide")
+    assert (code, err) == (0, "")
+    assert out.startswith("big_blue, phase glide, nothing down\n")
+    assert re.search(
+        r"^257 +state +flight +8 +20\.000 ms +0\.540 ms +\[#\.{4}\] 20\.000 ms +19\.460 ms +0\.68%$", out, re.MULTILINE
+    )
+    assert re.search(r"^1884 +CANopen heartbeat +flight +1 ", out, re.MULTILINE)
+    assert "the reserve has room for 236 frames/s more" in out
+    assert "response times are worked out for wired buses alone" in out
+    radio = run(capsys, "bus", "big_blue", "--bus", "radio")[1]
+    assert "bus can0" not in radio
+
+
+def test_on_a_terminal_it_is_drawn_with_bars(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "140")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    out = re.sub(r"\x1b\[[0-9;]*m", "", run(capsys, "bus", "elevator_and_chute")[1])
+    assert "█░░░░ 20.000 ms" in out
+
+
+def test_a_plan_that_was_kept_is_looked_at_in_its_own_situation(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    kept = tmp_path / "plan.json"
+    kept.write_text(run(capsys, "plan", "big_blue", "--down", "bus:radio", "--json")[1])
+    code, out, _ = run(capsys, "bus", "big_blue", "--plan", str(kept), "--json")
+    document = json.loads(out)
+    assert (code, document["down"], document["buses"]["radio"]["up"]) == (0, ["bus:radio"], False)
+    assert document["buses"]["can0"]["messages"][0]["slack_ns"] == 20_000_000 - 270_000
+    assert "is down" in run(capsys, "bus", "big_blue", "--plan", str(kept))[1]
+
+
+def test_too_much_or_too_late_is_said_and_makes_the_exit_code_1(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    spec, kept = tmp_path / "slow.dg.yaml", tmp_path / "plan.json"
+    spec.write_text(SLOW.replace("RATE", "200"))
+    running = {n: {"pe": r.pe, "mode": r.mode, "inputs": {}} for n, r in RUNNING.modules.items()}
+    running["act"]["inputs"] = {"": {"producer": "look", "variable": "view", "version": 1}}
+    kept.write_text(json.dumps({"modules": running}))
+    code, out, _ = run(capsys, "bus", str(spec), "--plan", str(kept))
+    assert code == 1
+    assert "135.00% of 70.00%: TOO MUCH" in out
+    assert "no bound" in out
+    spec.write_text(SLOW.replace("RATE", "20").replace("200}", "20}"))
+    code, out, _ = run(capsys, "bus", str(spec), "--plan", str(kept))
+    assert code == 1
+    assert re.search(r"-\d+\.\d{3} ms", out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--bus", "can1"), "big_blue has no bus 'can1'; its buses are can0, radio"),
+        (("--plan", "PLAN"), "the spec has no such module; what such a plan sends cannot be told"),
+        (("--down", "pe:nowhere"), "no pe is named 'nowhere'"),
+    ],
+)
+def test_what_cannot_be_shown_is_told_in_one_sentence(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plan_file = tmp_path / "plan.json"
+    plan_file.write_text('{"modules": {"nobody": {"pe": "nav", "mode": "only", "inputs": {}}}}')
+    code, out, err = run(capsys, "bus", "big_blue", *(str(plan_file) if a == "PLAN" else a for a in arguments))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert sentence in err
