@@ -1,0 +1,88 @@
+"""When functions of class A to D find no room one after the other: choose first, then pack.
+
+*Choose*: all of them are served in their cheapest modes, by their cheapest producers, on PEs without limits.
+
+*Pack*: what came out of that is put on the real PEs without a wire: what has one PE to go to first, then the largest
+first, each where the least is left. The size of a module counts what is scarce: its share of each resource weighs as
+much as that resource is asked for. What does not fit goes to the front, and all is packed anew, a few times over; the
+packing that places the most counts.
+
+The answer says where modules should be, and nothing about wires: it stands in for what ran before, and a repair makes a
+configuration of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.scene import Scene
+from heronry_manager.planner.greedy.serving import Before, Server
+from heronry_manager.planner.greedy.tables import Tables, Wanted
+
+_ROUNDS: Final = 8
+_ENDLESS: Final = 1 << 60
+
+
+def packed(tables: Tables, wanted: Wanted, scene: Scene) -> Before:
+    """Choose and pack what serves the critical functions."""
+    modes = _chosen(tables, wanted, scene)
+    draft = Draft(tables, scene)
+    server = Server(tables, wanted, scene, draft, _nothing(tables))
+    server.tight = True
+    empty, best, most = draft.mark(), _nothing(tables), 0
+    order = _order(tables, scene, draft, modes)
+    for _ in range(_ROUNDS):
+        left_out = _pack(tables, server, order)
+        if len(order) - len(left_out) > most:
+            most, best = len(order) - len(left_out), list(zip(draft.mode, draft.pe, strict=True))
+        draft.undo(empty)
+        if not left_out:
+            break
+        order = [*left_out, *(mode for mode in order if mode not in left_out)]
+    return best
+
+
+def _nothing(tables: Tables) -> Before:
+    return [(-1, -1)] * len(tables.modules)
+
+
+def _chosen(tables: Tables, wanted: Wanted, scene: Scene) -> list[int]:
+    """Modes in which modules would run for the critical functions, if there was room for anything."""
+    draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.buses)))
+    draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.pes) for _ in range(3))
+    server = Server(tables, wanted, scene, draft, _nothing(tables))
+    for goal in wanted.goals:
+        if goal.rank < len(CRITICAL_CLASSES) and not server.is_served(goal):
+            server.serve_in(reversed(goal.modes))
+    return [mode for mode in draft.mode if mode >= 0]
+
+
+def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> list[int]:
+    needs = {mode: (tables.cpu[mode], tables.ram[mode], tables.flash[tables.module_of[mode]]) for mode in modes}
+    pes = [pe for pe in range(len(tables.pes)) if scene.pes >> pe & 1]
+    there = [max(1, sum(of[pe] for pe in pes)) for of in (draft.cpu, draft.ram, draft.flash)]
+    asked = [sum(needed) for needed in zip(*needs.values(), strict=True)]
+    scarcity = [all_asked / (all_there * all_there) for all_asked, all_there in zip(asked, there, strict=False)]
+
+    def size(mode: int) -> float:
+        return sum((needed * scarce for needed, scarce in zip(needs[mode], scarcity, strict=True)), 0.0)
+
+    def is_free(mode: int) -> bool:
+        return (tables.hosts[mode] & scene.pes).bit_count() > 1
+
+    return sorted(modes, key=lambda mode: (is_free(mode), -size(mode)))
+
+
+def _pack(tables: Tables, server: Server, order: Sequence[int]) -> list[int]:
+    """Place modes without their wires; give those that found no place."""
+    left_out = []
+    for mode in order:
+        module = tables.module_of[mode]
+        place = next(server.places(module, mode), None)
+        if place is None:
+            left_out.append(mode)
+        else:
+            server.draft.start(module, mode, place)
+    return left_out

@@ -1,0 +1,94 @@
+"""A legal plan at once, for any situation, in pure Python: what flies until the optimum is known, or without it.
+
+Nothing is proven here, and nothing is searched for long. What ran before is repaired (`repairing`): what still holds
+stays as it is, what a fault took is served again where there is room, and room is made for what matters more. Where a
+function of class A to D is still left out though no fault keeps it from running, all that these functions need is
+chosen and packed anew (`packing`), repaired in its turn, and the better of the two drafts counts. Inputs that are
+optional, or could be better, are supplied last (`supplying`).
+
+A plan is legal by construction, and by the judge's own rules: capacities, placement rules, gates and buses are kept at
+every step of a draft (`draft`). Deadlines are looked at when a draft is done (`punctuality`); where one would be
+missed, the same is done once more with a look at every message that is about to be published. The empty plan is always
+legal, so there is always a plan.
+
+No clock, no random source, no state but what follows from the spec: the same situation and running configuration give
+the same plan, whatever was asked before.
+
+    tables       the spec in integers, worked out once
+    scene        what a situation leaves
+    draft        a configuration in the making, and how to take anything back
+    serving      one function at a time
+    repairing    the order of things; what gives way to what
+    packing      when room is scarce
+    supplying    optional inputs
+    punctuality  deadlines
+    report       from integers to a plan
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES, Placement
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_manager.planner.greedy.draft import MayPublish
+from heronry_manager.planner.greedy.packing import packed
+from heronry_manager.planner.greedy.punctuality import Punctuality
+from heronry_manager.planner.greedy.repairing import Repair
+from heronry_manager.planner.greedy.report import plan_of
+from heronry_manager.planner.greedy.scene import Scene, Scenery
+from heronry_manager.planner.greedy.serving import Before
+from heronry_manager.planner.greedy.tables import Tables, Wanted
+
+
+class Greedy:
+    """The greedy planner of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        """Work out all that can be known before a fault: some milliseconds."""
+        self._tables = Tables(spec)
+        self._scenery = Scenery(self._tables)
+        self._punctuality = Punctuality(self._tables)
+
+    def plan(self, now: Situation, running: Placement | None = None) -> Plan:
+        """Find a legal configuration, not proven to be the best.
+
+        now: a situation of this spec, as `situation` makes them. running: what runs now; the plan keeps to it where
+        that costs no function anything. None: nothing is known to run.
+        """
+        scene = self._scenery.scene(now)
+        wanted = self._tables.wanted(now.phase)
+        repair = self._punctual(wanted, scene, self._before(scene, running or {}))
+        return plan_of(repair.draft, self._tables, wanted, now, running)
+
+    def _before(self, scene: Scene, running: Placement) -> Before:
+        tables = self._tables
+        before = [(-1, -1)] * len(tables.modules)
+        for name, (mode, pe) in running.items():
+            number, place = tables.mode_number.get((name, mode), -1), tables.pe_number.get(pe, -1)
+            if number >= 0:
+                is_up = place >= 0 and scene.pes >> place & 1
+                before[tables.module_of[number]] = (number, place if is_up else -1)
+        return before
+
+    def _punctual(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
+        """Find a draft that meets its deadlines, with as little looking at them as possible."""
+        in_time = self._punctuality.are_met
+        repair = self._best(wanted, scene, before, None)
+        if not in_time(repair.draft):
+            repair = self._best(wanted, scene, before, in_time)
+        without_inputs = repair.draft.mark()
+        repair.supply()
+        if not in_time(repair.draft):
+            repair.draft.undo(without_inputs)
+            repair.draft.may_publish = in_time
+            repair.supply()
+        return repair
+
+    def _best(self, wanted: Wanted, scene: Scene, before: Before, may_publish: MayPublish | None) -> Repair:
+        """Repair what ran; where that leaves out a critical function, pack anew as well."""
+        repair = Repair(self._tables, wanted, scene, before, may_publish)
+        repair.run()
+        if all(goal.rank >= len(CRITICAL_CLASSES) for goal in repair.unserved()):
+            return repair
+        other = Repair(self._tables, wanted, scene, packed(self._tables, wanted, scene), may_publish)
+        other.run()
+        return other if other.score() > repair.score() else repair

@@ -1,0 +1,171 @@
+"""From what ran to what should run: the order in which the greedy planner does things.
+
+1. *Adopt* what still holds, most important functions first, as it was.
+2. *Serve* what is left, most important first, in what room there is.
+3. *Make room* for what found none: producers go into cheaper modes that their readers accept; functions that matter
+   less are stopped, and others put into worse modes, one by one until it fits. Then what was stopped is served again as
+   far as it goes. All of that counts only if levels 1 and 2 are better for it; else it never happened.
+4. *Improve*: put functions into better modes while that fits.
+
+Inputs (level 3) come last, once all functions have what they can get: `supplying`.
+"""
+
+from typing import Final
+
+from heronry_manager.planner.greedy.draft import Draft, MayPublish
+from heronry_manager.planner.greedy.scene import Scene
+from heronry_manager.planner.greedy.serving import Before, Server
+from heronry_manager.planner.greedy.supplying import supply
+from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
+
+_TRIES: Final = 40  # functions put down or aside, over all that room is made for
+_SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
+
+
+class Repair:
+    """One draft for one situation."""
+
+    def __init__(
+        self, tables: Tables, wanted: Wanted, scene: Scene, before: Before, may_publish: MayPublish | None
+    ) -> None:
+        """Start from nothing; `before` is what ran, or what should."""
+        self.draft = Draft(tables, scene, may_publish)
+        self._server = Server(tables, wanted, scene, self.draft, before)
+        self._tables, self._wanted, self._scene = tables, wanted, scene
+        self._tries = _TRIES
+
+    def run(self) -> None:
+        """Serve what can be served: levels 1 and 2."""
+        goals = self._wanted.goals
+        self._server.adopt(goals)
+        for goal in goals:
+            self._server.serve(goal)
+        for goal in self.unserved():
+            self._make_room(goal)
+        self._improve()
+        self._sweep()
+
+    def supply(self) -> None:
+        """Supply inputs: level 3."""
+        supply(self.draft, self._server, self._tables)
+        self._sweep()
+
+    def score(self) -> int:
+        """Levels 1 and 2 in one number."""
+        return self._wanted.score(self.draft.mode)
+
+    def unserved(self) -> list[Goal]:
+        """Functions that are not served, though no fault keeps them from it."""
+        possible = self._scene.possible
+        return [
+            goal
+            for goal in self._wanted.goals
+            if not self._server.is_served(goal) and any(possible >> mode & 1 for mode in goal.modes)
+        ]
+
+    def _sweep(self) -> None:
+        self.draft.sweep(self._wanted.outputs)
+
+    # Making room
+
+    def _make_room(self, goal: Goal) -> None:
+        mark, before = self.draft.mark(), self.score()
+        if self._server.serve(goal):
+            return
+        self._shrink(self._server.short)
+        if not self._server.serve(goal) and not self._serve_instead(goal):
+            self.draft.undo(mark)
+            return
+        self._improve()
+        if self.score() <= before:
+            self.draft.undo(mark)
+
+    def _serve_instead(self, goal: Goal) -> bool:
+        """Stop functions that matter less and worsen others, the least important first, until a function fits."""
+        stopped = []
+        for other, matters_less in self._in_the_way(goal):
+            if self._tries <= 0:
+                return False
+            if not self._server.is_served(other):
+                continue  # it shared an output with one that was stopped
+            self._tries -= 1
+            if not (self._stop(other) if matters_less else self._worsen(other)):
+                continue
+            stopped.append(other)
+            if self._server.serve(goal):
+                for one in reversed(stopped):
+                    self._server.serve(one)
+                return True
+        return False
+
+    def _in_the_way(self, goal: Goal) -> list[tuple[Goal, bool]]:
+        """Other functions that are served, and whether they matter less; first those on PEs where room is short."""
+        goals, short = self._wanted.goals, self._server.short
+        number = goals.index(goal)
+        served = [(other, at) for at, other in enumerate(goals) if at != number and self._server.is_served(other)]
+        served.sort(key=lambda other: (not self._uses(other[0], short), -other[1]))
+        return [(other, at > number) for other, at in served]
+
+    def _uses(self, goal: Goal, pes: int) -> bool:
+        """Tell whether anything that a function needs runs on one of some PEs."""
+        draft, seen = self.draft, 0
+        frontier = [module for module in goal.outputs if draft.mode[module] >= 0]
+        while frontier:
+            module = frontier.pop()
+            if pes >> draft.pe[module] & 1:
+                return True
+            if not seen >> module & 1:
+                seen |= 1 << module
+                leaves = self._tables.leaves_of[draft.mode[module]]
+                frontier += [draft.feeder[leaf] for leaf in leaves if draft.feeder[leaf] >= 0]
+        return False
+
+    def _stop(self, goal: Goal) -> bool:
+        module = self._output(goal)
+        if self.draft.consumers[module]:
+            return False
+        self.draft.drop_inputs(module)
+        self.draft.stop(module)
+        self._sweep()
+        return True
+
+    def _worsen(self, goal: Goal) -> bool:
+        """Put the output of a function into a cheaper mode."""
+        module = self._output(goal)
+        modes, price = self._tables.modes_of[module], self._tables.price
+        now = price[self.draft.mode[module]]
+        for mode in sorted((mode for mode in modes if price[mode] < now), key=price.__getitem__):
+            if self._switch(module, mode, may_worsen=True):
+                return True
+        return False
+
+    def _shrink(self, pes: int) -> None:
+        """Put modules on some PEs into the cheapest modes that cost no function anything."""
+        weight, size = self._wanted.weight, self._tables.size
+        for module, mode in enumerate(self.draft.mode):
+            if mode >= 0 and pes >> self.draft.pe[module] & 1:
+                cheaper = [one for one in self._tables.modes_of[module] if size[one] < size[mode]]
+                cheaper = [one for one in cheaper if weight.get(one) == weight.get(mode)]
+                any(self._switch(module, one) for one in sorted(cheaper, key=size.__getitem__))
+
+    def _switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
+        self._server.fuel = _SWITCH_FUEL
+        done = self._server.switch(module, mode, may_worsen=may_worsen)
+        if done:
+            self._sweep()
+        return done
+
+    # Improving
+
+    def _improve(self) -> None:
+        """Serve what can be served, and put outputs into better modes, as far as that fits."""
+        weight, modes_of = self._wanted.weight, self._tables.modes_of
+        for goal in self._wanted.goals:
+            if self._server.serve(goal):
+                module = self._output(goal)
+                now = weight[self.draft.mode[module]]
+                better = [mode for mode in modes_of[module] if weight[mode] > now]
+                any(self._switch(module, mode) for mode in sorted(better, key=lambda mode: -weight[mode]))
+
+    def _output(self, goal: Goal) -> int:
+        return next(module for module in goal.outputs if self.draft.mode[module] >= 0)

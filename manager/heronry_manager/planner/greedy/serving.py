@@ -1,0 +1,257 @@
+"""One function at a time: run its output, feed what that needs, and what feeds that.
+
+A mode is tried on its old PE, then on the others, the emptiest first. An input takes what runs already where it can,
+and starts a producer where it must: first one that ran before, then the cheapest. A producer that runs in a mode which
+does not serve is put into one that does, if those that read from it can take that as well (`switch`). Where no PE has
+room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
+
+Whatever returns False has left the draft as it was. A module whose inputs are being seen to is *busy*: it counts as
+running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by `fuel`, a count of tries, so
+that a plan takes no longer on a full aircraft, and is the same on every machine.
+
+*Adopting* is the same with less freedom: nothing but what ran, in its mode and place.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final
+
+from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.scene import Scene
+from heronry_manager.planner.greedy.tables import ALL, LEAF, Goal, Node, Tables, Wanted
+
+FUEL: Final = 40  # modules tried for one function
+
+Before = Sequence[tuple[int, int]]
+"""Mode and PE of each module before; -1 for what did not run, and for a PE that is gone."""
+
+
+class Server:
+    """Serves functions in one draft."""
+
+    def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, draft: Draft, before: Before) -> None:
+        """Nothing is served yet."""
+        self.draft = draft
+        self.fuel = FUEL
+        self.short = 0  # PEs on which a module found no room, since this was last cleared
+        self.busy = 0  # modules whose mode must stay
+        self.moving = True  # others may be moved out of a module's way
+        self.tight = False  # PEs are filled up one after the other, wherever modules were before
+        self._tables, self._wanted, self._scene, self._before = tables, wanted, scene, before
+        self._adopting = False
+
+    def is_served(self, goal: Goal) -> bool:
+        """Tell whether an output of a function runs."""
+        mode = self.draft.mode
+        return any(mode[module] >= 0 for module in goal.outputs)
+
+    def serve(self, goal: Goal) -> bool:
+        """Serve a function, as it was before if that works, else in its best mode that does."""
+        self.short = 0
+        if self.is_served(goal):
+            return True
+        before, module_of = self._before, self._tables.module_of
+        modes = sorted(goal.modes, key=lambda mode: before[module_of[mode]][0] != mode)
+        return self.serve_in(modes)
+
+    def serve_in(self, modes: Iterable[int]) -> bool:
+        """Run the first of some modes of outputs that works."""
+        self.fuel = FUEL
+        return any(self.run(self._tables.module_of[mode], mode) for mode in modes)
+
+    def adopt(self, goals: Iterable[Goal]) -> None:
+        """Serve functions as far as nothing needs to be started, moved or put into another mode for it."""
+        self._adopting = True
+        for goal in goals:
+            self.fuel = len(self._before)
+            for module in goal.outputs:
+                mode = self._before[module][0]
+                if mode >= 0 and self.draft.mode[module] < 0:
+                    self.run(module, mode)
+        self._adopting = False
+
+    # Modules
+
+    def run(self, module: int, mode: int, pe: int = -1) -> bool:
+        """Start a module and see to its needs; on `pe` alone, if one is given."""
+        if self.fuel <= 0 or not self._scene.possible >> mode & 1:
+            return False
+        self.fuel -= 1
+        draft, needs = self.draft, self._tables.needs[mode]
+        mark = draft.mark()
+        for place in self.places(module, mode) if pe < 0 else self._there(module, mode, pe):
+            draft.start(module, mode, place)
+            if needs is None:
+                return True
+            draft.refused = False
+            self.busy |= 1 << module
+            done = self.hold(needs, module, may_start=True)
+            self.busy ^= 1 << module
+            if done:
+                return True
+            draft.undo(mark)
+            if not draft.refused:
+                break
+        return False
+
+    def _there(self, module: int, mode: int, pe: int) -> Iterator[int]:
+        if self._tables.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
+            yield pe
+
+    def places(self, module: int, mode: int) -> Iterator[int]:
+        """PEs on which a mode fits: where the module was, then the emptiest first, then one that is cleared for it."""
+        draft, home = self.draft, -1 if self.tight else self._before[module][1]
+        hosts = self._tables.hosts[mode] & self._scene.pes
+        if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
+            yield home
+        if self._adopting:
+            return
+        cpu = draft.cpu
+        others = [pe for pe in range(len(cpu)) if hosts >> pe & 1 and pe != home and draft.fits(module, mode, pe)]
+        others.sort(key=cpu.__getitem__, reverse=not self.tight)
+        yield from others
+        if others:
+            return
+        self.short |= hosts
+        if self.moving and not self._tables.rivals[module] & draft.running:
+            cleared = next((pe for pe in range(len(cpu)) if hosts >> pe & 1 and self._clear(module, mode, pe)), None)
+            if cleared is not None:
+                yield cleared
+
+    def _clear(self, module: int, mode: int, pe: int) -> bool:
+        """Move others away from a PE until a mode fits there: the smallest that is enough, or else the largest."""
+        draft, tables = self.draft, self._tables
+        mark, here = draft.mark(), draft.on[pe]
+        left = [other for other in range(len(draft.mode)) if here >> other & 1]
+        left.sort(key=lambda other: tables.size[draft.mode[other]])
+        while not draft.fits(module, mode, pe):
+            missing = (
+                tables.cpu[mode] - draft.cpu[pe],
+                tables.ram[mode] - draft.ram[pe],
+                tables.flash[module] - draft.flash[pe],
+            )
+            enough = [other for other in left if self._frees(other, missing)] or left[::-1]
+            moved = next((other for other in enough if self._move_away(other, pe)), None)
+            if moved is None:
+                draft.undo(mark)
+                return False
+            left.remove(moved)
+        return True
+
+    def _frees(self, module: int, missing: tuple[int, int, int]) -> bool:
+        """Tell whether a module's place is as much as is missing: CPU, RAM, flash."""
+        tables, mode = self._tables, self.draft.mode[module]
+        cpu, ram, flash = missing
+        return tables.cpu[mode] >= cpu and tables.ram[mode] >= ram and tables.flash[module] >= flash
+
+    def _move_away(self, module: int, pe: int) -> bool:
+        draft, mode = self.draft, self.draft.mode[module]
+        hosts = self._tables.hosts[mode] & self._scene.pes & ~(1 << pe)
+        cpu, need = draft.cpu, self._tables.cpu[mode]
+        return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
+
+    def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
+        """Put a running module into another mode, if those that read from it can take that.
+
+        may_worsen: even if a function is worth less for it.
+        """
+        draft, tables, weight = self.draft, self._tables, self._wanted.weight
+        old, pe = draft.mode[module], draft.pe[module]
+        if self.busy >> module & 1 or not self._scene.possible >> mode & 1:
+            return False
+        if not may_worsen and weight.get(mode, 0) < weight.get(old, 0):
+            return False
+        readers = [leaf for leaf in draft.consumers[module] if tables.leaf_module[leaf] != module]
+        if any(mode not in tables.worth[leaf] for leaf in readers):
+            return False
+        mark = draft.mark()
+        for leaf in readers:
+            draft.unwire(leaf, tables.leaf_module[leaf])
+        draft.drop_inputs(module)
+        draft.stop(module)
+        stopped = draft.mark()
+        for place in (pe, -1):
+            if self.run(module, mode, place) and all(self._feed_again(leaf, module) for leaf in readers):
+                return True
+            draft.undo(stopped)
+        draft.undo(mark)
+        return False
+
+    def _feed_again(self, leaf: int, producer: int) -> bool:
+        """Wire a leaf as it was, unless its module was put into another mode meanwhile."""
+        draft, tables = self.draft, self._tables
+        consumer = tables.leaf_module[leaf]
+        return draft.mode[consumer] == tables.leaf_mode[leaf] and draft.wire(leaf, consumer, producer)
+
+    # Gates
+
+    def hold(self, node: Node, consumer: int, *, may_start: bool) -> bool:
+        """Make a gate hold with as little as it takes. False may leave wires behind: undo to a mark of your own.
+
+        may_start: producers that do not run may be started.
+        """
+        kind, number, inputs, cheapest = node
+        if kind == LEAF:
+            return self.feed(number, consumer, may_start=may_start)
+        if kind == ALL:
+            return all(self.hold(one, consumer, may_start=may_start) for one in inputs)
+        if self._adopting:
+            return len(self._held(inputs, number, consumer, may_start=True)) == number
+        held = self._held(inputs, number, consumer, may_start=False)
+        if may_start and len(held) < number:
+            others = [one for one in cheapest if one not in held]
+            held += self._held(others, number - len(held), consumer, may_start=True)
+        return len(held) == number
+
+    def _held(self, inputs: Iterable[Node], most: int, consumer: int, *, may_start: bool) -> list[Node]:
+        """Make inputs hold, at most so many."""
+        held: list[Node] = []
+        for one in inputs:
+            if len(held) == most:
+                break
+            mark = self.draft.mark()
+            if self.hold(one, consumer, may_start=may_start):
+                held.append(one)
+            else:
+                self.draft.undo(mark)
+        return held
+
+    def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
+        """Wire a leaf to what runs, or to what is started for it."""
+        if self._adopting:
+            return any(self._feed_as_before(leaf, consumer, *giver) for giver in self._tables.dearest[leaf])
+        draft, mode_of = self.draft, self.draft.mode
+        for mode, module in self._tables.dearest[leaf]:
+            if mode_of[module] == mode and draft.wire(leaf, consumer, module):
+                return True
+        if not may_start:
+            return False
+        before, givers = self._before, self._tables.cheapest[leaf]
+        if len(givers) > 1:
+            givers = sorted(givers, key=lambda giver: before[giver[1]][0] != giver[0])
+        return any(self.feed_from(leaf, consumer, *giver) for giver in givers)
+
+    def _feed_as_before(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
+        draft = self.draft
+        if self._before[module][0] != mode:
+            return False
+        mark = draft.mark()
+        if (draft.mode[module] == mode or self.run(module, mode)) and draft.wire(leaf, consumer, module):
+            return True
+        draft.undo(mark)
+        return False
+
+    def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
+        """Wire a leaf to a module that is started or put into another mode for it."""
+        draft = self.draft
+        mark, now = draft.mark(), draft.mode[module]
+        if now == mode:
+            return False  # a bus has refused it
+        draft.refused = False
+        if (self.switch(module, mode) if now >= 0 else self.run(module, mode)) and draft.wire(leaf, consumer, module):
+            return True
+        draft.undo(mark)
+        near = draft.pe[consumer]  # where nothing needs to be sent
+        if now < 0 and draft.refused and self.run(module, mode, near) and draft.wire(leaf, consumer, module):
+            return True
+        draft.undo(mark)
+        return False

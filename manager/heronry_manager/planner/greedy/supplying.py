@@ -1,0 +1,106 @@
+"""Level 3: optional inputs, and better versions of what is supplied already.
+
+Every running module is gone through once, those that are started on the way included. What is not supplied is tried;
+what is supplied is tried in a version that is worth more. Nothing is moved for it, and no function is touched.
+"""
+
+from typing import Final
+
+from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.serving import Server
+from heronry_manager.planner.greedy.tables import ALL, LEAF, ONE, Node, Tables
+
+_FUEL: Final = 12  # modules tried for one input
+
+
+def supply(draft: Draft, server: Server, tables: Tables) -> None:
+    """Wire what is worth something, as far as it fits."""
+    server.moving = False
+    done = 0
+    while left := draft.running & ~done:
+        low = left & -left
+        done |= low
+        module = low.bit_length() - 1
+        needs = tables.needs[draft.mode[module]]
+        if needs is not None and tables.has_choice[draft.mode[module]]:
+            server.busy |= low
+            _Supplier(draft, server, tables, module).supply(needs)
+            server.busy ^= low
+    server.moving = True
+
+
+class _Supplier:
+    """Sees to the inputs of one module, whose needs are met."""
+
+    def __init__(self, draft: Draft, server: Server, tables: Tables, module: int) -> None:
+        self._draft, self._server, self._tables, self._module = draft, server, tables, module
+
+    def supply(self, node: Node) -> None:
+        """Improve what is below a gate that holds."""
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            self._improve(number)
+        elif kind == ONE:
+            self._choose(inputs)
+        else:
+            for one in inputs:
+                if kind == ALL or self._holds(one) or self._try(one):
+                    self.supply(one)
+
+    def _try(self, node: Node) -> bool:
+        mark = self._draft.mark()
+        self._server.fuel = _FUEL
+        if self._server.hold(node, self._module, may_start=True):
+            return True
+        self._draft.undo(mark)
+        return False
+
+    def _improve(self, leaf: int) -> None:
+        """Wire a leaf to something that is worth more than what it is wired to."""
+        draft, worths = self._draft, self._tables.worth[leaf]
+        now = worths[draft.mode[draft.feeder[leaf]]]
+        for mode, module in self._tables.dearest[leaf]:
+            if worths[mode] <= now:
+                return
+            mark = draft.mark()
+            draft.unwire(leaf, self._module)
+            self._server.fuel = _FUEL
+            if draft.mode[module] == mode:
+                if draft.wire(leaf, self._module, module):
+                    return
+            elif self._server.feed_from(leaf, self._module, mode, module):
+                return
+            draft.undo(mark)
+
+    def _choose(self, inputs: tuple[Node, ...]) -> None:
+        """Let another input of a XOR hold, if it is worth more."""
+        held = next(one for one in inputs if self._holds(one))
+        now = self._points(held)
+        for one in inputs[: inputs.index(held)]:
+            mark = self._draft.mark()
+            self._unwire(held)
+            if self._try(one) and self._points(one) > now:
+                held = one
+                break
+            self._draft.undo(mark)
+        self.supply(held)
+
+    def _unwire(self, node: Node) -> None:
+        kind, number, inputs, _ = node
+        if kind == LEAF and self._draft.feeder[number] >= 0:
+            self._draft.unwire(number, self._module)
+        for one in inputs:
+            self._unwire(one)
+
+    def _points(self, node: Node) -> int:
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            feeder = self._draft.feeder[number]
+            return self._tables.worth[number][self._draft.mode[feeder]] if feeder >= 0 else 0
+        return sum(map(self._points, inputs))
+
+    def _holds(self, node: Node) -> bool:
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            return self._draft.feeder[number] >= 0
+        return sum(map(self._holds, inputs)) >= number
