@@ -72,7 +72,11 @@ def leaves(expression: Expression | None, path: str = "") -> Iterator[tuple[str,
         yield path, expression
         return
     for index, child in enumerate(expression.inputs):
-        yield from leaves(child, child_path(path, index))
+        below = child_path(path, index)
+        if isinstance(child, Leaf):
+            yield below, child
+        else:
+            yield from leaves(child, below)
 
 
 def holds(expression: Expression | None, wired: Collection[str], path: str = "") -> bool:

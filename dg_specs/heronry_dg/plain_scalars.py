@@ -13,6 +13,7 @@ Source: YAML 1.1 types (yaml.org/type: bool, int, float, null, timestamp, merge,
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import lru_cache
 
 from heronry_dg.rules import file
 from heronry_dg.rules.rule import Rule
@@ -48,6 +49,7 @@ class Surprise:
     hint: str
 
 
+@lru_cache(maxsize=4096)  # a file says the same words again and again
 def resolve(text: str) -> Value | Surprise:
     """Value of a plain scalar, or why it is refused."""
     if text in _WORDS:

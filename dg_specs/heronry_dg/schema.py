@@ -123,7 +123,7 @@ DataTypeName = Annotated[str, WithJsonSchema({"enum": [data_type.name for data_t
 class Form(BaseModel):
     """What all elements share: no unknown fields, no guessing of types; a key without a value counts as left out."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

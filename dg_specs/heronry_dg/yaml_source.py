@@ -11,7 +11,7 @@ followed, so a small file cannot unfold into a large tree. The limits leave room
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -90,7 +90,7 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
     if text is None:
         return None
     try:
-        return _Builder(yaml.parse(text, Loader=_PARSER), findings).document()
+        return _Builder(_PARSER(text).get_event, findings).document()
     except _LimitError as limit:
         findings.add(limit.rule, limit.place, str(limit), limit.hint)
     except yaml.MarkedYAMLError as error:
@@ -175,31 +175,34 @@ class _LimitError(Exception):
 class _Builder:
     """Builds the tree from the parser's events."""
 
-    def __init__(self, events: Iterator[yaml.Event], findings: Findings) -> None:
-        self._events = events
+    def __init__(self, next_event: Callable[[], Any], findings: Findings) -> None:
+        self._next = next_event
         self._findings = findings
         self._nodes = self._repeated_keys = 0
 
     def document(self) -> Node | None:
         """Read the whole stream, which must hold one document."""
-        next(self._events)  # the stream's start
-        start = next(self._events)
+        self._next()  # the stream's start
+        start = self._next()
         if isinstance(start, yaml.StreamEndEvent):
             self._findings.add(rules.EMPTY, Place(1, 1), "the file is empty", "a spec begins with dg: 1")
             return None
         if isinstance(start, yaml.DocumentStartEvent) and (start.version or start.tags):
             self._refuse(rules.DIRECTIVE, start, "a YAML directive (%...) is not allowed", "leave it out")
-        root = self._node(next(self._events), 1)
-        next(self._events)  # the document's end
-        after = next(self._events)
+        root = self._node(self._next(), 1)
+        self._next()  # the document's end
+        after = self._next()
         if not isinstance(after, yaml.StreamEndEvent):
             hint = "one file holds one spec; remove the '---'"
             self._refuse(rules.SECOND_DOCUMENT, after, "a second document begins here", hint)
         return root
 
     def _node(self, event: Any, level: int) -> Node:
-        place = _mark(event.start_mark)
-        self._count(place, level)
+        mark = event.start_mark
+        place = Place(mark.line + 1, mark.column + 1)
+        self._nodes += 1
+        if self._nodes > MOST_NODES or level > MOST_LEVELS:
+            raise self._beyond(place, level)
         if isinstance(event, yaml.AliasEvent):
             hint = "write the value out; a named gate can shorten `needs`"
             self._refuse(rules.ALIAS, event, "an alias (*) is not allowed", hint)
@@ -212,14 +215,12 @@ class _Builder:
             return Sequence(place, self._items(level))
         return Mapping(place, self._entries(level))
 
-    def _count(self, place: Place, level: int) -> None:
-        self._nodes += 1
-        if self._nodes > MOST_NODES:
-            sentence = f"the file has more than {MOST_NODES} values"
-            raise _LimitError(rules.TOO_LARGE, place, sentence, "a spec is a short text")
+    def _beyond(self, place: Place, level: int) -> "_LimitError":
         if level > MOST_LEVELS:
             sentence = f"this is nested deeper than {MOST_LEVELS} levels"
-            raise _LimitError(rules.TOO_DEEP, place, sentence, "named gates keep `needs` flat")
+            return _LimitError(rules.TOO_DEEP, place, sentence, "named gates keep `needs` flat")
+        sentence = f"the file has more than {MOST_NODES} values"
+        return _LimitError(rules.TOO_LARGE, place, sentence, "a spec is a short text")
 
     def _count_repeated(self, place: Place) -> None:
         self._repeated_keys += 1
@@ -229,15 +230,15 @@ class _Builder:
 
     def _items(self, level: int) -> list[Node]:
         items = []
-        while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
+        while not isinstance(event := self._next(), yaml.SequenceEndEvent):
             items.append(self._node(event, level + 1))
         return items
 
     def _entries(self, level: int) -> dict[str, Entry]:
         entries: dict[str, Entry] = {}
-        while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+        while not isinstance(event := self._next(), yaml.MappingEndEvent):
             key = self._node(event, level + 1)
-            node = self._node(next(self._events), level + 1)
+            node = self._node(self._next(), level + 1)
             name = self._key(key, event)
             if name in entries:
                 first = entries[name].place
@@ -274,7 +275,8 @@ class _Builder:
             self._refuse(rules.TAG, event, "a tag (!) is not allowed", "leave it out")
 
     def _refuse(self, rule: Rule, event: yaml.Event, sentence: str, hint: str) -> None:
-        self._findings.add(rule, _mark(event.start_mark), sentence, hint)
+        mark: Any = event.start_mark
+        self._findings.add(rule, Place(mark.line + 1, mark.column + 1), sentence, hint)
 
 
 def _decoded(data: bytes, findings: Findings) -> str | None:
@@ -296,7 +298,3 @@ def _decoded(data: bytes, findings: Findings) -> str | None:
 def _end_of(text: str) -> Place:
     lines = split_lines(text)
     return Place(len(lines), len(lines[-1]) + 1)
-
-
-def _mark(mark: Any) -> Place:
-    return Place(1, 1) if mark is None else Place(mark.line + 1, mark.column + 1)
