@@ -32,7 +32,7 @@ lint: .venv/ready-to-test
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 	.venv/bin/lint-imports
-	.venv/bin/heronry check --output-format concise dg_specs
+	.venv/bin/heronry check --quiet dg_specs
 
 clean:
 	rm -rf .venv build dist .coverage .coverage.* htmlcov

@@ -47,6 +47,15 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]
     return code, capsys.readouterr().out
 
 
+def test_quiet_tells_errors_and_counts_warnings(capsys: pytest.CaptureFixture[str], write: Write) -> None:
+    assert said(capsys, write(SPARE), "--quiet") == (0, "1 spec checked: 1 warning\n")
+    code, out = said(capsys, write(SPARE), "--quiet", "--strict", "--output-format", "concise")
+    assert (code, out[:23]) == (1, "wing.dg.yaml:11:3: DG24")
+    broken = SPARE.replace("needs: speed", "needs: {and: [speed, {or: {k: 0, of: [spare]}}]}")
+    code, out = said(capsys, write(f"gates: {{one: speed}}  # dg: ignore[DG240] never\n{broken}"), "-q")
+    assert (code, out.count("DG"), out.splitlines()[-1]) == (1, 1, "1 spec checked: 1 error and 1 warning")
+
+
 def test_an_error_is_shown_with_its_line_a_caret_and_a_remedy(capsys: pytest.CaptureFixture[str], write: Write) -> None:
     code, out = said(capsys, write(MISSPELT))
     assert code == 1
