@@ -25,6 +25,8 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "diff_command": ("diff",),
     "bus_command": ("bus",),
     "contingencies_command": ("contingencies",),
+    "campaign_command": ("campaign",),
+    "cutsets_command": ("cutsets",),
 }
 
 _EPILOG = """\

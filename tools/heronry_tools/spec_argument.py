@@ -1,13 +1,14 @@
 """The SPEC argument of every command: a file, or the name of a shipped spec."""
 
 import argparse
+import difflib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from heronry_tools.errors import UserError
 
 if TYPE_CHECKING:
-    from heronry_dg.model import Spec
+    from heronry_dg.model import Function, Spec
 
 SHIPPED = ("big_blue", "elevator_and_chute")
 
@@ -42,3 +43,12 @@ def spec_path(text: str) -> Path:
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
     )
+
+
+def named_function(spec: "Spec", name: str) -> "Function":
+    """Function that an argument names; raises UserError."""
+    if name in spec.functions:
+        return spec.functions[name]
+    close = difflib.get_close_matches(name, spec.functions, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join(spec.functions)}"
+    raise UserError(f"no function is named '{name}'; {hint}")

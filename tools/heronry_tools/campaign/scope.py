@@ -41,7 +41,7 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
         raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
     asked = arguments.phase or spec.contingency.phases or tuple(spec.phases) or (None,)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
-    kinds = _kinds(arguments.kinds)
+    kinds = kinds_of(arguments.kinds)
     return Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases)
 
 
@@ -53,7 +53,8 @@ def jobs_of(arguments: argparse.Namespace) -> int:
     return jobs
 
 
-def _kinds(text: str | None) -> tuple[str, ...]:
+def kinds_of(text: str | None) -> tuple[str, ...]:
+    """Kinds of elements that are looked at; raises UserError."""
     if text is None:
         return KINDS
     named = tuple(kind.strip() for kind in text.split(","))

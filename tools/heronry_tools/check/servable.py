@@ -14,11 +14,12 @@ from functools import cached_property
 from typing import Final
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.losses import lost_elements, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.objective import placement
 from heronry_dg.plan import Plan
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_dg.situation import Situation
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.exact import Search, plan
 from heronry_tools.check.wanted import Phase
@@ -63,7 +64,7 @@ class Planning:
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
         self._plans: dict[Phase, Plan] = {}
-        self._known: list[Configuration] = []  # found so far; each is legal wherever it lives on
+        self._known: list[tuple[Configuration, frozenset[str]]] = []  # found so far, each with all that it uses
 
     @cached_property
     def times(self) -> ResponseTimes:
@@ -77,16 +78,21 @@ class Planning:
 
     def all_at_once(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Answer:
         """Tell whether some functions can all be served, with some elements down."""
-        left = survivors(self.spec, Situation(down))
-        for known in self._known if down else ():
-            if self._serves(known, functions) and _lives_on(known, left):
-                return Answer(known, proven=True)
+        known = self.survives(functions, down) if down else None
+        if known is not None:
+            return Answer(known, proven=True)
         search = Search(self.candidates_for(functions, down), None, self.times, _EFFORT)
         search.run(groups=1)
         if not self._serves(search.best, functions):
             return Answer(None, search.proven)
-        self._known.append(search.best)
+        self._known.append((search.best, used_elements(self.spec, search.best)))
         return Answer(search.best, search.proven)
+
+    def survives(self, functions: Collection[str], down: frozenset[str]) -> Configuration | None:
+        """Give a configuration known from another question that serves some functions with these elements down."""
+        lost = lost_elements(self.spec, Situation(down))
+        alive = (known for known, used in self._known if used.isdisjoint(lost))
+        return next((known for known in alive if self._serves(known, functions)), None)
 
     def healthy(self, phase: Phase) -> Plan:
         """Give the best plan of a phase with everything up."""
@@ -118,14 +124,3 @@ class Planning:
             if name in functions
         }
         return candidates(replace(self.spec, functions=wanted), Situation(down))
-
-
-def _lives_on(configuration: Configuration, left: Survivors) -> bool:
-    """Tell whether a configuration does without all that is down.
-
-    Then it is as legal as before: routes are unique, so the same frames are on the same buses.
-    """
-    pes = {name: running.pe for name, running in configuration.modules.items()}
-    return all(pe in left.hosts(left.spec.modules[name]) for name, pe in pes.items()) and all(
-        left.route(pes[wire.producer], pes[consumer]) is not None for consumer, _, wire in configuration.wires()
-    )

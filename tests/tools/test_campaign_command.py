@@ -1,0 +1,150 @@
+"""`heronry campaign`: what survives, requirements for CI, and a page that stands by itself."""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation, elements
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase
+from heronry_tools.campaign.minimal import minimal
+from heronry_tools.campaign.rates import Likelihood, likelihood, rate_of
+from heronry_tools.campaign.requirements import Offence, offences, read_requirement
+from heronry_tools.cli import main
+from heronry_tools.errors import UserError
+
+CHUTE = load(shipped_spec_path("elevator_and_chute"))
+BIG_BLUE = load(shipped_spec_path("big_blue"))
+ALONE = ("--jobs", "1")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    code = main(["campaign", *arguments, *ALONE])
+    out, err = capsys.readouterr()
+    assert err == ""
+    return code, out
+
+
+def test_single_points_of_failure_are_those_that_planning_finds(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out = run(capsys, "elevator_and_chute", "--faults", "1", "--json")
+    assert code == 0
+    (phase,) = json.loads(out)["phases"]
+    healthy = plan(CHUTE, Situation())
+    running = {name: (one.mode, one.pe) for name, one in healthy.configuration.modules.items()}
+    after = {element: plan(CHUTE, Situation(frozenset({element})), running) for element in elements(CHUTE)}
+    for name, report in phase["functions"].items():
+        culprits = [element for element, found in after.items() if not found.functions[name].served]
+        assert report["single_points"] == culprits
+        assert report["lost"] == [0, len(culprits)]
+    utilities = [found.objective.utility for found in after.values()]
+    of_one = phase["by_faults"][1]
+    assert of_one["utility"] == {
+        "best": max(utilities),
+        "mean": sum(utilities) / len(utilities),
+        "worst": min(utilities),
+    }
+
+
+def test_a_table_shows_how_it_degrades(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out = run(capsys, "elevator_and_chute", "--kinds", "device")
+    assert code == 0
+    assert "elevator_and_chute: up to 2 faults of 7 elements, 29 fault sets in each phase" in out
+    assert re.search(r"^0 +1 +20000 +20000\.0 +20000 +3 +3\.0 +3$", out, re.MULTILINE)
+    assert re.search(r"^parachute +B +0 +1 +6 +- +device:chute_solenoid$", out, re.MULTILINE)
+
+
+def test_a_requirement_that_holds_and_one_that_does_not(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["elevator_and_chute", "--kinds", "device", "--faults", "0"]
+    assert run(capsys, *arguments, "--require", "A after 1") == (0, _ends("required: A after 1: holds\n"))
+    code, out = run(capsys, *arguments, "--require", "A after 1", "--require", "A after 2", "--require", "C after 2")
+    assert code == 1
+    assert "required: A after 2: BROKEN by 1 smallest fault sets\n" in out
+    assert "  device:elevator_servo_1, device:elevator_servo_2: elevator\n" in out
+    assert out.endswith("required: C after 2: holds\n")
+
+
+class _ends(str):  # noqa: N801, SLOT000 - reads as a matcher
+    """Equal to every text that ends so."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, str) and other.endswith(str(self))
+
+    __hash__ = str.__hash__
+
+
+def test_a_page_stands_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "degradation.html"
+    required = ["--require", "servo_monitoring after 1", "--require", "A after 1"]
+    assert run(capsys, "elevator_and_chute", "--kinds", "device", "--html", str(page), *required)[0] == 1
+    text = page.read_text()
+    body = ET.fromstring(re.sub("<!DOCTYPE html>|<meta [^>]*>", "", text))
+    assert len(body.findall(".//svg")) == 2
+    assert "prefers-color-scheme: dark" in text
+    assert re.findall(r'(?:href|src)="|url\(|@import', text) == [], "nothing is loaded"
+    broken, held = body.findall(".//ul/li/span")
+    assert (broken.attrib["class"], held.attrib["class"]) == ("bad", "good")
+    polygon = body.find(".//polygon")
+    assert polygon is not None
+    assert len(polygon.attrib["points"].split()) == 6, "three sizes, best and worst"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--require", "A"], "write WHAT after N"),
+        (["--require", "lasers after 1"], "'lasers' is neither a class (A to E) nor a function"),
+        (["--require", "A after 1 in glide"], "no phase is named 'glide'; there is none"),
+        (["--scheduler", ""], "no Dask scheduler answers at"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["campaign", "elevator_and_chute", *arguments, *ALONE]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_phase_that_is_not_looked_at_guarantees_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["campaign", "big_blue", "--phase", "glide", "--require", "A after 1 in landing", *ALONE]
+    assert main(arguments) == 2
+    assert "phase landing is not looked at; add --phase landing" in capsys.readouterr().err
+
+
+def test_a_requirement_covers_what_its_phase_wants() -> None:
+    """On the ascent the elevator is of class C, and guidance is not wanted at all."""
+    nothing = Outcome(Configuration(), plan(CHUTE, Situation(frozenset({"bus:can0"}))).objective, optimal=True)
+    down = frozenset({"bus:can0"})
+    outcomes: Mapping[tuple[Phase, FaultSet], Outcome] = {("ascent", down): nothing, ("glide", down): nothing}
+    found = offences(BIG_BLUE, read_requirement(BIG_BLUE, "A after 1"), outcomes)
+    assert found == [
+        Offence("ascent", down, ("parachute", "balloon_release")),
+        Offence("glide", down, ("parachute", "elevator")),
+    ]
+    assert offences(BIG_BLUE, read_requirement(BIG_BLUE, "guidance after 1 in ascent"), outcomes) == []
+    assert offences(BIG_BLUE, read_requirement(BIG_BLUE, "guidance after 0"), outcomes) == []
+    with pytest.raises(UserError, match="there is ascent"):
+        read_requirement(BIG_BLUE, "A after 1 in orbit")
+
+
+def test_only_the_smallest_sets_are_kept() -> None:
+    a, b, ab, bc = (frozenset(letters) for letters in ("a", "b", "ab", "bc"))
+    assert minimal([ab, a, bc, a]) == [a, bc]
+    assert minimal([ab, b]) == [b]
+
+
+def test_likelihoods_are_products_and_sums_of_rates() -> None:
+    flight, nav, screen = "pe:flight", "pe:nav", "module:telemetry"
+    assert rate_of(BIG_BLUE, "channel:can0.1") is None
+    assert rate_of(BIG_BLUE, "bus:radio") is not None
+    found = likelihood(BIG_BLUE, [frozenset({flight, nav}), frozenset({"device:gps"})])
+    assert found is not None
+    assert (found.per_h, found.complete) == (pytest.approx(0.0002**2 + 0.001), True)
+    assert likelihood(BIG_BLUE, [frozenset({flight}), frozenset({screen})]) == Likelihood(0.0002, complete=False)
+    assert likelihood(BIG_BLUE, [frozenset({flight, screen})]) is None
+    assert str(Likelihood(0.002, complete=False)) == "at least 2.0e-03 per hour"

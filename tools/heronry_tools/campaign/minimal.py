@@ -1,0 +1,12 @@
+"""The smallest among sets: those that contain no other one of them."""
+
+from collections.abc import Iterable
+
+
+def minimal(sets: Iterable[frozenset[str]]) -> list[frozenset[str]]:
+    """Keep the sets of which no proper part is there; the smaller ones first, else in their order."""
+    found: list[frozenset[str]] = []
+    for one in sorted(dict.fromkeys(sets), key=len):
+        if not any(known < one for known in found):
+            found.append(one)
+    return found

@@ -1,0 +1,54 @@
+"""How likely faults are: from `rate_per_h`, to first order.
+
+A set of faults that all come within one hour has about the product of their rates as its probability; a function is
+lost with about the sum over the smallest sets that lose it. Both are a little too much (rates are small, and sets
+overlap), so they are bounds from above as long as every rate is given. Where one is missing, what is known is a bound
+from below and says so.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from math import prod
+
+from heronry_dg.model import Spec
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood:
+    """Probability within one hour; incomplete where sets without a rate are left out of it."""
+
+    per_h: float
+    complete: bool
+
+    def __str__(self) -> str:
+        return f"{'' if self.complete else 'at least '}{self.per_h:.1e} per hour"
+
+
+def rate_of(spec: Spec, element: str) -> Fraction | None:
+    """Failures per hour of an element; None where the spec does not say."""
+    kind, _, name = element.partition(":")
+    match kind:
+        case "pe":
+            return spec.pes[name].rate_per_h
+        case "device":
+            return spec.devices[name].rate_per_h
+        case "module":
+            return spec.modules[name].rate_per_h
+        case "bus":
+            return spec.buses[name].rate_per_h
+        case _:  # a channel: the spec gives rates of whole buses
+            return None
+
+
+def likelihood(spec: Spec, fault_sets: Iterable[frozenset[str]]) -> Likelihood | None:
+    """Probability that all elements of some set fail within one hour; None where no set has all its rates."""
+    total, known, unknown = Fraction(0), 0, 0
+    for faults in fault_sets:
+        rates = [rate_of(spec, element) for element in faults]
+        given = [rate for rate in rates if rate is not None]
+        if len(given) == len(rates):
+            total, known = total + prod(given, start=Fraction(1)), known + 1
+        else:
+            unknown += 1
+    return Likelihood(float(total), complete=unknown == 0) if known else None
