@@ -1,0 +1,158 @@
+"""What a PE's agent costs, and how steady it is: real processes on a software bus.
+
+    python -m heronry_tools.agent_bench [--spec big_blue] [--seconds 20] [--busy 2]
+
+Flies the spec twice for so long, its data on the bus: once with nothing else to do for this computer, once beside
+`--busy` processes that compute without end. Prints the start-up of the agent's code, the memory of each agent, the
+processor time per frame (its modules included: they are in there), and by how much its state frames come later after
+one another than their period says.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from can.typechecking import CanFilter
+
+from heronry_dg.model import Spec
+from heronry_tools.demo.buses import choose
+from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.softbus.client import SoftBus
+from heronry_tools.softbus.protocol import ClientStatistics
+from heronry_tools.spec_argument import load_spec, spec_path
+from heronry_wire.identifiers import state_id
+
+_SETTLE_S = 3.0  # from the first configuration on: the manager thinks ahead, and late-comers join
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_PAGE = 0xC0  # of a state frame, in its first byte; page 0 alone is periodic
+_MS = 1e3
+_START_UP = (
+    "import resource, time; start = time.process_time(); import heronry_agent.cli; "
+    "print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; gives the exit code."""
+    parser = argparse.ArgumentParser(description="Measure what agents cost and how steady they are.")
+    parser.add_argument("--spec", default="big_blue", metavar="SPEC", help="default big_blue")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each flight (default 20)")
+    parser.add_argument("--busy", type=int, default=os.cpu_count(), metavar="N", help="default one for each core")
+    arguments = parser.parse_args(argv)
+    print(f"{arguments.spec}; {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+    _print_start_up()
+    for busy in (0, arguments.busy):
+        with _busy(busy):
+            print(f"\nbeside {busy} busy processes" if busy else "\nnothing else to do")
+            _fly(arguments.spec, arguments.seconds)
+    return 0
+
+
+def _print_start_up() -> None:
+    runs = [subprocess.check_output([sys.executable, "-c", _START_UP], text=True) for _ in range(5)]
+    seconds, kibibytes = zip(*(map(float, run.split()) for run in runs), strict=True)
+    print(f"import of the agent: {statistics.median(seconds):.3f} s of CPU, {max(kibibytes) / 1024:.1f} MiB")
+
+
+@contextmanager
+def _busy(count: int) -> Iterator[None]:
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def _fly(spec_name: str, seconds: float) -> None:
+    spec = load_spec(spec_name)
+    folder = run_folder()
+    wired = [pe for pe in spec.pes.values() if spec.manager.bus in pe.buses]
+    with ExitStack() as stack:
+        fleet = stack.enter_context(Fleet(spec, spec_path(spec_name), folder))
+        choices = choose(spec, folder, {}, None, prefer_vcan=False)
+        fleet.start_buses(choices)
+        events = fleet.start_manager()
+        pids = {pe: fleet.start_pe(pe) for pe in spec.pes}
+        while json.loads(events.readline())["event"] != "reconfigured":
+            pass
+        states: list[CanFilter] = [{"can_id": state_id(pe.node_id), "can_mask": 0x7FF} for pe in wired]
+        observer = stack.enter_context(SoftBus(choices[spec.manager.bus].channel, states))
+        time.sleep(_SETTLE_S)
+        while observer.recv(0) is not None:
+            pass
+        before, cpu_before_s = observer.statistics(), _cpu_s(pids)
+        late_ms = _lateness_ms(observer, spec, seconds)
+        after, cpu_after_s = observer.statistics(), _cpu_s(pids)
+        used_s = {pe: cpu_after_s[pe] - cpu_before_s[pe] for pe in pids}
+        _print_agents(pids, used_s, before.clients, after.clients, seconds)
+        print(f"bus load {after.load_since(before):.0%}, {(after.frames - before.frames) / seconds:.0f} frames/s")
+        print("state frames later than their period, ms: " + ", ".join(_quantiles(sorted(late_ms))))
+
+
+def _lateness_ms(observer: SoftBus, spec: Spec, seconds: float) -> list[float]:
+    """Listen for so long; by how much each state frame came later after the one before than a period, in ms."""
+    period_ms = spec.buses[spec.manager.bus].heartbeat_ns / 1e6
+    last: dict[int, float] = {}
+    late_ms = []
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        message = observer.recv(left)
+        if message is not None and message.data[0] & _PAGE == 0:
+            if message.arbitration_id in last:
+                gap_ms = (message.timestamp - last[message.arbitration_id]) * _MS
+                late_ms.append(max(0.0, gap_ms - period_ms))
+            last[message.arbitration_id] = message.timestamp
+    return late_ms
+
+
+def _quantiles(late_ms: Sequence[float]) -> Iterator[str]:
+    for name, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)):
+        yield f"{name} {late_ms[int(share * (len(late_ms) - 1))]:.2f}"
+    yield f"longest {late_ms[-1]:.2f} of {len(late_ms)}"
+
+
+def _print_agents(
+    pids: dict[str, int],
+    used_s: dict[str, float],
+    before: Sequence[ClientStatistics],
+    after: Sequence[ClientStatistics],
+    seconds: float,
+) -> None:
+    frames_before = {client.pid: client.sent + client.received for client in before}
+    clients = {client.pid: client for client in after}
+    print(f"{'PE':<10}{'MiB':>6}{'CPU':>7}{'frames/s':>10}{'us/frame':>10}{'lost':>6}")
+    for pe, pid in pids.items():
+        line = f"{pe:<10}{_resident_mib(pid):>6.1f}{used_s[pe] / seconds:>7.1%}"
+        if pid in clients:
+            client = clients[pid]
+            frames = client.sent + client.received - frames_before[pid]
+            line += f"{frames / seconds:>10.0f}{used_s[pe] / max(frames, 1) * 1e6:>10.0f}{client.overruns:>6}"
+        print(line)
+
+
+def _cpu_s(pids: dict[str, int]) -> dict[str, float]:
+    """Processor time that each process has used, user and system (proc(5), stat, fields 14 and 15)."""
+    used = {}
+    for pe, pid in pids.items():
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+        used[pe] = (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+    return used
+
+
+def _resident_mib(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
