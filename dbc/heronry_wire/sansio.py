@@ -6,14 +6,14 @@ arrived before it lets a deadline pass: a stalled process must not take its own 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 
 NEVER_NS = 1 << 63  # a deadline that does not come
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """A frame arrived on a port (the position of the bus among those this node sits on).
 
     `age_ns` is how long ago: after a pause of the process what is handed over now may be old, and no proof of anything.
@@ -29,8 +29,7 @@ class Tick:
     """The core's deadline has come."""
 
 
-@dataclass(frozen=True, slots=True)
-class Send:
+class Send(NamedTuple):
     """Queue a frame for a port; the node's own queue is ordered by priority (protocol rule 13).
 
     `until_ns`, on the core's clock, is until when it may start; None where the driver's own patience will do.

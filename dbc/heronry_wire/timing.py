@@ -31,6 +31,7 @@ unbounded: the quartzes of two nodes differ by as much, and the busy period grow
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from heapq import heappush, heapreplace
 from math import lcm
 from typing import NamedTuple
@@ -57,24 +58,30 @@ def worst_bits(data_bytes: int, *, extended: bool = False) -> int:
 
 def exact_bits(frame: Frame) -> int:
     """Give the length in bits of this very frame, with its stuff bits; not for error frames."""
-    data, size = frame.data, len(frame.data)
+    data = frame.data
     if frame.extended:
         base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
-        header = base << 27 | 0b11 << 25 | extension << 7 | frame.remote << 6 | size
-        header_bits, padded_bytes = 39, 5
+        header = base << 27 | 0b11 << 25 | extension << 7 | frame.remote << 6 | len(data)
+        bits, crc, row = _head(header, 39)
     else:
-        header = frame.can_id << 7 | frame.remote << 6 | size
-        header_bits, padded_bytes = 19, 3
-    content = header << 8 * size | int.from_bytes(data, "big")
-    crc = 0  # zeros in front of the header do not change it
-    for byte in content.to_bytes(padded_bytes + size, "big"):
+        bits, crc, row = _head(frame.can_id << 7 | frame.remote << 6 | len(data), 19)
+    for byte in data:
         crc = (crc << 8 & 0x7FFF) ^ _CRC_TABLE[crc >> 7 ^ byte]
-    stuffed = (content << _CRC_BITS | crc).to_bytes(padded_bytes + size + 2, "big")
-    stuff_bits, row = _FIRST_ROWS[header_bits, stuffed[0]]
-    for byte in stuffed[1:]:
         more, row = row[byte]
-        stuff_bits += more
-    return header_bits + 8 * size + _CRC_BITS + stuff_bits + _NEVER_STUFFED_BITS
+        bits += more
+    more, row = row[crc >> 7]
+    return bits + 8 * len(data) + more + row.stuffed_in_7_bits[crc & 0x7F]
+
+
+@lru_cache(maxsize=4096)
+def _head(header: int, header_bits: int) -> tuple[int, int, "_Row"]:
+    """Start a frame: bits without those of its data and their stuff bits, CRC so far, state of the stuffing."""
+    crc = 0
+    for bit in f"{header:0{header_bits}b}":
+        crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
+        crc &= 0x7FFF
+    stuffed, last, run = _stuff(f"{header:0{header_bits}b}", "", 0)
+    return header_bits + stuffed + _CRC_BITS + _NEVER_STUFFED_BITS, crc, _ROWS[last, run]
 
 
 def _crc_table() -> list[int]:
@@ -88,7 +95,14 @@ def _crc_table() -> list[int]:
 
 
 class _Row(list[tuple[int, "_Row"]]):
-    """For one state of the stuffing (last bit, length of its run): by next byte, stuff bits and next state."""
+    """For one state of the stuffing (last bit, length of its run): by next byte, stuff bits and next state.
+
+    A CRC has 15 bits, a byte and 7 more: these are the last that are stuffed.
+    """
+
+    __slots__ = ("stuffed_in_7_bits",)
+
+    stuffed_in_7_bits: tuple[int, ...]
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
@@ -101,24 +115,18 @@ def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     return stuffed, last, run
 
 
-def _stuff_tables() -> dict[tuple[int, int], tuple[int, _Row]]:
-    """Give, by header length and first byte of the padded stream, the stuff bits in it and the state after it."""
+def _rows() -> dict[tuple[str, int], _Row]:
     rows = {(last, run): _Row() for last in "01" for run in range(1, 5)}
     for (last, run), row in rows.items():
         for byte in range(256):
             stuffed, next_last, next_run = _stuff(f"{byte:08b}", last, run)
             row.append((stuffed, rows[next_last, next_run]))
-    first = {}
-    for header_bits in (19, 39):
-        used = (header_bits + _CRC_BITS) % 8
-        for byte in range(1 << used):
-            stuffed, last, run = _stuff(f"{byte:0{used}b}", "", 0)
-            first[header_bits, byte] = stuffed, rows[last, run]
-    return first
+        row.stuffed_in_7_bits = tuple(_stuff(f"{bits:07b}", last, run)[0] for bits in range(128))
+    return rows
 
 
 _CRC_TABLE = _crc_table()
-_FIRST_ROWS = _stuff_tables()
+_ROWS = _rows()
 
 
 class Message(NamedTuple):

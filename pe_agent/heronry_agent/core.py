@@ -15,7 +15,7 @@ says so. Another node with the same node-ID is noted and counted; it is the driv
 """
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 
 from heronry_agent.gateway import Gateway
@@ -81,6 +81,8 @@ class AgentCore:
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._fixed_handlers = self._find_fixed_handlers()
         self._handlers = self._fixed_handlers
+        self._quiet = self._find_quiet()
+        self._due_ns: int | None = None  # the next deadline, once it has been asked for
 
     @property
     def counts(self) -> Counter[tuple[str, int]]:
@@ -91,39 +93,51 @@ class AgentCore:
         """Tell whether frames of an identifier mean anything here now; a driver may keep all others to itself."""
         return identifier in self._handlers
 
+    @property
+    def identifiers(self) -> Collection[int]:
+        """Every identifier that means something here now: another object whenever they have changed."""
+        return self._handlers
+
     def step(self, now_ns: int, event: Event) -> list[Action]:
         """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
         turn = self._turn
         out = turn.begin(now_ns)
         if type(event) is Received:
             frame = event.frame
-            handler = self._handlers.get(frame.can_id)
+            identifier = frame.can_id
+            handler = self._handlers.get(identifier)
             if handler is None:
                 return out
-            self._recent.append((now_ns, event))
             if frame.extended or frame.remote or frame.error:
-                turn.count("not a data frame of 11 bits", frame.can_id)
+                turn.count("not a data frame of 11 bits", identifier)
                 return out
             turn.arrived_ns = now_ns - event.age_ns
             handler(event)
+            if identifier in self._quiet:
+                return out
         else:
-            self._recent.append((now_ns, event))
             self._take_own(event)
+        self._recent.append((now_ns, event))
+        self._due_ns = None
         if turn.rewired:
             self._handlers = self._fixed_handlers | self._find_data_handlers()
+            self._quiet = self._find_quiet()
         if turn.wants_page_0 or turn.wants_page_1:
             out += self._reporting.at_once(self._facts(), page_0=turn.wants_page_0, page_1=turn.wants_page_1)
         return out
 
     def next_deadline_ns(self) -> int:
         """When to call with Tick, if nothing comes before."""
-        return min(
-            self._reporting.next_ns,
-            self.modules.schedule.next_ns,
-            self.modules.faults.next_ns,
-            self.staging.ask_ns,
-            self._services.next_ns,
-        )
+        due_ns = self._due_ns
+        if due_ns is None:
+            due_ns = self._due_ns = min(
+                self._reporting.next_ns,
+                self.modules.schedule.next_ns,
+                self.modules.faults.next_ns,
+                self.staging.ask_ns,
+                self._services.next_ns,
+            )
+        return due_ns
 
     def validate(self) -> None:
         """Check every invariant; raises InvariantError with the recent events."""
@@ -198,6 +212,15 @@ class AgentCore:
         if self._told.get(kind, False) != holds:
             self._told[kind] = holds
             self._turn.note(kind, gained if holds else lost)
+
+    def _find_quiet(self) -> frozenset[int]:
+        """Identifiers whose frames move no deadline and no state frame: most of all that comes."""
+        quiet = (self._state, self._echo, self._from_beyond, self._forward)
+        return frozenset(
+            identifier
+            for identifier, handler in self._handlers.items()
+            if handler in quiet or (isinstance(handler, partial) and handler.func == self._datum)
+        )
 
     def _find_fixed_handlers(self) -> dict[int, _Handler]:
         """Handlers that do not depend on the configuration, by identifier."""

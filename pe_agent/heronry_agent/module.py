@@ -10,14 +10,12 @@ an optional input that is not supplied and one that has just been lost are handl
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 Value = int | float | str | bytes | tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Datum:
+class Datum(NamedTuple):
     """One value of a variable as a consumer sees it."""
 
     value: Value

@@ -7,6 +7,7 @@ failed. Nothing else needs an answer.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
@@ -15,8 +16,7 @@ from heronry_wire.sansio import Received, Send, Tick, Withdraw
 """A deadline that does not come."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stepped:
+class Stepped(NamedTuple):
     """A module has computed one period.
 
     outputs: value by variable; one left out is not published.
@@ -64,8 +64,7 @@ class StopModule:
     module: int
 
 
-@dataclass(frozen=True, slots=True)
-class StepModule:
+class StepModule(NamedTuple):
     """Let a module compute one period; `inputs` holds (variable, datum) by leaf path, fresh ones only."""
 
     module: int

@@ -8,6 +8,7 @@ import pytest
 
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
+from heronry_tools.simulator.protocol_state import STATES
 
 ESTIMATOR = "  state_estimator: {"
 
@@ -24,7 +25,7 @@ def raising(tmp_path: Path) -> Path:
 def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "1"]) == 0
     head, *reconfigurations = capsys.readouterr().out.splitlines()
-    assert head.startswith("seed 0: kill tail_pe at 0.5 s (")
+    assert head.startswith("seed 0: 0.5 crash pe:tail_pe (")
     assert len(reconfigurations) == 2
     assert all(name in reconfigurations[1] for name in ("detect", "decide", "distribute", "activate"))
     assert reconfigurations[1].endswith("pe:tail_pe: silent for 3 heartbeat periods")
@@ -47,7 +48,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
     assert main(["sim", str(raising), "--kill", "pe:tail_pe@2", "--seed", "4", "--seconds", "3"]) == 1
     out = capsys.readouterr().out.splitlines()
     assert any("VIOLATION" in line and "module:state_estimator is reported" in line for line in out)
-    assert out[-1] == f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --kill pe:tail_pe@2"
+    assert out[-1] == f"  replay with: heronry sim {raising} --seed 4 --seconds 3 --act '2 crash pe:tail_pe'"
 
 
 @pytest.mark.parametrize(
@@ -89,3 +90,50 @@ def test_a_module_without_code_cannot_be_simulated(tmp_path: Path, capsys: pytes
     file.write_text(text.replace(ESTIMATOR, f"{ESTIMATOR}image: state_estimater, "))
     assert main(["sim", str(file)]) == 2
     assert "module state_estimator cannot be simulated" in capsys.readouterr().err
+
+
+def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reached(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["sim", "elevator_and_chute", "--runs", "3", "--seconds", "4"]
+    assert main(words) == 0
+    alone = capsys.readouterr().out
+    assert main([*words, "--jobs", "2"]) == 0
+    assert capsys.readouterr().out == alone
+    lines = alone.splitlines()
+    assert lines[-1] == "3 flights, 0 failed"
+    assert any(line.startswith("strikes in state") and line.split()[3:] == list(STATES) for line in lines)
+
+
+def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
+    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    acts = [f"{n / 10} doubled bus:can0 for 0.05 level 1" for n in range(4)]
+    words = ["sim", str(raising), "--seconds", "1", *(word for act in acts for word in ("--act", act))]
+    assert main([*words, "--shrink"]) == 1
+    head = capsys.readouterr().out.splitlines()[0]
+    assert head.count("doubled") == 1
+    (file,) = tmp_path.glob("*.acts")
+    assert "module:state_estimator is reported" in file.read_text()
+    assert main(["sim", str(raising), "--seconds", "1", "--acts", str(file)]) == 1
+    assert capsys.readouterr().out.startswith(head)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--act", "soon"], "write SECONDS KIND ELEMENT"),
+        (["--act", "1 explode pe:tail_pe"], "there is no fault 'explode'"),
+        (["--act", "1 pause pe:tail_pe in doubt"], "there is no state 'doubt'"),
+        (["--act", "1 pause pe:tail"], "did you mean 'tail_pe'"),
+        (["--act", "1 pause device:gps"], "pause cannot strike device:gps"),
+        (["--kind", "explode"], "there is no such fault"),
+        (["--acts", "nowhere.acts"], "name a file with one act a line"),
+    ],
+)
+def test_an_act_that_makes_no_sense_is_refused_in_a_sentence(
+    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["sim", "elevator_and_chute", *words]) == 2
+    assert sentence in capsys.readouterr().err

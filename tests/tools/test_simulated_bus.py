@@ -8,7 +8,7 @@ from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits
 
-LOW, HIGH = Frame(0x700, b"\x01"), Frame(0x100, b"\x02")
+LOW, MIDDLE, HIGH = Frame(0x700, b"\x01"), Frame(0x400, b"\x03"), Frame(0x100, b"\x02")
 
 
 class Nodes:
@@ -102,14 +102,14 @@ def test_who_leaves_says_nothing_more_and_destroys_what_it_was_sending() -> None
 
 def test_who_is_cut_off_sends_later_what_has_not_expired() -> None:
     nodes = Nodes()
-    nodes.bus.cut(nodes.a)
+    nodes.bus.wire(nodes.a, cut_off=True)
     nodes.bus.offer(nodes.a, LOW, 50_000_000)
     nodes.bus.offer(nodes.a, HIGH, 5_000_000)
     nodes.bus.offer(nodes.b, HIGH)
     nodes.run()
     assert [(sent.sender, sent.frame) for sent in nodes.sent] == [("b", HIGH)]
     assert nodes.heard["a"] == []
-    nodes.bus.mend(nodes.a)
+    nodes.bus.wire(nodes.a, cut_off=False)
     nodes.run()
     assert [(sent.sender, sent.frame) for sent in nodes.sent[1:]] == [("a", LOW)]
 
@@ -118,17 +118,17 @@ def test_a_frame_cut_in_the_middle_is_sent_again_when_the_wire_is_mended() -> No
     nodes = Nodes()
     nodes.bus.offer(nodes.a, LOW)
     nodes.run(10_000)
-    nodes.bus.cut(nodes.a)
+    nodes.bus.wire(nodes.a, cut_off=True)
     nodes.run()
     assert nodes.sent == []
-    nodes.bus.mend(nodes.a)
+    nodes.bus.wire(nodes.a, cut_off=False)
     nodes.run()
     assert nodes.heard["b"] == [LOW]
 
 
 def test_who_is_deaf_is_heard() -> None:
     nodes = Nodes(Faults(doubled=1.0))
-    nodes.a.deaf = True
+    nodes.bus.wire(nodes.a, deaf=True)
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.b, HIGH)
     nodes.run()
@@ -136,15 +136,139 @@ def test_who_is_deaf_is_heard() -> None:
     assert nodes.heard["b"] == [LOW, LOW]
 
 
-def test_what_is_withdrawn_is_not_sent() -> None:
+def test_what_is_withdrawn_is_not_sent_but_for_what_the_controller_has() -> None:
     nodes = Nodes()
     nodes.bus.offer(nodes.b, LOW)
     nodes.run(1_000)
+    nodes.bus.offer(nodes.a, MIDDLE)
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.a, HIGH)
-    nodes.bus.withdraw(nodes.a, frozenset({LOW.can_id}))
+    nodes.bus.withdraw(nodes.a, frozenset({LOW.can_id, MIDDLE.can_id}))
     nodes.run()
-    assert [(sent.sender, sent.frame) for sent in nodes.sent] == [("b", LOW), ("a", HIGH)]
+    assert [(sent.sender, sent.frame) for sent in nodes.sent] == [("b", LOW), ("a", MIDDLE), ("a", HIGH)]
+
+
+def test_the_mailbox_holds_one_frame_and_nothing_of_the_same_node_overtakes_it() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run(1_000)
+    for frame in (LOW, MIDDLE, HIGH):
+        nodes.bus.offer(nodes.a, frame)
+    nodes.bus.offer(nodes.c, MIDDLE)
+    nodes.run()
+    assert [(sent.sender, sent.frame) for sent in nodes.sent[1:]] == [
+        ("c", MIDDLE), ("a", LOW), ("a", HIGH), ("a", MIDDLE)
+    ]  # fmt: skip
+
+
+def test_a_frame_whose_time_is_over_leaves_the_mailbox_for_the_next_one() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run(1_000)
+    nodes.bus.offer(nodes.a, MIDDLE, 10_000)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [HIGH, LOW]
+
+
+def test_a_processor_that_stands_still_sends_what_its_controller_has_and_no_more() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.bus.stall(nodes.a, stalled=True)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [LOW]
+    nodes.bus.stall(nodes.a, stalled=False)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
+
+
+def test_who_is_mute_hears_and_sends_later() -> None:
+    nodes = Nodes()
+    nodes.bus.wire(nodes.a, mute=True)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.run()
+    assert (nodes.heard["a"], [sent.sender for sent in nodes.sent]) == ([HIGH], ["b"])
+    nodes.bus.wire(nodes.a, mute=False)
+    nodes.run()
+    assert [sent.sender for sent in nodes.sent] == ["b", "a"]
+
+
+def test_a_filter_keeps_out_what_a_station_does_not_want() -> None:
+    nodes = Nodes()
+    nodes.bus.wants(nodes.b, {HIGH.can_id})
+    for frame in (LOW, HIGH):
+        nodes.bus.offer(nodes.a, frame)
+    nodes.run()
+    assert (nodes.heard["b"], nodes.heard["c"]) == ([HIGH], [LOW, HIGH])
+    nodes.bus.wants(nodes.b, {LOW.can_id})
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run()
+    assert nodes.heard["b"] == [HIGH, LOW]
+
+
+def test_a_slow_bus_takes_its_time() -> None:
+    nodes = Nodes()
+    nodes.bus.slowdown = 5
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.run()
+    assert nodes.sent[0].end_ns == 5 * exact_bits(LOW) * 1000
+
+
+def test_every_failed_frame_counts_and_every_sent_one_takes_one_back() -> None:
+    nodes = Nodes()
+    nodes.bus.noisy = 1
+    nodes.bus.offer(nodes.a, LOW)
+    while nodes.bus.destroyed < 3:
+        nodes.run(1_000)
+    nodes.bus.noisy = 0
+    nodes.run()
+    failed = nodes.bus.destroyed
+    assert nodes.heard["b"] == [LOW]
+    assert (nodes.a.transmit_errors, nodes.b.receive_errors) == (8 * failed - 1, failed - 1)
+
+
+def test_who_cannot_send_a_frame_goes_passive_then_bus_off_and_comes_back() -> None:
+    nodes = Nodes()
+    nodes.a.fails = True
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.bus.offer(nodes.a, LOW)
+    while nodes.bus.destroyed < 16:
+        nodes.run(1_000)
+    assert nodes.a.is_passive
+    nodes.bus.offer(nodes.b, LOW)  # a passive station lets others go first, however urgent its own frame is
+    nodes.run(200_000)
+    assert [sent.sender for sent in nodes.sent] == ["b"]
+    nodes.run()
+    assert (nodes.a.off, nodes.bus.bus_offs, nodes.bus.destroyed) == (True, 1, 32)
+    nodes.bus.offer(nodes.b, HIGH)
+    nodes.a.fails = False
+    nodes.run(200_000_000)
+    assert (nodes.a.off, nodes.heard["a"]) == (False, [LOW])  # what came while it was off it has missed
+    assert [sent.frame for sent in nodes.sent if sent.sender == "a"] == [LOW]  # what the controller had is lost
+
+
+def test_two_stations_with_one_identifier_and_different_data_destroy_each_other_until_one_gives_way() -> None:
+    nodes = Nodes()
+    other = Frame(LOW.can_id, b"\x7f")
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.b, other)
+    nodes.run(3_000_000)
+    assert len(nodes.bus.clashes) == nodes.bus.destroyed == 32
+    assert nodes.sent == []
+    assert nodes.a.off
+    assert nodes.b.off
+
+
+def test_what_is_received_may_be_another_frame_than_the_one_sent() -> None:
+    nodes = Nodes()
+    nodes.bus.corrupt = lambda sent: HIGH if sent.frame == LOW else None
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, MIDDLE)
+    nodes.run()
+    assert nodes.heard["b"] == [HIGH, MIDDLE]
+    assert [sent.frame for sent in nodes.sent] == [LOW, MIDDLE]
 
 
 def test_two_stations_that_want_to_send_one_identifier_clash() -> None:
@@ -166,4 +290,4 @@ def test_one_frame_is_tampered_with_and_no_other() -> None:
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.a, HIGH)
     nodes.run()
-    assert nodes.heard == {"a": [], "b": [HIGH, HIGH], "c": [HIGH, HIGH, LOW]}
+    assert nodes.heard == {"a": [], "b": [HIGH, HIGH], "c": [LOW, HIGH, HIGH]}

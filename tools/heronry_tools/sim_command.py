@@ -6,26 +6,36 @@ be used.
 
 import argparse
 import json
+import os
+import sys
+from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
-from heronry_tools.spec_argument import add_spec_argument
+from heronry_tools.spec_argument import add_spec_argument, load_spec, spec_path
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
+    from heronry_tools.simulator.act import Act
     from heronry_tools.simulator.scenario import Outcome, Scenario
 
 _EPILOG = """\
-Without --kill and --restore each seed draws its own: one to three PEs die, and most of them come back. Seconds are
-virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit.
+Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, ...), of
+kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds are virtual and count from the
+moment at which the first configuration runs. A seed replays a flight bit for bit.
 
-What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, nobody
-who is well is blamed; and in the end every healthy PE is active and all of class A to D that could be served is heard.
+What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
+legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
+everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
+
+An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER].
 
 examples:
-  heronry sim big_blue                              one flight, with the losses that seed 0 draws
-  heronry sim big_blue --runs 100                   the seeds 0 to 99
+  heronry sim big_blue                              one flight, with what seed 0 draws
+  heronry sim big_blue --runs 100 --seconds 60      the seeds 0 to 99
+  heronry sim big_blue --act '1 pause pe:nav for 0.3' --act '1.1 manager_crash manager for 0.5 in planning'
   heronry sim big_blue --kill pe:nav@1 --kill pe:flight@1.05 --restore pe:nav@2
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
 """
@@ -44,37 +54,95 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
     parser.add_argument("--runs", type=whole_number, default=1, metavar="N", help="how many seeds, one after the other")
     parser.add_argument("--seconds", type=seconds, default=5.0, metavar="S", help="length of the chaos (default: 5)")
+    parser.add_argument(
+        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
+    )
+    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw acts of this kind alone")
+    parser.add_argument("--act", action="append", default=[], metavar="ACT", help="do this, and nothing that is drawn")
+    parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one act a line")
     parser.add_argument("--kill", action="append", default=[], metavar="pe:NAME@S", help="kill a PE then")
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument(
+        "--shrink", action="store_true", help="look for the fewest acts that fail, and write them to SPEC-seed-N.acts"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object a run")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
-    from heronry_tools.simulator.scenario import play  # noqa: PLC0415 - the solver is slow to import
-    from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.simulator.campaign import coverage_table, fly_all  # noqa: PLC0415 - the solver is slow to import
 
     spec = load_spec(arguments.spec)
     _check_images(spec)
-    worst = 0
-    for scenario in _scenarios(spec, arguments):
-        outcome = play(spec, scenario)
-        lines = [json.dumps(_document(arguments, outcome))] if arguments.json else _lines(arguments, outcome)
+    scenarios = list(_scenarios(spec, arguments))
+    hits: Counter[tuple[str, str]] = Counter()
+    failed = 0
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs), start=1):
+        _show_progress("")
+        hits += outcome.hits
+        failed += bool(outcome.violations)
+        shown = _shrink(spec, arguments, outcome) if outcome.violations and arguments.shrink else outcome
+        lines = [json.dumps(_document(arguments, shown))] if arguments.json else _lines(arguments, shown)
         print("\n".join(lines), flush=True)
-        worst = max(worst, 1 if outcome.violations else 0)
-    return worst
+        if done < len(scenarios):
+            _show_progress(f"{done} of {len(scenarios)} flights, {failed} failed")
+    if len(scenarios) > 1 and not arguments.json:
+        print("\n".join([*coverage_table(hits), f"{len(scenarios)} flights, {failed} failed"]))
+    return 1 if failed else 0
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
-    from heronry_tools.demo.script import read_script  # noqa: PLC0415
-    from heronry_tools.simulator.scenario import Scenario, drawn_acts  # noqa: PLC0415
+    from heronry_tools.simulator.act import KINDS  # noqa: PLC0415
+    from heronry_tools.simulator.chaos import drawn_acts  # noqa: PLC0415
+    from heronry_tools.simulator.scenario import Scenario  # noqa: PLC0415
 
-    given = tuple(read_script(spec, arguments.kill, arguments.restore))
+    unknown = [kind for kind in arguments.kind if kind not in KINDS]
+    if unknown:
+        raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
+    given = _given_acts(spec, arguments)
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        acts = given or drawn_acts(spec, seed, arguments.seconds)
-        yield Scenario(seed, max((arguments.seconds, *(act.at_s for act in acts))), acts, arguments.loss)
+        acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind)
+        yield Scenario(seed, max((arguments.seconds, *(act.at_ms / 1000 for act in given))), acts, arguments.loss)
+
+
+def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
+    from heronry_tools.demo.script import read_script  # noqa: PLC0415
+    from heronry_tools.simulator.act import Act, read_act  # noqa: PLC0415
+
+    texts = list(arguments.act)
+    if arguments.acts is not None:
+        try:
+            lines = arguments.acts.read_text().splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise UserError(f"--acts {arguments.acts}: {error}; name a file with one act a line") from None
+        texts += [line for line in lines if line.strip() and not line.startswith("#")]
+    acts = [read_act(spec, text) for text in texts]
+    script = read_script(spec, arguments.kill, arguments.restore)
+    for position, act in enumerate(script):
+        if act.what == "kill":
+            ends = [later.at_s for later in script[position + 1 :] if later.pe == act.pe][:1]
+            lasts_ms = max(1, round(1000 * (ends[0] - act.at_s))) if ends else 0
+            acts.append(Act(round(1000 * act.at_s), "crash", f"pe:{act.pe}", lasts_ms))
+    return tuple(sorted(acts))
+
+
+def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":
+    """Make a failing flight shorter, and keep it in a file."""
+    from heronry_tools.simulator.scenario import play  # noqa: PLC0415
+    from heronry_tools.simulator.shrink import shrunk  # noqa: PLC0415
+
+    def fly(scenario: "Scenario") -> "Outcome":
+        _show_progress(f"seed {scenario.seed}: trying {len(scenario.acts)} acts")
+        return play(spec, scenario)
+
+    least = shrunk(outcome, fly)
+    _show_progress("")
+    file = Path(f"{spec.name}-seed-{outcome.scenario.seed}.acts")
+    lines = [f"# {violation}" for violation in least.violations] + [str(act) for act in least.scenario.acts]
+    file.write_text("\n".join([f"# {_replay(arguments, least.scenario)}", *lines, ""]))
+    return least
 
 
 def _check_images(spec: "Spec") -> None:
@@ -89,10 +157,10 @@ def _check_images(spec: "Spec") -> None:
 
 def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     scenario = outcome.scenario
-    acts = ", ".join(f"{act.what} {act.pe} at {act.at_s:g} s" for act in scenario.acts)
+    acts = ", ".join(map(str, scenario.acts))
     end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
     lines = [f"seed {scenario.seed}: {acts or 'nothing is done'} ({end})"]
-    for told in outcome.reconfigurations:
+    for told in outcome.reconfigurations if arguments.runs == 1 else ():
         times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
         cause = told["causes"][-1] if told["causes"] else ""
         lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {cause}")
@@ -105,10 +173,11 @@ def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
 def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, Any]:
     return {
         "seed": outcome.scenario.seed,
-        "acts": [{"at_s": act.at_s, "what": act.what, "pe": act.pe} for act in outcome.scenario.acts],
+        "acts": [str(act) for act in outcome.scenario.acts],
         "virtual_ns": outcome.virtual_ns,
         "frames": outcome.frames,
         "digest": outcome.digest,
+        "hits": [{"kind": kind, "state": state, "count": n} for (kind, state), n in sorted(outcome.hits.items())],
         "reconfigurations": [
             {key: told[key] for key in ("t_ns", "epoch", "causes", "times_ns")} for told in outcome.reconfigurations
         ],
@@ -118,10 +187,15 @@ def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, An
 
 
 def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
-    words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{arguments.seconds:g}"]
-    for option, texts in (("--kill", arguments.kill), ("--restore", arguments.restore)):
-        words += [word for text in texts for word in (option, text)]
+    words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{scenario.seconds:g}"]
+    words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
+
+
+def _show_progress(text: str) -> None:
+    """Write one line that the next one replaces; for a terminal alone."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def whole_number(text: str) -> int:
@@ -130,6 +204,11 @@ def whole_number(text: str) -> int:
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
     return number
+
+
+def processors(text: str) -> int:
+    """Read a number of processors; 0 stands for all there are."""
+    return whole_number(text) or os.cpu_count() or 1
 
 
 def seconds(text: str) -> float:

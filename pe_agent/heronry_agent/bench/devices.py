@@ -46,24 +46,24 @@ class Surroundings:
     device: str
     time_ns: int
     now: Moment
-    positions: Mapping[str, float]
-    rates: Mapping[str, float]
+    position: Callable[[str], float]  # of a mechanism
+    rate: Callable[[str], float]
 
     @property
     def attitude_deg(self) -> tuple[float, float]:
         """Pitch and roll, with what the surfaces do to them."""
-        pitch, roll = self._by_surfaces(self.positions)
+        pitch, roll = self._by_surfaces(self.position)
         return self.now.pitch_deg + pitch, self.now.roll_deg + roll
 
     @property
     def body_rates_deg_per_s(self) -> tuple[float, float]:
         """Rates of pitch and roll, with what the surfaces do to them."""
-        pitch, roll = self._by_surfaces(self.rates)
+        pitch, roll = self._by_surfaces(self.rate)
         return self.now.pitch_rate_deg_per_s + pitch, self.now.roll_rate_deg_per_s + roll
 
-    def _by_surfaces(self, of: Mapping[str, float]) -> tuple[float, float]:
+    def _by_surfaces(self, of: Callable[[str], float]) -> tuple[float, float]:
         flow = (self.now.airspeed_m_per_s / _GLIDE_M_PER_S) ** 2
-        return _PITCH_PER_ELEVATOR * flow * of["pitching"], _ROLL_PER_RUDDER * flow * of["rolling"]
+        return _PITCH_PER_ELEVATOR * flow * of("pitching"), _ROLL_PER_RUDDER * flow * of("rolling")
 
     def with_noise(self, value: float, sigma: float, axis: str = "") -> float:
         """Add this device's noise at this time; devices and axes are independent of each other."""
@@ -130,13 +130,13 @@ def _angle_of(mechanism: str) -> Sensor:
     """A potentiometer on a surface, in degrees."""
 
     def read(around: Surroundings) -> float:
-        return around.with_noise(around.positions[mechanism], 0.05)
+        return around.with_noise(around.position(mechanism), 0.05)
 
     return read
 
 
 def _wing_pressure(around: Surroundings) -> float:
-    return max(around.with_noise(around.positions["wing"], 1.0), 0.0)
+    return max(around.with_noise(around.position("wing"), 1.0), 0.0)
 
 
 def _ultraviolet(around: Surroundings) -> float:

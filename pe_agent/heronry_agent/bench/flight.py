@@ -27,6 +27,7 @@ RELEASE_S = 95.0
 GLIDE_S = 103.0
 TOUCHDOWN_S = 235.0
 
+_M_PER_DEG_LONGITUDE = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
 _STEP_S = 0.005  # for rates: half the distance of the two points whose difference is taken
 
 
@@ -69,40 +70,62 @@ _WING_PRESSURE_HPA = _Curve(((70.0, 0.0), (80.0, 500.0)))
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The aircraft at one time, with its surfaces at rest.
+    """The aircraft at one time, with its surfaces at rest; what nobody asks for is not worked out.
 
     Angles in degrees: pitch nose up, roll to the right, track from north clockwise.
     """
 
     time_s: float
-    altitude_m: float
-    latitude_deg: float
-    longitude_deg: float
-    track_deg: float
-    airspeed_m_per_s: float  # indicated
-    pitch_deg: float
-    roll_deg: float
-    pitch_rate_deg_per_s: float
-    roll_rate_deg_per_s: float
+
+    @property
+    def altitude_m(self) -> float:
+        """Height above the sea."""
+        return _ALTITUDE_M.at(self.time_s)
+
+    @property
+    def latitude_deg(self) -> float:
+        """North."""
+        return HOME_LATITUDE_DEG + _NORTH_M.at(self.time_s) / M_PER_DEG_LATITUDE
+
+    @property
+    def longitude_deg(self) -> float:
+        """East."""
+        return HOME_LONGITUDE_DEG + _EAST_M.at(self.time_s) / _M_PER_DEG_LONGITUDE
+
+    @property
+    def track_deg(self) -> float:
+        """Where it flies to."""
+        return _track_deg(self.time_s)
+
+    @property
+    def airspeed_m_per_s(self) -> float:
+        """Indicated airspeed."""
+        return _AIRSPEED_M_PER_S.at(self.time_s)
+
+    @property
+    def pitch_deg(self) -> float:
+        """Pitch."""
+        return _pitch_deg(self.time_s)
+
+    @property
+    def roll_deg(self) -> float:
+        """Roll."""
+        return _roll_deg(self.time_s)
+
+    @property
+    def pitch_rate_deg_per_s(self) -> float:
+        """Rate of pitch."""
+        return (_pitch_deg(self.time_s + _STEP_S) - _pitch_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
+
+    @property
+    def roll_rate_deg_per_s(self) -> float:
+        """Rate of roll."""
+        return (_roll_deg(self.time_s + _STEP_S) - _roll_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
 
 
 def moment(time_ns: int) -> Moment:
     """Where the script is, this many nanoseconds after take-off; before it the aircraft stands on the field."""
-    time_s = max(time_ns, 0) / NS_PER_S
-    latitude_deg = HOME_LATITUDE_DEG + _NORTH_M.at(time_s) / M_PER_DEG_LATITUDE
-    m_per_deg_longitude = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
-    return Moment(
-        time_s=time_s,
-        altitude_m=_ALTITUDE_M.at(time_s),
-        latitude_deg=latitude_deg,
-        longitude_deg=HOME_LONGITUDE_DEG + _EAST_M.at(time_s) / m_per_deg_longitude,
-        track_deg=_track_deg(time_s),
-        airspeed_m_per_s=_AIRSPEED_M_PER_S.at(time_s),
-        pitch_deg=_pitch_deg(time_s),
-        roll_deg=_roll_deg(time_s),
-        pitch_rate_deg_per_s=(_pitch_deg(time_s + _STEP_S) - _pitch_deg(time_s - _STEP_S)) / (2.0 * _STEP_S),
-        roll_rate_deg_per_s=(_roll_deg(time_s + _STEP_S) - _roll_deg(time_s - _STEP_S)) / (2.0 * _STEP_S),
-    )
+    return Moment(max(time_ns, 0) / NS_PER_S)
 
 
 def wing_pressure_hpa(time_ns: int) -> float:

@@ -98,10 +98,14 @@ class Bench:
         time_ns = max(now_ns - self._origin_ns, 0)
         if device == "gps":
             time_ns -= time_ns % GPS_PERIOD_NS  # a receiver repeats its last fix until it has a new one
-        resting = {name: self._resting(name, now_ns) for name in self._mechanisms}
-        positions = {name: m.position(now_ns, resting[name]) for name, m in self._mechanisms.items()}
-        rates = {name: m.rate_per_s(now_ns, resting[name]) for name, m in self._mechanisms.items()}
-        return reading(Surroundings(device, time_ns, flight.moment(time_ns), positions, rates))
+
+        def position(name: str) -> float:
+            return self._mechanisms[name].position(now_ns, self._resting(name, now_ns))
+
+        def rate(name: str) -> float:
+            return self._mechanisms[name].rate_per_s(now_ns, self._resting(name, now_ns))
+
+        return reading(Surroundings(device, time_ns, flight.moment(time_ns), position, rate))
 
     def _resting(self, name: str, now_ns: int) -> float:
         return flight.wing_pressure_hpa(now_ns - self._origin_ns) if name == "wing" else 0.0

@@ -1,37 +1,49 @@
-"""A simulated CAN bus: priority arbitration, exact frame lengths, loss.
+"""A simulated CAN bus: priority arbitration, exact frame lengths, and what can go wrong on a wire.
 
-Every station hands over its frames by priority, so the frame that wins the bus is the most urgent of all that wait
-anywhere: one queue serves the whole bus. While the bus is free the winner is sent, takes the exact time of its bits
-(stuffing and intermission included), and is then received by every other station. What is offered at the very instant
-at which the bus falls free takes part in the arbitration of that instant.
+Every station has one frame in its mailbox (`station`). While the bus is free the most urgent of these is sent, takes
+the exact time of its bits (stuffing and intermission included), and is then received by every other station that wants
+its identifier. What is offered at the very instant at which the bus falls free takes part in the arbitration of that
+instant.
 
-Faults: `loss` is the probability that a frame is destroyed and has to be sent again by its controller (what CAN does);
-`omission` that one receiver alone misses a frame which the others, and the sender, believe delivered (what CAN can
-do at the last bit but one: it is not an atomic broadcast); `doubled` that a receiver gets it twice, the other half of
-that flaw. `tamper` decides the same for one frame at a time. A station that is cut off neither sends nor receives, and
-sends later what it was given meanwhile, as far as that has not expired; one that is deaf sends and does not receive. A
-station that leaves while it sends destroys that frame.
+A frame that is destroyed, by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival, costs the bits
+that were sent and an error frame, counts at its sender and at everybody who listened, and is sent again. Two stations
+that win the same arbitration with the same bits send one frame together; with different ones they destroy each
+other's. Either is noted in `clashes`.
 
-Two stations that have the same identifier waiting when the bus falls free would destroy each other's frames: that is
-noted in `clashes`, and the one that was offered first is sent.
+What gets through may still be missed by one receiver, or come twice (CAN is not an atomic broadcast: the last bit but
+one decides for a receiver, the last one for the sender), or, once in an age, be another frame than the one sent
+(`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
 
-Not modelled: bit errors inside a frame, error counters, bus-off.
+A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home.
+
+Not modelled: single bits (a frame fails or it does not), the other channel of a replicated bus.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container
+from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
 from random import Random
 from typing import NamedTuple
 
 from heronry_tools.simulator.clock import LATE, Clock
+from heronry_tools.simulator.station import (
+    BUS_OFF_ABOVE,
+    ERROR_PASSIVE_ABOVE,
+    FOR_EVER_NS,
+    RESTART_BITS,
+    RESTART_NS,
+    SUSPENDED_BITS,
+    Station,
+    Waiting,
+)
 from heronry_wire.frame import Frame, arbitration_key
 from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits
 
 _ERROR_FRAME_BITS = 31
+_HEADER_BITS = 19
 _NS_PER_S = 1_000_000_000
-FOR_EVER_NS = 1 << 63
+_TRANSMIT_ERROR, _RECEIVE_ERROR = 8, 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,153 +81,240 @@ class Tampering:
     receiver: str | None = None
 
 
-@dataclass(slots=True, eq=False)
-class Station:
-    """One node's controller on one bus."""
-
-    name: str
-    port: int  # the bus, as this node counts its own
-    listener: Callable[[Received], None]
-    present: bool = True
-    cut_off: bool = False
-    deaf: bool = False
-    stranded: list[tuple[Frame, int]] = field(default_factory=list)  # while cut off: frames, and until when they serve
-
-
-class _Waiting(NamedTuple):
-    """A frame on its way: ordered by arbitration key, then as offered."""
-
-    key: int
-    offer: int
-    station: Station
-    frame: Frame
-    until_ns: int
-
-
 class SimulatedBus:
     """One CAN segment."""
 
     def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
-        """`random` is drawn from only where `faults` asks for it."""
+        """`random` is drawn from only where faults ask for it."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
+        self.slowdown = 1
+        self.noisy = 0  # how many bursts are destroying every frame now
+        self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
+        self.tamper: Callable[[Sent], Tampering | None] | None = None
         self.busy_bits = 0  # sent so far
         self.frames = 0
+        self.destroyed = 0
+        self.bus_offs = 0
         self.clashes: list[Clash] = []
         self.taps: list[Callable[[Sent], None]] = []  # who watches; the stations cannot see them
-        self.tamper: Callable[[Sent], Tampering | None] | None = None
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
-        self._waiting: list[_Waiting] = []
-        self._busy = False
+        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; worked out when one is first sent
+        self._waiting: list[Waiting] = []  # the mailboxes
+        self._on_air: tuple[Waiting, bool] | None = None  # a frame, and whether it will be destroyed
+        self._rival: Waiting | None = None  # sent together with it
         self._arbitration_due = False
         self._offers = 0
+        self._joined = 0
+        self._errors_count = False  # some counter is above 0
 
-    def join(self, name: str, port: int, listener: Callable[[Received], None]) -> Station:
-        """Connect a station."""
-        station = Station(name, port, listener)
+    @property
+    def queued(self) -> int:
+        """How many frames wait, in mailboxes and queues of stations that can send."""
+        return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
+
+    def join(
+        self, name: str, port: int, listener: Callable[[Received], None], wants: Container[int] | None = None
+    ) -> Station:
+        """Connect a station; it hears what it `wants`, or everything."""
+        self._joined += 1
+        station = Station(name, port, self._joined, listener)
+        if wants is not None:
+            station.wants = wants
         self._stations.append(station)
+        self._audience.clear()
         return station
+
+    def wants(self, station: Station, identifiers: Container[int]) -> None:
+        """Let a station hear other identifiers from now on."""
+        station.wants = identifiers
+        self._audience.clear()
 
     def leave(self, station: Station) -> None:
         """Disconnect a station for good; what it had to say is lost."""
         station.present = False
+        station.reconsider()
+        station.mailbox = None
         self._stations.remove(station)
+        self._audience.clear()
 
-    def cut(self, station: Station) -> None:
-        """Break the wire of a station."""
-        station.cut_off = True
+    def wire(
+        self, station: Station, *, cut_off: bool | None = None, mute: bool | None = None, deaf: bool | None = None
+    ) -> None:
+        """Break the wire of a station, in both directions or in one, or mend it; what is not said stays."""
+        station.cut_off = station.cut_off if cut_off is None else cut_off
+        station.mute = station.mute if mute is None else mute
+        station.deaf = station.deaf if deaf is None else deaf
+        station.reconsider()
+        self._wake(station)
 
-    def mend(self, station: Station) -> None:
-        """Mend the wire of a station."""
-        station.cut_off = False
-        stranded, station.stranded = station.stranded, []
-        for frame, until_ns in stranded:
-            self.offer(station, frame, until_ns)
+    def stall(self, station: Station, *, stalled: bool) -> None:
+        """Let the processor behind a station stand still, or go on: what is in the mailbox is sent all the same."""
+        station.stalled = stalled
+        self._wake(station)
+
+    def turn_off(self, station: Station) -> None:
+        """Put a station bus-off, as 32 failed frames in a row would."""
+        station.transmit_errors = BUS_OFF_ABOVE + 1
+        self._go_off(station)
 
     def offer(self, station: Station, frame: Frame, until_ns: int = FOR_EVER_NS) -> None:
         """Queue a frame at a station; one that cannot start by `until_ns` is not sent."""
         if not station.present:
             return
-        self._offers += 1
-        heappush(self._waiting, _Waiting(arbitration_key(frame), self._offers, station, frame, until_ns))
-        if not self._busy and not self._arbitration_due:
-            self._arbitrate_soon()
+        self._offers = offer = self._offers + 1
+        waiting = (arbitration_key(frame), offer, station, frame, until_ns)
+        if station.mailbox is None and not station.stalled:
+            station.mailbox = waiting
+            if self._errors_count:
+                self._enter(station)
+            else:
+                self._wait_for_bus(station)
+        else:
+            heappush(station.queue, waiting)
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
-        """Take back what waits at a station under these identifiers; what is being sent is sent."""
-        self._waiting = [w for w in self._waiting if w.station is not station or w.frame.can_id not in identifiers]
-        heapify(self._waiting)
-        station.stranded = [one for one in station.stranded if one[0].can_id not in identifiers]
+        """Take back what waits at a station under these identifiers; what it has handed over is sent."""
+        station.queue = [waiting for waiting in station.queue if waiting[3].can_id not in identifiers]
+        heapify(station.queue)
 
-    def _arbitrate_soon(self) -> None:
-        self._arbitration_due = True
-        self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+    # Mailboxes
+
+    def _refill(self, station: Station) -> None:
+        """Hand over the next frame that still serves."""
+        queue, now_ns = station.queue, self._clock.now_ns
+        while queue and not station.stalled:
+            waiting = heappop(queue)
+            if waiting[4] >= now_ns:
+                station.mailbox = waiting
+                self._enter(station)
+                return
+
+    def _enter(self, station: Station) -> None:
+        """Let what is in a mailbox take part in arbitration; an error-passive station lets others go first."""
+        if station.is_passive:
+            suspended_ns = self._duration_ns(SUSPENDED_BITS)
+            self._clock.at(self._clock.now_ns + suspended_ns, lambda: self._wait_for_bus(station))
+        else:
+            self._wait_for_bus(station)
+
+    def _wait_for_bus(self, station: Station) -> None:
+        if station.mailbox is None or not station.can_send:
+            return
+        heappush(self._waiting, station.mailbox)
+        if self._on_air is None and not self._arbitration_due:
+            self._arbitration_due = True
+            self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+
+    def _wake(self, station: Station) -> None:
+        if station.mailbox is None:
+            self._refill(station)
+        else:
+            self._wait_for_bus(station)
+
+    # Arbitration
 
     def _arbitrate(self) -> None:
         self._arbitration_due = False
-        head = self._head()
+        head = self._head() if self._on_air is None else None
         if head is None:
             return
         heappop(self._waiting)
-        self._note_clash(head)
-        bits = exact_bits(head.frame)
-        destroyed = self.faults.loss > 0 and self._random.random() < self.faults.loss
+        frame = head[3]
+        bits = exact_bits(frame)
+        destroyed = False
+        if self._waiting and self._waiting[0][0] == head[0]:
+            destroyed, bits = self._meet_rival(head, bits)
+        if self.noisy or head[2].fails or (self.faults.loss and self._random.random() < self.faults.loss):
+            destroyed = True
+            bits = self._random.randint(1, bits)
         if destroyed:
             bits += _ERROR_FRAME_BITS
-            heappush(self._waiting, head)
         self.busy_bits += bits
-        self._busy = True
-        self._clock.at(self._clock.now_ns + bits * _NS_PER_S // self.bitrate, lambda: self._end(head, destroyed))
+        self._on_air = (head, destroyed)
+        clock = self._clock
+        clock.at(clock.now_ns + bits * self.slowdown * _NS_PER_S // self.bitrate, self._end)
 
-    def _head(self) -> _Waiting | None:
+    def _duration_ns(self, bits: int) -> int:
+        return bits * self.slowdown * _NS_PER_S // self.bitrate
+
+    def _head(self) -> Waiting | None:
         """Most urgent frame that may be sent, of a station that can send."""
-        while self._waiting:
-            head = self._waiting[0]
-            if head.station.present and not head.station.cut_off and head.until_ns >= self._clock.now_ns:
-                return head
-            heappop(self._waiting)
-            if head.station.cut_off:
-                head.station.stranded.append((head.frame, head.until_ns))
+        waiting, now_ns = self._waiting, self._clock.now_ns
+        while waiting:
+            head = waiting[0]
+            station = head[2]
+            if station.mailbox is head and station.can_send:
+                if head[4] >= now_ns:
+                    return head
+                station.mailbox = None
+                heappop(waiting)
+                self._refill(station)
+            else:
+                heappop(waiting)
         return None
 
-    def _note_clash(self, winner: _Waiting) -> None:
-        second = self._head()
-        if second is not None and second.key == winner.key and second.station is not winner.station:
-            names = (winner.station.name, second.station.name)
-            self.clashes.append(Clash(self._clock.now_ns, self.name, winner.frame.can_id, names))
+    def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
+        """Another station may have won as well: its frame goes out with this one, or both are destroyed."""
+        rival = self._head()
+        if rival is None or rival[0] != head[0] or rival[2] is head[2]:
+            return False, bits
+        self.clashes.append(Clash(self._clock.now_ns, self.name, head[3].can_id, (head[2].name, rival[2].name)))
+        heappop(self._waiting)
+        self._rival = rival
+        mine, others = head[3].data, rival[3].data
+        if mine == others:
+            return False, bits
+        differ = (i for i, (a, b) in enumerate(zip(mine, others, strict=False)) if a != b)
+        same_bytes = next(differ, min(len(mine), len(others)))
+        return True, min(bits, _HEADER_BITS + 8 * (same_bytes + 1))
 
-    def _end(self, head: _Waiting, destroyed: bool) -> None:
-        self._busy = False
-        sender, frame = head.station, head.frame
-        if self._waiting:
-            self._arbitrate_soon()
-        if sender.cut_off and not destroyed:
-            sender.stranded.append((frame, head.until_ns))
-        if destroyed or not sender.present or sender.cut_off:
-            return
-        self.frames += 1
+    # The end of a frame
+
+    def _end(self) -> None:
+        assert self._on_air is not None
+        head, destroyed = self._on_air
+        rival, self._rival, self._on_air = self._rival, None, None
+        sender, frame = head[2], head[3]
+        if destroyed or not sender.can_send:
+            self._fail(head, rival)
+        else:
+            sender.mailbox = None
+            if sender.queue:
+                self._refill(sender)
+            if rival is not None and rival[2].mailbox is rival:
+                rival[2].mailbox = None
+                self._refill(rival[2])
+            if self._errors_count:
+                self._forgive(sender)
+            self.frames += 1
+            self._hand_out(sender, frame)
+        if self._waiting and not self._arbitration_due:
+            if self._clock.is_last_now():
+                self._arbitrate()
+            else:
+                self._arbitration_due = True
+                self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+
+    def _hand_out(self, sender: Station, frame: Frame) -> None:
         sent = Sent(self._clock.now_ns, self.name, sender.name, frame)
         tampering = self.tamper(sent) if self.tamper is not None else None
         for tap in self.taps:
             tap(sent)
-        if tampering is not None or self.faults.omission > 0 or self.faults.doubled > 0:
-            self._deliver_with_faults(sender, frame, tampering)
-            return
-        events: dict[int, Received] = {}
-        for station in self._stations.copy():
-            if station is sender or station.cut_off or station.deaf or not station.present:
+        if self.corrupt is not None:
+            frame = self.corrupt(sent) or frame
+        audience = self._audience.get(frame.can_id)
+        if audience is None:
+            audience = tuple(station for station in self._stations if frame.can_id in station.wants)
+            self._audience[frame.can_id] = audience
+        perfect = tampering is None and not self.faults.omission and not self.faults.doubled
+        port, event = -1, None
+        for station in audience:
+            if station is sender or not station.can_hear:
                 continue
-            event = events.get(station.port)
-            if event is None:
-                event = events[station.port] = Received(station.port, frame)
-            station.listener(event)
-
-    def _deliver_with_faults(self, sender: Station, frame: Frame, tampering: Tampering | None) -> None:
-        for station in self._stations.copy():
-            if station is sender or station.cut_off or station.deaf:
-                continue
-            event = Received(station.port, frame)
-            for _ in range(self._copies(station, tampering)):
+            if event is None or port != station.port:
+                port, event = station.port, Received(station.port, frame)
+            for _ in range(1 if perfect else self._copies(station, tampering)):
                 if station.present:
                     station.listener(event)
 
@@ -226,3 +325,43 @@ class SimulatedBus:
         if faults.omission > 0 and self._random.random() < faults.omission:
             return 0
         return 2 if faults.doubled > 0 and self._random.random() < faults.doubled else 1
+
+    # Errors
+
+    def _fail(self, head: Waiting, rival: Waiting | None) -> None:
+        """A frame has been destroyed: everybody counts it, and who sent it sends it again."""
+        self.destroyed += 1
+        self._errors_count = True
+        senders = [waiting[2] for waiting in (head, rival) if waiting is not None]
+        for station in self._stations:
+            if station in senders:
+                station.transmit_errors += _TRANSMIT_ERROR
+            elif station.can_hear:
+                station.receive_errors = min(station.receive_errors + _RECEIVE_ERROR, ERROR_PASSIVE_ABOVE + 1)
+        for station in senders:
+            if station.transmit_errors > BUS_OFF_ABOVE:
+                self._go_off(station)
+            elif station.mailbox is not None:
+                self._enter(station)
+
+    def _forgive(self, sender: Station) -> None:
+        sender.transmit_errors = max(sender.transmit_errors - 1, 0)
+        for station in self._stations:
+            if station is not sender and station.receive_errors and station.can_hear:
+                station.receive_errors -= 1
+        self._errors_count = any(s.transmit_errors or s.receive_errors for s in self._stations)
+
+    def _go_off(self, station: Station) -> None:
+        if station.off or not station.present:
+            return
+        self.bus_offs += 1
+        station.off, station.mailbox = True, None
+        station.reconsider()
+        restart_ns = RESTART_NS + self._duration_ns(RESTART_BITS)
+        self._clock.at(self._clock.now_ns + restart_ns, lambda: self._restart(station))
+
+    def _restart(self, station: Station) -> None:
+        station.off, station.transmit_errors, station.receive_errors = False, 0, 0
+        station.reconsider()
+        if station.present:
+            self._refill(station)

@@ -9,7 +9,9 @@ from heronry_dg.situation import Situation
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.frame import Malformed
-from heronry_wire.management import ElementKind, FaultCode, decode_emergency
+from heronry_wire.management import ElementKind, decode_emergency
+
+_ACCUSES_NOBODY = ("RESET", "PHASE_REQUEST")
 
 
 class BlameCheck:
@@ -28,11 +30,16 @@ class BlameCheck:
     def emergency(self, sent: Sent) -> None:
         """An EMCY was sent."""
         emergency = decode_emergency(sent.frame.data)
-        if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:
+        if isinstance(emergency, Malformed) or emergency.code.name in _ACCUSES_NOBODY:
             return
         element = f"{emergency.kind.name.lower()}:{self._names[emergency.kind][emergency.index]}"
         story = f"{element} is reported by {sent.sender} (detail {emergency.detail}), and it is well"
         self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
+
+    @property
+    def reported(self) -> set[str]:
+        """Elements that have been reported, rightly or not."""
+        return set(self._reported)
 
     def violations(self, truth: Situation) -> list[Violation]:
         """Give the reports of what has not failed."""

@@ -13,12 +13,13 @@ from heronry_tools.simulator.violation import Violation
 from heronry_wire.management import NO_EPOCH, StatePage0, decode_state, is_newer
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LastState:
-    """Page 0 of a PE's state, and when it was heard."""
+    """Page 0 of a PE's state, and when it was heard; `meaning` are its bytes without the sequence."""
 
     t_ns: int
     page: StatePage0
+    meaning: bytes
 
 
 class EpochCheck:
@@ -31,14 +32,19 @@ class EpochCheck:
 
     def state(self, sent: Sent) -> None:
         """A state frame was sent."""
-        page = decode_state(sent.frame.data)
+        key = (sent.bus, sent.frame.can_id)
+        data = sent.frame.data
+        meaning = data[:4] + data[5:]
+        before = self.last.get(key)
+        if before is not None and before.meaning == meaning:
+            before.t_ns = sent.end_ns
+            return
+        page = decode_state(data)
         if not isinstance(page, StatePage0):
             return
-        key = (sent.bus, sent.frame.can_id)
-        before = self.last.get(key)
         if before is not None:
             self._compare(sent, before.page, page)
-        self.last[key] = LastState(sent.end_ns, page)
+        self.last[key] = LastState(sent.end_ns, page, meaning)
         if page.epoch != NO_EPOCH and self._digests.setdefault(page.epoch, page.digest) != page.digest:
             story = f"{sent.sender} runs epoch {page.epoch} as {page.digest:06X}, others as another configuration"
             self.violations.append(Violation(sent.end_ns, "digest", story))

@@ -11,6 +11,7 @@ from heronry_tools.simulator.check_end_state import end_state
 from heronry_tools.simulator.check_epochs import EpochCheck
 from heronry_tools.simulator.check_exclusion import ExclusionCheck
 from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.identifiers import (
@@ -51,8 +52,13 @@ class Checks:
     def see(self, sent: Sent) -> None:
         """Take a frame from any bus."""
         watcher = self._watchers.get(sent.frame.can_id)
-        if watcher is not None:
+        if watcher is not None and not sent.sender.startswith(STRANGER):
             watcher(sent)
+
+    @property
+    def reported(self) -> set[str]:
+        """Elements that some PE has reported as failed."""
+        return self._blame.reported
 
     def driven(self, driven: Driven) -> None:
         """A branch of a DEMUX drives it."""
@@ -63,6 +69,7 @@ class Checks:
         stories = [
             Violation(c.t_ns, "clash", f"{' and '.join(c.stations)} both wanted to send {c.can_id} on {c.bus}")
             for c in clashes
+            if not any(station.startswith(STRANGER) for station in c.stations)
         ]
         blamed = self._blame.violations(truth)
         return sorted([*self._exclusion.violations, *self._epochs.violations, *blamed, *stories])

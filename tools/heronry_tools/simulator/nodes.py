@@ -1,36 +1,50 @@
 """The drivers of the simulator: a core, its stations on the buses, its deadline on the virtual clock.
 
-What a real driver does with a socket and a timer, these do with a `Station` and the `Clock`; the cores and the modules
-are the ones that fly. Every call that makes a core do something is followed by its `validate`; what a call breaks that
-does nothing shows with the next one, a beat later at most.
+The cores and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of
+an aircraft were switched on at the same moment, and how their periods lie to each other decides much. A module computes
+in no time at all, unless its processor is slow.
 
-A PE lives on a clock of its own, ahead of virtual time by `ahead_ns`: no two processors of an aircraft were switched on
-at the same moment, and how their periods lie to each other decides much. A module computes in no time at all.
+A core is asked for its invariants after every call that did more than send a frame or release a module, and at every
+sixteenth deadline.
 
-A node that has been stopped is silent at once, whatever it had queued. Nothing of it survives; who comes back is new.
+Two branches of one DEMUX drive one thing, so every step of such a branch is told (`Driven`), with what it was given.
 """
 
 from collections.abc import Callable, Mapping
+from random import Random
 from typing import Any, NamedTuple
 
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
-from heronry_agent.vocabulary import Action, StepModule
+from heronry_agent.module import Datum
+from heronry_agent.vocabulary import Action, StepFailed, StepModule, Stepped
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
-from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.vocabulary import (
+    Emit,
+    ManagerAction,
+    ManagerEvent,
+    PlanReady,
+    RequestPlan,
+    Stop,
+)
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.local_clock import LocalClock
+from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.world import Window
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import NEVER_NS, Received, Send, Tick, Withdraw, require
+from heronry_wire.sansio import Received, Send, Tick, Withdraw
 
-_MOST_RINGS_AT_ONCE = 1000
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
+_ROUTINE = frozenset((Send, StepModule))
+_VALIDATED_EVERY = 16
+
+OVERRUN_NS = 30_000_000
 
 
 class Driven(NamedTuple):
@@ -39,137 +53,185 @@ class Driven(NamedTuple):
     t_ns: int
     pe: str
     module: str
+    inputs: Mapping[str, tuple[str, Datum]] = {}
 
 
-class Alarm:
-    """One deadline on the virtual clock that moves; an alarm that has been overtaken rings for nobody."""
-
-    def __init__(self, clock: Clock, ring: Callable[[], None]) -> None:
-        """`ring` is called at the deadline, which is forgotten then."""
-        self._clock, self._ring = clock, ring
-        self._due_ns = NEVER_NS
-        self._last_ns, self._rings = -1, 0  # at one instant
-
-    def set(self, due_ns: int) -> None:
-        """Ring no later than this; an earlier deadline stays."""
-        if due_ns < self._due_ns:
-            self._due_ns = due_ns
-            self._clock.at(due_ns, self._fall_due)
-
-    def stop(self) -> None:
-        """Ring no more."""
-        self._due_ns = -1
-
-    def _fall_due(self) -> None:
-        now_ns = self._clock.now_ns
-        if not 0 <= self._due_ns <= now_ns:
-            return
-        self._due_ns = NEVER_NS
-        self._rings = self._rings + 1 if now_ns == self._last_ns else 1
-        self._last_ns = now_ns
-        require(self._rings <= _MOST_RINGS_AT_ONCE, "a core wants to be called at {} ns again and again", now_ns)
-        self._ring()
-
-
-class SimulatedPe:
+class SimulatedPe(Node):
     """One PE from its start to its end."""
 
     def __init__(
         self,
         clock: Clock,
+        time: LocalClock,
         table: PeTable,
         buses: Mapping[str, SimulatedBus],
         *,
         incarnation: int,
-        ahead_ns: int,
         world: Bench,
         drive: Callable[[Driven], None],
+        broken: Mapping[str, str],
+        broke: Callable[[str], None],
     ) -> None:
-        """Join the buses and start; `drive` is told of every step of a DEMUX branch."""
+        """Join the buses and start.
+
+        drive: is told of every step of a DEMUX branch.
+        broken: how a module fails at its next step, by name; broke: is told that it has.
+        """
+        super().__init__(clock, time)
         self.name = table.name
-        self._clock, self._ahead_ns, self._drive = clock, ahead_ns, drive
-        self._host = ModuleHost(table, Window(world, ahead_ns))
+        self._drive, self._broken, self._broke = drive, broken, broke
+        self._host = ModuleHost(table, Window(world, clock))
         missing = frozenset(self._host.missing_images)
-        self.core = AgentCore(table, incarnation, clock.now_ns + ahead_ns, missing_images=missing)
+        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing)
+        self._lease_ns = self.core.lease_ns
+        self._names = {module.index: module.name for module in table.modules}
         self._branches = {module.index: module.name for module in table.modules if module.demux}
-        self._stations = [
-            (buses[port.bus], buses[port.bus].join(table.name, i, self._receive)) for i, port in enumerate(table.ports)
-        ]
         # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
         self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
-        self._alarm = Alarm(clock, self._wake)
-        self._alarm.set(self.core.next_deadline_ns() - ahead_ns)
+        self._identifiers: object = None
+        self._wakes = 0
+        self.stuck = False  # its modules compute for ever, and its heart beats
+        self.slow: Random | None = None  # draws how long a step takes
+        self.delays: Random | None = None  # draws how long what it sends is under way; a gateway's disease
+        self._unfinished: list[Action] = []
+        self._answer: Answer | None = None
+        self._hung: list[StepModule] = []
+        self.stations = [
+            (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
+        ]
+        self._listen()
+        self._arm(self.core.next_deadline_ns())
 
-    def stop(self) -> None:
-        """Die."""
-        self._alarm.stop()
-        for bus, station in self._stations:
-            bus.leave(station)
+    def unstick(self) -> None:
+        """Let the step that hung come to its end."""
+        self.stuck = False
+        hung, self._hung = self._hung, []
+        for action in hung:
+            answer = self._host.carry_out(action, self.time.now_ns())
+            if answer is not None and self.running:
+                self._carry_out(self.core.step(self.time.now_ns(), answer))
+        self._wake()
 
-    def cut(self) -> None:
-        """Break every wire of this PE; it lives on."""
-        for bus, station in self._stations:
-            bus.cut(station)
+    def jump(self, ahead_ns: int) -> None:
+        """Let its clock jump ahead."""
+        self.time.jump(ahead_ns)
+        self._wake()
 
-    def mend(self) -> None:
-        """Mend every wire of this PE."""
-        for bus, station in self._stations:
-            bus.mend(station)
+    def _listen(self) -> None:
+        """Let the controllers filter out what means nothing here now."""
+        self._identifiers = self.core.identifiers
+        wanted = frozenset(self.core.identifiers) - self._ignored
+        for bus, station in self.stations:
+            bus.wants(station, wanted)
 
-    def deafen(self, *, deaf: bool) -> None:
-        """Let it hear nothing, on no bus, or hear again."""
-        for _, station in self._stations:
-            station.deaf = deaf
-
-    def _receive(self, event: Received) -> None:
-        core, identifier = self.core, event.frame.can_id
-        if core.hears(identifier) and identifier not in self._ignored:
-            now_ns = self._clock.now_ns + self._ahead_ns
-            actions = core.step(now_ns, event)
-            if actions:
-                self._carry_out(now_ns, actions)
-            self._alarm.set(core.next_deadline_ns() - self._ahead_ns)
+    def _take(self, event: Received) -> None:
+        actions = self.core.step(self.time.now_ns(), event)
+        if actions:
+            self._carry_out(actions)
+        due_ns = self.core.next_deadline_ns()
+        if due_ns < self._armed_ns:
+            self._arm(due_ns)
 
     def _wake(self) -> None:
-        due_ns = self.core.next_deadline_ns() - self._ahead_ns
-        if due_ns > self._clock.now_ns:
-            self._alarm.set(due_ns)
-        else:
-            now_ns = self._clock.now_ns + self._ahead_ns
-            self._carry_out(now_ns, self.core.step(now_ns, Tick()))
-            self._alarm.set(self.core.next_deadline_ns() - self._ahead_ns)
+        if not self.is_awake:
+            return
+        core, now_ns = self.core, self.time.now_ns()
+        if core.next_deadline_ns() <= now_ns:
+            actions = core.step(now_ns, Tick())
+            if actions:
+                self._carry_out(actions)
+            self._wakes += 1
+            if self._wakes % _VALIDATED_EVERY == 0:
+                core.validate()
+        due_ns = core.next_deadline_ns()
+        if due_ns < self._armed_ns:
+            self._arm(due_ns)
 
-    def _carry_out(self, now_ns: int, actions: list[Action]) -> None:
+    def _carry_out(self, actions: list[Action]) -> None:
         """Do what the core asks for, and what it asks for when its modules have answered."""
-        self.core.validate()
-        for action in actions:
-            answer = self._do(now_ns, action)
-            if answer is not None:
-                self._carry_out(now_ns, self.core.step(now_ns, answer))
+        if not _ROUTINE.issuperset(map(type, actions)):
+            self.core.validate()
+            if self.core.identifiers is not self._identifiers:
+                self._listen()
+        for position, action in enumerate(actions):
+            if type(action) is Send:
+                self._send(action)
+                continue
+            answer = self._do(action)
+            if answer is None:
+                continue
+            if not self.is_awake:
+                self._unfinished, self._answer = actions[position + 1 :], answer
+                return
+            self._carry_out(self.core.step(self.time.now_ns(), answer))
 
-    def _do(self, now_ns: int, action: Action) -> Answer | None:
-        match action:
-            case Send(port, frame, until_ns):
-                bus, station = self._stations[port]
-                latest_ns = now_ns + self.core.lease_ns if until_ns is None else until_ns
-                bus.offer(station, frame, latest_ns - self._ahead_ns)
-            case Withdraw(identifiers):
-                for bus, station in self._stations:
-                    bus.withdraw(station, identifiers)
-            case StepModule():
-                if action.module in self._branches:
-                    self._drive(Driven(self._clock.now_ns, self.name, self._branches[action.module]))
-            case _:
-                pass
-        return self._host.carry_out(action, now_ns)
+    def _send(self, action: Send) -> None:
+        port, frame, until_ns = action.port, action.frame, action.until_ns
+        bus, station = self.stations[port]
+        latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
+        if self.delays is None:
+            bus.offer(station, frame, latest_ns)
+        else:
+            delay_ns = self.delays.randrange(30_000_000)
+            self._clock.at(self._clock.now_ns + delay_ns, lambda: bus.offer(station, frame, latest_ns))
+
+    def _do(self, action: Action) -> Answer | None:
+        if type(action) is StepModule:
+            return self._step(action)
+        if isinstance(action, Withdraw):
+            for bus, station in self.stations:
+                bus.withdraw(station, action.identifiers)
+            return None
+        return self._host.carry_out(action, self.time.now_ns())
+
+    def _step(self, action: StepModule) -> Answer | None:
+        """Let a module compute, as well as this PE can."""
+        branch = self._branches.get(action.module)
+        if branch is not None:
+            self._drive(Driven(self._clock.now_ns, self.name, branch, action.inputs))
+        if self.stuck:
+            self._hung.append(action)
+            return None
+        how = self._broken.get(self._names[action.module]) if self._broken else None
+        if how is not None:
+            return self._fail(action, how)
+        answer = self._host.carry_out(action, self.time.now_ns())
+        if self.slow is not None:
+            self.pause(self.slow.randrange(8_000_000))
+        return answer
+
+    def _fail(self, action: StepModule, how: str) -> Answer | None:
+        name = self._names[action.module]
+        if how == "overrun":
+            self.pause(OVERRUN_NS)
+            return self._host.carry_out(action, self.time.now_ns())
+        answer = self._host.carry_out(action, self.time.now_ns())
+        if how == "unfit" and isinstance(answer, Stepped) and answer.outputs:
+            self._broke(name)
+            unfit = dict.fromkeys(answer.outputs, "what no such type can carry")
+            return Stepped(action.module, action.release, unfit)
+        if how == "raise":
+            self._broke(name)
+            return StepFailed(action.module, action.release, "told to fail")
+        return answer
+
+    def _resume(self) -> None:
+        unfinished, self._unfinished = self._unfinished, []
+        self._carry_out(unfinished)
+
+    def _caught_up(self) -> None:
+        answer, self._answer = self._answer, None
+        if answer is not None:
+            self._carry_out(self.core.step(self.time.now_ns(), answer))
 
 
-class SimulatedManager:
+class SimulatedManager(Node):
     """One manager from its start to its end."""
 
     def __init__(
         self,
         clock: Clock,
+        time: LocalClock,
         spec: Spec,
         bus: SimulatedBus,
         *,
@@ -179,44 +241,40 @@ class SimulatedManager:
         tell: Callable[[dict[str, Any]], None],
     ) -> None:
         """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
-        self._clock, self._spec, self._bus = clock, spec, bus
+        super().__init__(clock, time)
+        self._spec, self._bus = spec, bus
         self._decide_ns, self._tell = decide_ns, tell
-        self._running = True
+        self._ready: list[PlanReady] = []
         self.stopped: str | None = None  # why the core wanted to end
-        self.core = ManagerCore(spec, node, term, clock.now_ns)
-        self._station = bus.join(f"manager {node}", 0, self._receive)
-        self._alarm = Alarm(clock, self._wake)
+        self.core = ManagerCore(spec, node, term, time.now_ns())
+        self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
+        self.stations = [(bus, self._station)]
         self._set_alarm()
-
-    def stop(self) -> None:
-        """Die."""
-        self._running = False
-        self._alarm.stop()
-        self._bus.leave(self._station)
-
-    def _receive(self, event: Received) -> None:
-        if self.core.hears(event.frame.can_id):
-            self._take(event)
 
     def _set_alarm(self) -> None:
         due_ns = self.core.next_deadline_ns()
-        if due_ns is not None:
-            self._alarm.set(due_ns)
+        if due_ns is not None and due_ns < self._armed_ns:
+            self._arm(due_ns)
 
     def _wake(self) -> None:
+        if not self.is_awake:
+            return
         due_ns = self.core.next_deadline_ns()
-        if due_ns is not None and due_ns <= self._clock.now_ns:
-            self._take(Tick())
+        if due_ns is not None and due_ns <= self.time.now_ns():
+            self._hand_over(Tick())
         else:
             self._set_alarm()
 
-    def _take(self, event: ManagerEvent) -> None:
-        if not self._running:
+    def _take(self, event: Received) -> None:
+        self._hand_over(event)
+
+    def _hand_over(self, event: ManagerEvent) -> None:
+        if not self.running:
             return
-        for action in self.core.step(self._clock.now_ns, event):
+        for action in self.core.step(self.time.now_ns(), event):
             self._do(action)
         self.core.validate()
-        if self._running:
+        if self.running:
             self._set_alarm()
 
     def _do(self, action: ManagerAction) -> None:
@@ -226,9 +284,31 @@ class SimulatedManager:
             case RequestPlan():
                 now = Situation(action.down, {}, action.phase)
                 ready = PlanReady(action.request, best_plan(self._spec, now, action.running))
-                self._clock.at(self._clock.now_ns + self._decide_ns(), lambda: self._take(ready))
+                self._clock.at(self._clock.now_ns + self._decide_ns(), lambda: self._planned(ready))
             case Emit(event):
-                self._tell(event)
+                self._tell({**event, "t_ns": self._clock.now_ns})
             case Stop(reason):
                 self.stopped = reason
                 self.stop()
+
+    def _planned(self, ready: PlanReady) -> None:
+        """The planner, a process of its own, has answered."""
+        if not self.is_awake:
+            self._ready.append(ready)
+        else:
+            self._hand_over(ready)
+
+    def _caught_up(self) -> None:
+        waiting, self._ready = self._ready, []
+        for ready in waiting:
+            self._hand_over(ready)
+
+
+class _Heard:
+    """The identifiers that a manager's core wants; they never change."""
+
+    def __init__(self, core: ManagerCore) -> None:
+        self._core = core
+
+    def __contains__(self, identifier: object) -> bool:
+        return isinstance(identifier, int) and self._core.hears(identifier)

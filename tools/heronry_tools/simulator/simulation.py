@@ -21,7 +21,9 @@ from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
+from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.identifiers import FIRST_MANAGER
@@ -36,7 +38,9 @@ DEFAULT_SETTLE_NS = 20_000 * MS
 _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
+DEFAULT_SKEW_PPM = 100  # what a quartz is off by
 _HEAD = struct.Struct("<qBBH")
+_PHASE_EVENTS = ("manager_started", "phase_changed")
 _TABLES: dict[str, dict[str, PeTable]] = {}  # by digest of the spec: they are the same in every run
 
 
@@ -50,22 +54,28 @@ class Simulation:
         *,
         faults: Faults = PERFECT,
         decide_ns: int = DEFAULT_DECIDE_NS,
+        skew_ppm: int = DEFAULT_SKEW_PPM,
         keep_trace: bool = False,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
         decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
+        skew_ppm: how far clocks are off, at most.
         """
-        self.spec, self.seed = spec, seed
+        self.spec, self.seed, self.faults = spec, seed, faults
         self.clock = Clock()
         self.world = Bench(0)
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
         self.checks = Checks(spec)
+        self.protocol = ProtocolState(self.clock)
+        self.excusable: set[str] = set()  # elements that may be reported although they have not failed
+        self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
+        self.all_excused = False  # data are wrong: whatever is reported may have seemed so
         self.pes: dict[str, SimulatedPe] = {}
         self.manager: SimulatedManager | None = None
         self._random = Random(seed)
-        self._decide_ns = decide_ns
+        self._decide_ns, self._skew_ppm = decide_ns, skew_ppm
         self._down: set[str] = set()
         self._cut: set[str] = set()
         self._incarnations = dict.fromkeys(spec.pes, 0)
@@ -87,8 +97,16 @@ class Simulation:
 
     @property
     def truth(self) -> Situation:
-        """The situation as it is; a PE that is cut off counts as down."""
-        return Situation(frozenset(self._down | self._cut), {}, self.spec.initial_phase())
+        """The situation as it is; a PE that is cut off counts as down, and so does what was reported for a reason."""
+        reported = self.checks.reported
+        excused = reported if self.all_excused else reported & self.excusable
+        return Situation(frozenset(self._down | self._cut | excused), {}, self.phase)
+
+    @property
+    def phase(self) -> str | None:
+        """Mission phase that was entered last, by whoever may; a manager begins with the first one."""
+        told = (e["phase"] for e in reversed(self.events) if e["event"] in _PHASE_EVENTS and "phase" in e)
+        return next(told, self.spec.initial_phase())
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:
         """Let something be done at a time."""
@@ -120,6 +138,11 @@ class Simulation:
         self._hash.update(self._unhashed)
         self._unhashed.clear()
         return self._hash.hexdigest()[:16]
+
+    @property
+    def data_identifiers(self) -> list[int]:
+        """Identifiers of all data of the spec."""
+        return sorted(source.identifier for source in next(iter(self._tables().values())).sources)
 
     @property
     def witness(self) -> Witness:
@@ -174,35 +197,37 @@ class Simulation:
         self._cut.discard(f"pe:{pe}")
         self.pes[pe] = SimulatedPe(
             self.clock,
+            self._drawn_clock(self._random.randrange(_CLOCKS_APART_NS)),
             self._tables()[pe],
             self.buses,
             incarnation=self._incarnations[pe] % 256,
-            ahead_ns=self._random.randrange(_CLOCKS_APART_NS),
             world=self.world,
             drive=self.checks.driven,
+            broken=self.broken_modules,
+            broke=lambda module: self.failed(f"module:{module}"),
         )
 
     def cut(self, pe: str) -> None:
         """Break the wires of a PE that lives on; of one that is dead nothing is left to cut off."""
         if pe in self.pes:
-            self.pes[pe].cut()
+            self.pes[pe].wire(cut_off=True)
             self._cut.add(f"pe:{pe}")
 
     def mend(self, pe: str) -> None:
         """Mend them."""
         if pe in self.pes:
-            self.pes[pe].mend()
+            self.pes[pe].wire(cut_off=False)
         self._cut.discard(f"pe:{pe}")
 
     def deafen(self, pe: str, duration_ns: int) -> None:
         """Let a PE that lives hear nothing for a while, and be heard all the same."""
         deaf = self.pes[pe]
-        deaf.deafen(deaf=True)
-        self.at(self.now_ns + duration_ns, lambda: deaf.deafen(deaf=False))
+        deaf.wire(deaf=True)
+        self.at(self.now_ns + duration_ns, lambda: deaf.wire(deaf=False))
 
-    def fail_device(self, device: str, how: Failure) -> None:
+    def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
         """Let a device fail; whether anybody notices is for the monitors."""
-        self.world.fail(device, how, self.clock.now_ns)
+        self.world.fail(device, how, self.clock.now_ns, offset)
         self.failed(f"device:{device}")
 
     def failed(self, element: str) -> None:
@@ -214,13 +239,21 @@ class Simulation:
         self._terms += 1
         self.manager = SimulatedManager(
             self.clock,
+            self._drawn_clock(0),
             self.spec,
             self.buses[self.spec.manager.bus],
             node=node,
             term=self._terms,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
-            tell=self.events.append,
+            tell=self._tell,
         )
+
+    def _drawn_clock(self, ahead_ns: int) -> LocalClock:
+        return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))
+
+    def _tell(self, event: dict[str, Any]) -> None:
+        self.events.append(event)
+        self.protocol.take(event)
 
     def kill_manager(self) -> None:
         """Let the manager die now."""
@@ -251,8 +284,8 @@ class Simulation:
                 bus.taps.append(self.trace.append)
 
     def _hash_frame(self, sent: Sent) -> None:
+        end_ns, bus, sender, frame = sent
         numbers = self._numbers
-        bus = numbers.setdefault(sent.bus, len(numbers))
-        sender = numbers.setdefault(sent.sender, len(numbers))
-        self._unhashed += _HEAD.pack(sent.end_ns, bus, sender, sent.frame.can_id)
-        self._unhashed += sent.frame.data
+        bus_number = numbers.setdefault(bus, len(numbers))
+        self._unhashed += _HEAD.pack(end_ns, bus_number, numbers.setdefault(sender, len(numbers)), frame.can_id)
+        self._unhashed += frame.data

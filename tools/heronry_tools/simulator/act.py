@@ -1,0 +1,173 @@
+"""What can be done to an aircraft, and an act of it: one line of a scenario.
+
+Every kind says what it strikes, how long it may last (in milliseconds; 0 is "for good"), and what cannot be promised
+while it is around. As text an act is
+
+    SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]     2.013 pause pe:nav for 0.3 in preparing
+
+counted from the moment at which the first configuration runs; with a state it waits, for a while, until the protocol is
+in it (`protocol_state`).
+
+What is not promised, and why:
+
+- `corrupt` and `bias`: the data plane is not authenticated, and a module that reads a wrong number may take a healthy
+  element for a failed one (blame). Nobody is commanded by data, so everything else holds.
+- `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
+  forged command is a command: nothing holds until it is over, and then everything has to come right again.
+- `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
+  either, since nobody is heard, and that is promised.
+- `rogue`: a stranger that sends under an identifier of ours collides with its owner, down to bus-off. The clash with it
+  is nobody's fault; the rest is promised.
+- actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
+- `stuck`: a PE whose modules hang while its heart beats is not served; that must end when it does.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import UnknownElementError, checked_element
+from heronry_tools.errors import UserError
+from heronry_tools.simulator.protocol_state import STATES
+
+MANAGER = "manager"
+UNTIL_HEALED = -1
+
+_TEXT = re.compile(
+    r"(?P<at>\d{1,6}(\.\d{1,3})?) (?P<kind>[a-z_]+) (?P<target>[^ ]+)"
+    r"( for (?P<lasts>\d{1,6}(\.\d{1,3})?))?( in (?P<during>[a-z]+))?( level (?P<level>\d{1,9}))?",
+    re.ASCII,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of fault."""
+
+    strikes: str  # pe, gateway, module, device, bus, far_bus (not the manager's), manager
+    lasts_ms: tuple[int, int]
+    tells: str
+    for_good: float = 0.0  # how often it does not end
+    levels: tuple[int, ...] = (0,)
+    unpromised: frozenset[str] = frozenset()  # rules of the checkers
+    excuses: bool = False  # whatever a module reports may have seemed so
+    drawn: bool = True  # by chaos that was not asked for it
+
+
+_COMMANDED = frozenset(
+    ("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service", "freshness", "load")
+)
+
+KINDS: Mapping[str, Kind] = {
+    "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),
+    "reboot": Kind("pe", (1, 60), "a PE is back before anybody can miss it"),
+    "brownout": Kind("pe", (300, 2500), "a PE dies and starts again and again"),
+    "mute": Kind("pe", (20, 2000), "a PE hears, and is not heard"),
+    "deaf": Kind("pe", (20, 2000), "a PE is heard, and does not hear"),
+    "cut": Kind("pe", (20, 2000), "the wires of a PE break"),
+    "pause": Kind("pe", (5, 1500), "a PE's processor stands still; its controller goes on"),
+    "slow": Kind("pe", (100, 3000), "every step of a module takes up to 8 ms"),
+    "stuck": Kind("pe", (100, 2000), "modules hang, and the heart beats"),
+    "clock_jump": Kind("pe", (0, 0), "a PE's clock jumps ahead", levels=(1, 10, 70, 300)),
+    "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors"),
+    "bad_transmitter": Kind("pe", (1, 60), "a PE's controller destroys every frame it sends"),
+    "late": Kind("gateway", (100, 2000), "what a gateway sends is up to 30 ms late, and out of order"),
+    "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
+    "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
+    "loss": Kind("bus", (100, 3000), "frames are destroyed (level: per mille)", levels=(1, 10, 100)),
+    "omission": Kind("bus", (100, 3000), "a receiver misses frames (per mille)", levels=(1, 10, 100)),
+    "doubled": Kind("bus", (100, 3000), "a receiver gets frames twice (per mille)", levels=(1, 10, 100)),
+    "burst": Kind("bus", (1, 30), "every frame is destroyed"),
+    "collapse": Kind("far_bus", (100, 2000), "bits take longer (level: times)", levels=(2, 5)),
+    "link_cut": Kind("far_bus", (50, 3000), "nothing passes between a gateway and the bus beyond"),
+    "link_up_only": Kind("far_bus", (50, 3000), "a gateway is not heard on the bus beyond, and hears"),
+    "link_down_only": Kind("far_bus", (50, 3000), "a gateway hears nothing of the bus beyond, and is heard"),
+    "babble": Kind("bus", (5, 400), "a stranger sends without end (level: its identifier)", levels=(1, 291, 1999)),
+    "rogue": Kind("bus", (5, 400), "a stranger sends under an identifier of ours"),
+    "corrupt": Kind("bus", (100, 2000), "data are changed past the CRC", excuses=True),
+    "forge": Kind(
+        "bus", (20, 500), "commands are changed past the CRC", unpromised=_COMMANDED, excuses=True, drawn=False
+    ),
+    "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
+    "unfit": Kind("module", (0, 0), "a module gives what its type cannot carry", for_good=1.0),
+    "overrun": Kind("module", (50, 1000), "a module takes 30 ms"),
+    "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
+    "bias": Kind("device", (0, 0), "a sensor is off by 40 of its units", for_good=1.0, excuses=True),
+}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Act:
+    """One fault: not before `at_ms`, for `lasts_ms` (0: for good, or in an instant)."""
+
+    at_ms: int
+    kind: str
+    target: str  # pe:NAME, bus:NAME, module:NAME, device:NAME, or manager
+    lasts_ms: int = 0
+    during: str = ""  # one of STATES; empty: whatever the state
+    level: int = 0
+
+    def __str__(self) -> str:
+        words = [f"{self.at_ms / 1000:g} {self.kind} {self.target}"]
+        words += [f"for {self.lasts_ms / 1000:g}"] if self.lasts_ms else []
+        words += [f"in {self.during}"] if self.during else []
+        words += [f"level {self.level}"] if self.level else []
+        return " ".join(words)
+
+    @property
+    def name(self) -> str:
+        """Name of what it strikes."""
+        return self.target.partition(":")[2]
+
+
+def read_act(spec: Spec, text: str) -> Act:
+    """Read one act; raises UserError."""
+    match = _TEXT.fullmatch(text.strip())
+    if match is None:
+        raise UserError(f"'{text}' is no act; write SECONDS KIND ELEMENT, for example '2.5 pause pe:NAME for 0.3'")
+    kind = KINDS.get(match["kind"])
+    if kind is None:
+        raise UserError(f"'{text}': there is no fault '{match['kind']}'; there is {', '.join(KINDS)}")
+    if match["during"] and match["during"] not in STATES:
+        raise UserError(f"'{text}': there is no state '{match['during']}'; there is {', '.join(STATES)}")
+    targets = possible_targets(spec, match["kind"])
+    if match["target"] not in targets:
+        raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")
+    level = int(match["level"]) if match["level"] else kind.levels[0]
+    return Act(
+        _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
+    )
+
+
+def possible_targets(spec: Spec, kind: str) -> list[str]:
+    """What a kind of fault can strike in a spec, in the spec's order."""
+    manager_bus = spec.manager.bus
+    match KINDS[kind].strikes:
+        case "pe":
+            return [f"pe:{pe}" for pe in spec.pes]
+        case "gateway":
+            return [f"pe:{pe.name}" for pe in spec.pes.values() if len(pe.buses) > 1]
+        case "module":
+            return [f"module:{module}" for module in spec.modules]
+        case "device":
+            return [f"device:{d.name}" for d in spec.devices.values() if d.kind == "sensor"]
+        case "bus":
+            return [f"bus:{bus}" for bus in spec.buses]
+        case "far_bus":
+            return [f"bus:{bus}" for bus in spec.buses if bus != manager_bus]
+        case _:
+            return [MANAGER]
+
+
+def _no_target(spec: Spec, kind: str, target: str, targets: list[str]) -> str:
+    try:
+        checked_element(spec, target)
+    except UnknownElementError as error:
+        return f"{error}"
+    return f"{kind} cannot strike {target}; it strikes {', '.join(targets) or 'nothing in this spec'}"
+
+
+def _ms(seconds: str) -> int:
+    whole, _, fraction = seconds.partition(".")
+    return 1000 * int(whole) + int(fraction.ljust(3, "0") or 0)

@@ -1,0 +1,37 @@
+"""The clock of one node: it was started at its own moment, runs a little fast or slow, and may jump ahead.
+
+A node's monotonic clock never goes back. `ahead_ns` is what it shows more than virtual time at the start, `ppm` how
+many millionths it is fast. It jumps when its machine has slept without knowing.
+"""
+
+from heronry_tools.simulator.clock import Clock
+
+_MILLION = 1_000_000
+
+
+class LocalClock:
+    """Turns virtual time into a node's own, and back."""
+
+    __slots__ = ("_ahead_ns", "_clock", "_ppm", "_since_ns")
+
+    def __init__(self, clock: Clock, ahead_ns: int = 0, ppm: int = 0) -> None:
+        self._clock, self._ahead_ns, self._ppm = clock, ahead_ns, ppm
+        self._since_ns = clock.now_ns
+
+    def now_ns(self) -> int:
+        """What this clock shows now."""
+        now_ns = self._clock.now_ns
+        return now_ns + self._ahead_ns + (now_ns - self._since_ns) * self._ppm // _MILLION
+
+    def when_ns(self, local_ns: int) -> int:
+        """Virtual instant at which this clock shows at least `local_ns`, if it does not jump."""
+        if not self._ppm:
+            return local_ns - self._ahead_ns
+        elapsed_ns = (local_ns - self._ahead_ns - self._since_ns) * _MILLION // (_MILLION + self._ppm)
+        while elapsed_ns + elapsed_ns * self._ppm // _MILLION < local_ns - self._ahead_ns - self._since_ns:
+            elapsed_ns += 1
+        return self._since_ns + elapsed_ns
+
+    def jump(self, ahead_ns: int) -> None:
+        """Show `ahead_ns` more from now on."""
+        self._ahead_ns += ahead_ns

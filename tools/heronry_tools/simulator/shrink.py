@@ -1,0 +1,45 @@
+"""A failing list of acts made as short as it can be: delta debugging.
+
+Halves are left out, then quarters, and so on down to single acts, as long as the flight still fails in the same way
+(Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002), ddmin without the subsets
+that only the complement of a part would need). What is left fails, and without any one act of it does not.
+
+An act's own randomness does not depend on its neighbours (`strike`), but their time does: leaving one out may move what
+another one meets. So the way down is a search, not a proof, and the result is judged by flying it.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+from heronry_tools.simulator.act import Act
+from heronry_tools.simulator.scenario import Outcome, Scenario
+
+
+def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
+    """Give the shortest failing flight that was found, on the way from one that fails."""
+    rules = {violation.rule for violation in outcome.violations}
+    best = outcome
+    parts = 2
+    while len(best.scenario.acts) > 1:
+        acts = best.scenario.acts
+        smaller = _without_a_part(acts, parts, best.scenario, fly, rules)
+        if smaller is not None:
+            best, parts = smaller, max(parts - 1, 2)
+        elif parts >= len(acts):
+            break
+        else:
+            parts = min(2 * parts, len(acts))
+    return best
+
+
+def _without_a_part(
+    acts: tuple[Act, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
+) -> Outcome | None:
+    """Leave out one part after the other; give the first flight that still fails."""
+    bounds = [len(acts) * i // parts for i in range(parts + 1)]
+    for begin, end in pairwise(bounds):
+        outcome = fly(replace(scenario, acts=acts[:begin] + acts[end:]))
+        if any(violation.rule in rules for violation in outcome.violations):
+            return outcome
+    return None

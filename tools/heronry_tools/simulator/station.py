@@ -1,0 +1,71 @@
+"""One node's CAN controller on one bus: a mailbox for one frame, two error counters, and what has become of its wires.
+
+The node keeps its frames in a queue of its own, by priority, and hands over one at a time (protocol rule 13). What has
+been handed over waits for the bus in the mailbox and cannot be overtaken by a more urgent frame of the same node; it is
+sent until it has been sent well (automatic retransmission), or until its time is over: the controller is then told to
+abort it. (Most controllers can; SocketCAN has no call for it, and there one stale frame may go out when a wire is
+mended. No consumer takes it: its sender is foreign by then.)
+
+Error counters are those of ISO 11898-1 12.1.4, without the rules for single bits: a frame that fails costs its sender
+8 and every receiver 1, one that succeeds gives back 1. Above 127 the controller is *error-passive*: it lets 8 bits go
+by after each of its frames, so that others may go first. Above 255 it is *bus-off*: it neither sends nor hears, what
+was in the mailbox is lost, and it is started again on purpose after `RESTART_NS` (Linux: `restart-ms`) and 128 times
+11 bits.
+"""
+
+from collections.abc import Callable, Container
+from dataclasses import dataclass, field
+
+from heronry_wire.frame import Frame
+from heronry_wire.sansio import Received
+
+ERROR_PASSIVE_ABOVE = 127
+BUS_OFF_ABOVE = 255
+SUSPENDED_BITS = 8
+RESTART_NS = 100_000_000
+RESTART_BITS = 128 * 11
+FOR_EVER_NS = 1 << 63
+
+Waiting = tuple[int, int, "Station", Frame, int]
+"""A frame on its way: arbitration key, number of the offer, station, frame, until when it serves."""
+
+
+class _Everything:
+    """Holds every identifier."""
+
+    def __contains__(self, identifier: object) -> bool:
+        return True
+
+
+@dataclass(slots=True, eq=False)
+class Station:
+    """State of one controller; the bus moves it."""
+
+    name: str
+    port: int  # the bus, as this node counts its own
+    number: int  # among all stations there ever were on this bus
+    listener: Callable[[Received], None]
+    wants: Container[int] = field(default_factory=_Everything)  # identifiers; what else comes is filtered out
+    can_send: bool = True  # what is in the mailbox takes part in arbitration; follows from the next five
+    can_hear: bool = True  # so does this
+    present: bool = True
+    cut_off: bool = False  # neither sends nor hears
+    deaf: bool = False  # sends
+    mute: bool = False  # hears
+    off: bool = False  # bus-off
+    stalled: bool = False  # its processor stands still: nothing moves from the queue to the mailbox
+    fails: bool = False  # its transmitter destroys every frame it sends
+    transmit_errors: int = 0
+    receive_errors: int = 0
+    mailbox: Waiting | None = None
+    queue: list[Waiting] = field(default_factory=list)  # a heap
+
+    def reconsider(self) -> None:
+        """Something about its wires has changed: work out anew what it can do."""
+        self.can_send = self.present and not (self.cut_off or self.mute or self.off)
+        self.can_hear = self.present and not (self.cut_off or self.deaf or self.off)
+
+    @property
+    def is_passive(self) -> bool:
+        """Tell whether it is error-passive."""
+        return self.transmit_errors > ERROR_PASSIVE_ABOVE or self.receive_errors > ERROR_PASSIVE_ABOVE

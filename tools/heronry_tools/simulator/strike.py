@@ -1,0 +1,359 @@
+"""Acts carried out: what each kind of fault does to a simulation, and how it is taken back.
+
+Every act draws from a generator of its own, seeded by the run's seed and the act's text, so that leaving one act out of
+a list changes nothing about the others: a failing list can be made shorter.
+
+A strike gives what ends it, or None where nothing was struck (a PE that is dead cannot be paused). What was ended once
+is not ended again; what a fault had done to a PE that has died since died with it.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from random import Random
+
+from heronry_tools.simulator.act import KINDS, Act
+from heronry_tools.simulator.bus import Sent, SimulatedBus
+from heronry_tools.simulator.nodes import SimulatedPe
+from heronry_tools.simulator.simulation import MS, Simulation
+from heronry_tools.simulator.stranger import Stranger
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Use, classify
+
+End = Callable[[], None]
+
+_PATIENCE_NS = 3_000 * MS  # for a state that does not come
+_DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
+_BIAS = 40.0
+_CORRUPT_SHARE = 0.2
+_FORGE_SHARE = 0.02
+
+
+class Strikes:
+    """Carries out the acts of one run; `hits` counts them by kind and by the state in which they struck."""
+
+    def __init__(self, simulation: Simulation, acts: tuple[Act, ...], start_ns: int) -> None:
+        """Schedule the acts, counted from `start_ns`."""
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self._simulation = simulation
+        self._ends: dict[Act, End] = {}
+        self._struck: set[Act] = set()
+        self._healed = False
+        for act in acts:
+            self._schedule(act, start_ns + act.at_ms * MS)
+
+    def heal(self) -> None:
+        """End whatever can be ended; nothing strikes any more."""
+        self._healed = True
+        for act in list(self._ends):
+            self._end(act)
+
+    def _schedule(self, act: Act, at_ns: int) -> None:
+        simulation = self._simulation
+        if not act.during:
+            simulation.at(at_ns, lambda: self._strike(act))
+            return
+        delay_ns = self._random(act).choice((0, 100_000, 500_000, 2 * MS))
+        simulation.protocol.when(
+            act.during, at_ns, lambda: simulation.at(simulation.now_ns + delay_ns, lambda: self._strike(act))
+        )
+        simulation.at(at_ns + _PATIENCE_NS, lambda: self._strike(act))
+
+    def _strike(self, act: Act) -> None:
+        if self._healed or act in self._struck:
+            return
+        self._struck.add(act)
+        state = self._simulation.protocol.now
+        end = _DO[act.kind](self._simulation, act, self._random(act))
+        if end is None:
+            return
+        self.hits[act.kind, state] += 1
+        self._simulation.all_excused |= KINDS[act.kind].excuses
+        if act.lasts_ms:
+            self._ends[act] = end
+            self._simulation.at(self._simulation.now_ns + act.lasts_ms * MS, lambda: self._end(act))
+
+    def _end(self, act: Act) -> None:
+        end = self._ends.pop(act, None)
+        if end is not None:
+            end()
+
+    def _random(self, act: Act) -> Random:
+        return Random(f"{self._simulation.seed} {act}")
+
+
+def _nothing() -> None:
+    """What ends a fault that needs no end."""
+
+
+def _crash(simulation: Simulation, act: Act, _: Random) -> End | None:
+    if act.name not in simulation.pes:
+        return None
+    simulation.kill(act.name)
+    return lambda: simulation.restore(act.name)
+
+
+def _brownout(simulation: Simulation, act: Act, random: Random) -> End | None:
+    if act.name not in simulation.pes:
+        return None
+    over = False
+
+    def turn() -> None:
+        if over:
+            return
+        if act.name in simulation.pes:
+            simulation.kill(act.name)
+        else:
+            simulation.restore(act.name)
+        simulation.at(simulation.now_ns + random.randint(5, 200) * MS, turn)
+
+    def end() -> None:
+        nonlocal over
+        over = True
+        simulation.restore(act.name)
+
+    turn()
+    return end
+
+
+def _on_pe(do: Callable[[SimulatedPe, Act, Random], End]) -> "_Do":
+    """Strike a PE that lives; what ends it is done to that very incarnation."""
+
+    def strike(simulation: Simulation, act: Act, random: Random) -> End | None:
+        pe = simulation.pes.get(act.name)
+        if pe is None:
+            return None
+        end = do(pe, act, random)
+        return lambda: end() if pe.running else None
+
+    return strike
+
+
+def _mute(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+    pe.wire(mute=True)
+    return lambda: pe.wire(mute=False)
+
+
+def _deaf(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+    pe.wire(deaf=True)
+    return lambda: pe.wire(deaf=False)
+
+
+def _cut(simulation: Simulation, act: Act, _: Random) -> End | None:
+    if act.name not in simulation.pes:
+        return None
+    simulation.cut(act.name)
+    return lambda: simulation.mend(act.name)
+
+
+def _pause(pe: SimulatedPe, act: Act, _random: Random) -> End:
+    pe.pause(act.lasts_ms * MS)
+    return _nothing
+
+
+def _slow(pe: SimulatedPe, _act: Act, random: Random) -> End:
+    pe.slow = random
+
+    def end() -> None:
+        pe.slow = None
+
+    return end
+
+
+def _late(pe: SimulatedPe, _act: Act, random: Random) -> End:
+    pe.delays = random
+
+    def end() -> None:
+        pe.delays = None
+
+    return end
+
+
+def _stuck(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+    pe.stuck = True
+    return pe.unstick
+
+
+def _clock_jump(pe: SimulatedPe, act: Act, _random: Random) -> End:
+    pe.jump(act.level * MS)
+    return _nothing
+
+
+def _bus_off(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+    for bus, station in pe.stations:
+        bus.turn_off(station)
+    return _nothing
+
+
+def _bad_transmitter(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+    for _, station in pe.stations:
+        station.fails = True
+
+    def end() -> None:
+        for _, station in pe.stations:
+            station.fails = False
+
+    return end
+
+
+def _manager_crash(simulation: Simulation, _act: Act, _random: Random) -> End | None:
+    if simulation.manager is None or not simulation.manager.running:
+        return None
+    simulation.kill_manager()
+    return lambda: simulation.start_manager() if simulation.manager is None else None
+
+
+def _manager_pause(simulation: Simulation, act: Act, _: Random) -> End | None:
+    if simulation.manager is None or not simulation.manager.running:
+        return None
+    simulation.manager.pause(act.lasts_ms * MS)
+    return _nothing
+
+
+def _share(field: str) -> "_Do":
+    """Set one of the probabilities of a bus."""
+
+    def strike(simulation: Simulation, act: Act, _: Random) -> End:
+        bus = simulation.buses[act.name]
+        before = getattr(simulation.faults, field)
+        bus.faults = replace(bus.faults, **{field: act.level / 1000})
+
+        def end() -> None:
+            bus.faults = replace(bus.faults, **{field: before})
+
+        return end
+
+    return strike
+
+
+def _burst(simulation: Simulation, act: Act, _: Random) -> End:
+    bus = simulation.buses[act.name]
+    bus.noisy += 1
+
+    def end() -> None:
+        bus.noisy -= 1
+
+    return end
+
+
+def _collapse(simulation: Simulation, act: Act, _: Random) -> End:
+    bus = simulation.buses[act.name]
+    bus.slowdown = act.level
+
+    def end() -> None:
+        bus.slowdown = 1
+
+    return end
+
+
+def _link(direction: str) -> "_Do":
+    """Break the link of every gateway of a far bus, in one direction or in both."""
+
+    def strike(simulation: Simulation, act: Act, _: Random) -> End | None:
+        gateways = [pe for pe in simulation.pes.values() if len(pe.stations) > 1]
+        wires = [wire for pe in gateways for wire in pe.stations if wire[0].name == act.name]
+        for bus, station in wires:
+            bus.wire(station, **{direction: True})
+
+        def end() -> None:
+            for bus, station in wires:
+                bus.wire(station, **{direction: False})
+
+        return end if wires else None
+
+    return strike
+
+
+def _babble(simulation: Simulation, act: Act, _: Random) -> End:
+    stranger = Stranger(simulation.clock, simulation.buses[act.name], Frame(act.level, bytes(8)))
+    return stranger.leave
+
+
+def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
+    identifier = random.choice(simulation.data_identifiers)
+    every_ns = random.randint(1, 20) * MS
+    stranger = Stranger(simulation.clock, simulation.buses[act.name], Frame(identifier, bytes(8)), every_ns)
+    return stranger.leave
+
+
+def _alter(uses: frozenset[Use], share: float) -> "_Do":
+    """Change what is received, one frame in so many."""
+
+    def strike(simulation: Simulation, act: Act, random: Random) -> End:
+        bus = simulation.buses[act.name]
+
+        def alter(sent: Sent) -> Frame | None:
+            frame = sent.frame
+            if not frame.data or classify(frame.can_id).use not in uses or random.random() >= share:
+                return None
+            data = bytearray(frame.data)
+            data[random.randrange(len(data))] ^= random.randint(1, 255)
+            return frame._replace(data=bytes(data))
+
+        bus.corrupt = alter
+        return lambda: _stop_altering(bus)
+
+    return strike
+
+
+def _stop_altering(bus: SimulatedBus) -> None:
+    bus.corrupt = None
+
+
+def _module(simulation: Simulation, act: Act, _: Random) -> End:
+    simulation.broken_modules[act.name] = act.kind
+    simulation.excusable.add(act.target)
+
+    def end() -> None:
+        simulation.broken_modules.pop(act.name, None)
+
+    return end
+
+
+def _dead(simulation: Simulation, act: Act, _: Random) -> End:
+    simulation.fail_device(act.name, "dead")
+    return _nothing
+
+
+def _bias(simulation: Simulation, act: Act, _: Random) -> End:
+    simulation.fail_device(act.name, "bias", _BIAS)
+    return _nothing
+
+
+_Do = Callable[[Simulation, Act, Random], End | None]
+
+_DO: dict[str, _Do] = {
+    "crash": _crash,
+    "reboot": _crash,
+    "brownout": _brownout,
+    "mute": _on_pe(_mute),
+    "deaf": _on_pe(_deaf),
+    "cut": _cut,
+    "pause": _on_pe(_pause),
+    "slow": _on_pe(_slow),
+    "stuck": _on_pe(_stuck),
+    "clock_jump": _on_pe(_clock_jump),
+    "bus_off": _on_pe(_bus_off),
+    "bad_transmitter": _on_pe(_bad_transmitter),
+    "late": _on_pe(_late),
+    "manager_crash": _manager_crash,
+    "manager_pause": _manager_pause,
+    "loss": _share("loss"),
+    "omission": _share("omission"),
+    "doubled": _share("doubled"),
+    "burst": _burst,
+    "collapse": _collapse,
+    "link_cut": _link("cut_off"),
+    "link_up_only": _link("mute"),
+    "link_down_only": _link("deaf"),
+    "babble": _babble,
+    "rogue": _rogue,
+    "corrupt": _alter(_DATA, _CORRUPT_SHARE),
+    "forge": _alter(_COMMANDS, _FORGE_SHARE),
+    "raise": _module,
+    "unfit": _module,
+    "overrun": _module,
+    "dead": _dead,
+    "bias": _bias,
+}
