@@ -27,6 +27,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "contingencies_command": ("contingencies",),
     "campaign_command": ("campaign",),
     "cutsets_command": ("cutsets",),
+    "why_command": ("why",),
 }
 
 _EPILOG = """\

@@ -8,15 +8,16 @@ planned, with its priorities.
 Identifiers and with them response times are those of the whole spec: that is what is on the bus.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.losses import lost_elements, used_elements
-from heronry_dg.model import Spec
-from heronry_dg.objective import placement
+from heronry_dg.model import Function, Spec
+from heronry_dg.objective import placement, serving_modules, value_of
 from heronry_dg.plan import Plan
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
@@ -26,7 +27,8 @@ from heronry_tools.check.wanted import Phase
 
 _EFFORT: Final = 5.0  # deterministic seconds for one question; those about the shipped specs take a hundredth of it
 _NO_DEADLINE_NS: Final = 10**18
-_PLENTY: Final = 10**12
+PLENTY: Final = 10**12
+NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def without_deadlines(spec: Spec) -> Spec:
@@ -37,8 +39,8 @@ def without_deadlines(spec: Spec) -> Spec:
 
 def without_limits(spec: Spec) -> Spec:
     """Give the same spec with room and time for everything, and no placement rules: what is left is logic."""
-    pes = {name: replace(pe, cpu_millis=_PLENTY, ram=_PLENTY, flash=_PLENTY) for name, pe in spec.pes.items()}
-    buses = {name: replace(bus, bitrate=_PLENTY) for name, bus in spec.buses.items()}
+    pes = {name: replace(pe, cpu_millis=PLENTY, ram=PLENTY, flash=PLENTY) for name, pe in spec.pes.items()}
+    buses = {name: replace(bus, bitrate=PLENTY) for name, bus in spec.buses.items()}
     return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())
 
 
@@ -76,23 +78,33 @@ class Planning:
         modules = self.candidates_for(functions, down).modules
         return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
 
-    def all_at_once(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Answer:
-        """Tell whether some functions can all be served, with some elements down."""
-        known = self.survives(functions, down) if down else None
+    def all_at_once(
+        self,
+        functions: Collection[str],
+        down: frozenset[str] = frozenset(),
+        least: Mapping[str, int] = NOTHING_ASKED,
+    ) -> Answer:
+        """Tell whether some functions can all be served, with some elements down.
+
+        least: the value that functions must be served with; 0 for one that is not named.
+        """
+        known = self.survives(functions, down, least) if down else None
         if known is not None:
             return Answer(known, proven=True)
-        search = Search(self.candidates_for(functions, down), None, self.times, _EFFORT)
-        search.run(groups=1)
-        if not self._serves(search.best, functions):
+        search = Search(self.candidates_for(functions, down, least), None, self.times, _EFFORT)
+        search.run(groups=1)  # served at all comes first there, and how well second: all can be had, or all cannot
+        if not self._serves(search.best, functions, least):
             return Answer(None, search.proven)
         self._known.append((search.best, used_elements(self.spec, search.best)))
         return Answer(search.best, search.proven)
 
-    def survives(self, functions: Collection[str], down: frozenset[str]) -> Configuration | None:
+    def survives(
+        self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
+    ) -> Configuration | None:
         """Give a configuration known from another question that serves some functions with these elements down."""
         lost = lost_elements(self.spec, Situation(down))
         alive = (known for known, used in self._known if used.isdisjoint(lost))
-        return next((known for known in alive if self._serves(known, functions)), None)
+        return next((known for known in alive if self._serves(known, functions, least)), None)
 
     def healthy(self, phase: Phase) -> Plan:
         """Give the best plan of a phase with everything up."""
@@ -107,20 +119,35 @@ class Planning:
             found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)
         return frozenset(name for name in functions if not found.functions[name].served)
 
-    def _serves(self, configuration: Configuration, functions: Collection[str]) -> bool:
-        running = configuration.modules
-        return all(any(one in running for one in self.spec.functions[name].outputs) for name in functions)
+    def _serves(self, configuration: Configuration, functions: Collection[str], least: Mapping[str, int]) -> bool:
+        return all(
+            output is not None and value_of(self.spec, configuration, function, output) >= least.get(function.name, 0)
+            for function, output in serving_modules(self.spec, configuration)
+            if function.name in functions
+        )
 
-    def candidates_for(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> Candidates:
-        """Give what may run where these functions are all that is wanted, each as much as the other in any mode."""
+    def candidates_for(
+        self,
+        functions: Collection[str],
+        down: frozenset[str] = frozenset(),
+        least: Mapping[str, int] = NOTHING_ASKED,
+    ) -> Candidates:
+        """Give what may run where these functions are all that is wanted, each as much as the other.
+
+        A mode is worth 1 where it is at least as good as is asked for, and nothing otherwise.
+        """
         wanted = {
             name: replace(
-                self.spec.functions[name],
-                criticality={None: "A"},
-                priority={None: 1},
-                value=(0,) * max(len(self.spec.modules[one].modes) for one in self.spec.functions[name].outputs),
+                function, criticality={None: "A"}, priority={None: 1}, value=self._enough(function, least.get(name, 0))
             )
-            for name in self.spec.functions
+            for name, function in self.spec.functions.items()
             if name in functions
         }
         return candidates(replace(self.spec, functions=wanted), Situation(down))
+
+    def _enough(self, function: Function, least: int) -> tuple[int, ...]:
+        counts = [len(self.spec.modules[output].modes) for output in function.outputs]
+        return tuple(
+            int(least > 0 and any(function.value_of(index, count) >= least for count in counts if index < count))
+            for index in range(max(counts))
+        )
