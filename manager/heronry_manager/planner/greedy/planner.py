@@ -29,7 +29,6 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.planner.greedy.draft import MayPublish
 from heronry_manager.planner.greedy.packing import packed
 from heronry_manager.planner.greedy.punctuality import Punctuality
 from heronry_manager.planner.greedy.repairing import Repair
@@ -56,7 +55,7 @@ class Greedy:
         """
         scene = self._scenery.scene(now)
         wanted = self._tables.wanted(now.phase)
-        repair = self._punctual(wanted, scene, self._before(scene, running or {}))
+        repair = self._repaired(wanted, scene, self._before(scene, running or {}))
         return plan_of(repair.draft, self._tables, wanted, now, running)
 
     def _before(self, scene: Scene, running: Placement) -> Before:
@@ -69,26 +68,20 @@ class Greedy:
                 before[tables.module_of[number]] = (number, place if is_up else -1)
         return before
 
-    def _punctual(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
-        """Find a draft that meets its deadlines, with as little looking at them as possible."""
-        in_time = self._punctuality.are_met
+    def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:
+        """Find a draft that meets its deadlines; they are looked at one by one only where some would be missed."""
         repair = self._best(wanted, scene, before, None)
-        if not in_time(repair.draft):
-            repair = self._best(wanted, scene, before, in_time)
-        without_inputs = repair.draft.mark()
-        repair.supply()
-        if not in_time(repair.draft):
-            repair.draft.undo(without_inputs)
-            repair.draft.may_publish = in_time
-            repair.supply()
+        if not self._punctuality.are_met(repair.draft):
+            repair = self._best(wanted, scene, before, self._punctuality)
+        repair.supply(self._punctuality)
         return repair
 
-    def _best(self, wanted: Wanted, scene: Scene, before: Before, may_publish: MayPublish | None) -> Repair:
+    def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
         """Repair what ran; where that leaves out a critical function, pack anew as well."""
-        repair = Repair(self._tables, wanted, scene, before, may_publish)
-        repair.run()
+        repair = Repair(self._tables, wanted, scene, before)
+        repair.run(punctuality)
         if all(goal.rank >= len(CRITICAL_CLASSES) for goal in repair.unserved()):
             return repair
-        other = Repair(self._tables, wanted, scene, packed(self._tables, wanted, scene), may_publish)
-        other.run()
+        other = Repair(self._tables, wanted, scene, packed(self._tables, wanted, scene))
+        other.run(punctuality)
         return other if other.score() > repair.score() else repair

@@ -19,7 +19,6 @@ change it. What is between the bounds is for the exact analysis, whose verdicts 
 is what the judge accepts, whatever the rounding.
 """
 
-from collections.abc import Iterable
 from math import ceil
 from typing import Final
 
@@ -36,38 +35,56 @@ _DOWN: Final = 1 - 1e-9
 _FULL: Final = 0.99  # share of a bus above which only the exact analysis says anything
 _REMEMBERED: Final = 512  # verdicts
 
-_Stream = tuple[float, float, float]  # frame, period, jitter plus one bit time: ns
+Source = tuple[int, int]  # module and variable
 
 
 class _Level:
     """What is on a bus above the next message."""
 
-    __slots__ = ("blocking", "demand", "load", "streams")
+    __slots__ = ("blocking", "demand", "frames", "load", "streams")
 
     def __init__(self, blocking_ns: float) -> None:
         self.blocking = self.demand = blocking_ns  # `demand`: numerator of the closed form
+        self.frames = 0.0  # of the demand, that of one frame of each message
         self.load = 0.0
-        self.streams: list[_Stream] = []
+        self.streams: dict[tuple[float, float], float] = {}  # period, lateness -> frames: many have the same
 
     def copy(self) -> "_Level":
         one = _Level(self.blocking)
-        one.demand, one.load, one.streams = self.demand, self.load, self.streams.copy()
+        one.demand, one.frames, one.load, one.streams = self.demand, self.frames, self.load, self.streams.copy()
         return one
 
     def add(self, frame: float, period: float, late: float) -> None:
-        """Add a message; `late` is its jitter and one bit time."""
+        """Add a message; `late` is its jitter and one bit time; all in ns."""
         self.demand += frame * (1 + late / period)
+        self.frames += frame
         self.load += frame / period
-        self.streams.append((frame, period, late))
+        self.streams[period, late] = self.streams.get((period, late), 0.0) + frame
 
     def delay(self, most_ns: float, rounding: float) -> float:
-        """Iterate the recurrence until it stands, or is beyond `most_ns`."""
-        before, delay = 0.0, self.blocking
+        """Iterate the recurrence until it stands, or is beyond `most_ns`.
+
+        It starts from what it would be without any round-up, which is less, and saves most of the way.
+        """
+        before, delay = 0.0, (self.demand - self.frames) / (1 - self.load) * _DOWN
         while before < delay <= most_ns:
             before, delay = delay, self.blocking
-            for frame, period, late in self.streams:
-                delay += frame * ceil((before + late) / period * rounding)
+            for (period, late), frames in self.streams.items():
+                delay += frames * ceil((before + late) / period * rounding)
         return delay
+
+
+class Watch:
+    """Looks at every message before it is published, for as long as its budget lasts; then it lets none pass."""
+
+    def __init__(self, punctuality: "Punctuality", budget: int) -> None:
+        """`budget`: messages that it may look at, those included that were published before."""
+        self._punctuality, self._budget = punctuality, budget
+
+    def may_publish(self, draft: Draft, more: list[Publication]) -> bool:
+        """Tell whether a draft that is in time stays so; what `Draft` wants to be told."""
+        self._budget -= len(draft.published)
+        return self._budget >= 0 and self._punctuality.stay_met(draft, more)
 
 
 class Punctuality:
@@ -89,10 +106,17 @@ class Punctuality:
         self._deadline_ns = [tables.spec.variables[name].deadline_ns for name in tables.variables]
         self._verdicts: dict[frozenset[Hop], bool] = {}
 
-    def are_met(self, draft: Draft, more: Iterable[Publication] = ()) -> bool:
-        """Tell whether all that a draft publishes is in time, and `more` beside it."""
+    def are_met(self, draft: Draft) -> bool:
+        """Tell whether all that a draft publishes is in time."""
+        messages = list(draft.published)
+        verdict = self._bounded(draft, messages, since=0)
+        return self._exactly(draft, messages) if verdict is None else verdict
+
+    def stay_met(self, draft: Draft, more: list[Publication]) -> bool:
+        """Tell whether more may be published by a draft that is in time as it is."""
         messages = [*draft.published, *more]
-        verdict = self._bounded(draft, messages)
+        since = min(self._urgency[module, variable] for module, variable, _ in more)
+        verdict = self._bounded(draft, messages, since)
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def _above_data(self, bus: int) -> _Level:
@@ -102,46 +126,66 @@ class Punctuality:
             level.add(WORST_BLOCKING_BITS * bit_ns, element.heartbeat_ns, bit_ns)
         return level
 
-    def _bounded(self, draft: Draft, messages: list[Publication]) -> bool | None:
-        """Give the verdict as far as the bounds go; None: they say nothing."""
-        buses: dict[tuple[int, int], list[int]] = {}
+    def _bounded(self, draft: Draft, messages: list[Publication], since: int) -> bool | None:
+        """Give the verdict as far as the bounds go; None: they say nothing.
+
+        since: identifier; what is more urgent is known to be in time.
+        """
+        buses: dict[Source, list[int]] = {}
         for module, variable, bus in messages:
             buses.setdefault((module, variable), []).append(bus)
         above = [level.copy() for level in self._management]
         for source in sorted(buses, key=self._urgency.__getitem__):
-            verdict = self._one_source(draft, source, buses[source], above)
+            on = buses[source]
+            if self._urgency[source] < since and len(on) == 1:
+                self._add(draft, source, on[0], 0.0, above)
+                continue
+            verdict = self._one_source(draft, source, on, above)
             if not verdict:
                 return verdict
         return True
 
-    def _one_source(self, draft: Draft, source: tuple[int, int], buses: list[int], above: list[_Level]) -> bool | None:
+    def _one_source(self, draft: Draft, source: Source, buses: list[int], above: list[_Level]) -> bool | None:
         """Bound the response times of a source along its route, and add it to what is above the others."""
-        module, variable = source
-        steps, period = self._steps[draft.pe[module]], self._period_ns[draft.mode[module]]
-        given = self._deadline_ns[variable]
-        deadline = period if given is None else given
+        steps = self._steps[draft.pe[source[0]]]
         if len(buses) > 1:
             buses.sort(key=lambda bus: steps[bus][0])
-        responses = {-1: 0.0}
+        responses: dict[int, float] = {-1: 0.0}
         for bus in buses:
             jitter = responses[bus] = responses[steps[bus][1]]
-            if not self._wired[bus]:
-                continue
-            level, bit_ns = above[bus], self._bit_ns[bus]
-            frame = self._tables.bits[variable] * bit_ns
-            if level.load > _FULL:
-                return None
-            response = jitter + level.demand / (1 - level.load) + frame
-            if len(buses) > 1 or response * _UP > min(period, deadline):
-                most, least = (jitter + frame + level.delay(deadline, rounding) for rounding in (_UP, _DOWN))
-                if least * _DOWN > deadline:
-                    return False
-                if most * _UP > min(period, deadline) or (len(buses) > 1 and most != least):
-                    return None
-                response = most
-            responses[bus] = response
-            level.add(frame, period, jitter + bit_ns)
+            if self._wired[bus]:
+                response = self._response(draft, source, above[bus], bus, jitter, is_jitter=len(buses) > 1)
+                if not response:
+                    return None if response is None else False
+                responses[bus] = response
+            self._add(draft, source, bus, jitter, above)
         return True
+
+    def _response(
+        self, draft: Draft, source: Source, level: _Level, bus: int, jitter: float, *, is_jitter: bool
+    ) -> float | None:
+        """Bound one response time, exactly if it becomes a jitter; 0: it is too long, None: nobody knows."""
+        if level.load > _FULL:
+            return None
+        period, given = self._period_ns[draft.mode[source[0]]], self._deadline_ns[source[1]]
+        deadline = period if given is None else given
+        limit = min(period, deadline)
+        sent = jitter + self._tables.bits[source[1]] * self._bit_ns[bus]
+        response = sent + level.demand / (1 - level.load)
+        if response * _UP <= limit and not is_jitter:
+            return response
+        most = sent + level.delay(deadline, _UP)
+        if most * _UP <= limit and not is_jitter:
+            return most
+        least = sent + level.delay(deadline, _DOWN)
+        if least * _DOWN > deadline:
+            return 0.0
+        return most if most == least and most * _UP <= limit else None
+
+    def _add(self, draft: Draft, source: Source, bus: int, jitter: float, above: list[_Level]) -> None:
+        module, variable = source
+        bit_ns = self._bit_ns[bus]
+        above[bus].add(self._tables.bits[variable] * bit_ns, self._period_ns[draft.mode[module]], jitter + bit_ns)
 
     def _exactly(self, draft: Draft, messages: list[Publication]) -> bool:
         published = frozenset(self._hop(draft, message) for message in messages)

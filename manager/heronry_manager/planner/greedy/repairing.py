@@ -12,7 +12,8 @@ Inputs (level 3) come last, once all functions have what they can get: `supplyin
 
 from typing import Final
 
-from heronry_manager.planner.greedy.draft import Draft, MayPublish
+from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.punctuality import Punctuality, Watch
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.serving import Before, Server
 from heronry_manager.planner.greedy.supplying import supply
@@ -20,24 +21,30 @@ from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
 
 _TRIES: Final = 40  # functions put down or aside, over all that room is made for
 _SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
+_LOOKS_FOR_FUNCTIONS: Final = 6000  # messages looked at for deadlines, see `Watch`
+_LOOKS_FOR_INPUTS: Final = 1500
 
 
 class Repair:
     """One draft for one situation."""
 
-    def __init__(
-        self, tables: Tables, wanted: Wanted, scene: Scene, before: Before, may_publish: MayPublish | None
-    ) -> None:
+    def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, before: Before) -> None:
         """Start from nothing; `before` is what ran, or what should."""
-        self.draft = Draft(tables, scene, may_publish)
+        self.draft = Draft(tables, scene)
         self._server = Server(tables, wanted, scene, self.draft, before)
         self._tables, self._wanted, self._scene = tables, wanted, scene
         self._tries = _TRIES
 
-    def run(self) -> None:
-        """Serve what can be served: levels 1 and 2."""
+    def run(self, punctuality: Punctuality | None = None) -> None:
+        """Serve what can be served: levels 1 and 2; with `punctuality`, such that all deadlines are met."""
         goals = self._wanted.goals
         self._server.adopt(goals)
+        if punctuality is not None:
+            in_time = punctuality.are_met(self.draft)  # as a rule: it ran
+            self.draft.may_publish = Watch(punctuality, _LOOKS_FOR_FUNCTIONS).may_publish
+            if not in_time:
+                self.draft.undo(0)
+                self._server.adopt(goals)
         for goal in goals:
             self._server.serve(goal)
         for goal in self.unserved():
@@ -45,9 +52,15 @@ class Repair:
         self._improve()
         self._sweep()
 
-    def supply(self) -> None:
-        """Supply inputs: level 3."""
+    def supply(self, punctuality: Punctuality) -> None:
+        """Supply inputs: level 3; all deadlines are met before and after."""
+        mark = self.draft.mark()
+        self.draft.may_publish = None
         supply(self.draft, self._server, self._tables)
+        if not punctuality.are_met(self.draft):
+            self.draft.undo(mark)
+            self.draft.may_publish = Watch(punctuality, _LOOKS_FOR_INPUTS).may_publish
+            supply(self.draft, self._server, self._tables)
         self._sweep()
 
     def score(self) -> int:
