@@ -74,7 +74,7 @@ class Draft:
     """All that could be read of a file."""
 
     root: Node
-    readable: bool  # no section is missing because it is something else than a map
+    readable: bool  # no section is missing because it is misspelt, or something else than a map
     header: schema.HeaderForm | None
     manager: Element[schema.ManagerForm]
     contingency: Element[schema.ContingencyForm]
@@ -108,7 +108,7 @@ class _DraftReader:
         demuxes = {name: entry for name, entry in gates.items() if _is_demux(entry.node)}
         return Draft(
             root=self._root,
-            readable=all(self._is_readable(section) for section in _SECTIONS),
+            readable=all(self._is_readable(section) for section in _SECTIONS) and not self._misspelt_sections(),
             header=self._header(),
             manager=self._single("manager", schema.ManagerForm),
             contingency=self._single("contingency", schema.ContingencyForm),
@@ -136,6 +136,11 @@ class _DraftReader:
     def _is_readable(self, section: str) -> bool:
         entry = self._root.entries.get(section)
         return entry is None or isinstance(entry.node, yaml_source.Mapping) or yaml_source.is_nothing(entry.node)
+
+    def _misspelt_sections(self) -> set[str]:
+        known = field_names(schema.SpecForm)
+        meant = _meant(self._findings, self._root.entries.keys() - set(known), known)
+        return meant.intersection(_SECTIONS) - self._root.entries.keys()
 
     def _section(self, section: str, kind: str, form: type[F_co]) -> dict[str, Element[F_co]]:
         return {name: self._element(kind, name, entry, form) for name, entry in self._entries(section)}
@@ -177,7 +182,8 @@ class _DraftReader:
         form = self._form(subject, entry.place, yaml_source.Mapping(body.place, own), schema.ModuleForm, known)
         if modes is None:
             only = yaml_source.Entry(entry.place, yaml_source.Mapping(body.place, mode_fields))
-            mode = self._mode(subject, schema.ONLY_MODE, only)
+            misspelt = _meant(self._findings, own.keys() - set(known), known)
+            mode = self._mode(subject, schema.ONLY_MODE, only, misspelt)
             return ModuleElement(name, entry.place, body, form, {mode.name: mode})
         self._refuse_both_ways(subject, mode_fields)
         return ModuleElement(name, entry.place, body, form, self._modes(subject, modes))
@@ -197,18 +203,31 @@ class _DraftReader:
             self._findings.add(rules.NO_MODE, modes.node.place, f"{subject} lists no mode", hint)
         return found
 
-    def _mode(self, subject: str, name: str, entry: yaml_source.Entry) -> Element[schema.ModeForm]:
-        return Element(name, entry.place, entry.node, self._form(subject, entry.place, entry.node, schema.ModeForm))
+    def _mode(
+        self, subject: str, name: str, entry: yaml_source.Entry, misspelt: Collection[str] = ()
+    ) -> Element[schema.ModeForm]:
+        form = self._form(subject, entry.place, entry.node, schema.ModeForm, misspelt=misspelt)
+        return Element(name, entry.place, entry.node, form)
 
     def _form(
-        self, subject: str, place: Place, node: Node, form: type[F_co], known: Collection[str] = ()
+        self,
+        subject: str,
+        place: Place,
+        node: Node,
+        form: type[F_co],
+        known: Collection[str] = (),
+        *,
+        misspelt: Collection[str] = (),
     ) -> F_co | None:
-        """Fields of an element, or None and findings. `known`: fields to suggest, where not those of `form` alone."""
+        """Fields of an element, or None and findings.
+
+        `known`: fields to suggest, where not those of `form` alone; `misspelt`: fields that are there in another form.
+        """
         fields = {} if yaml_source.is_nothing(node) else yaml_source.plain(node)
         try:
             return form.model_validate(fields)
         except ValidationError as failure:
-            _FormFindings(self._findings, subject, place, node, known or field_names(form)).add(failure)
+            _FormFindings(self._findings, subject, place, node, known or field_names(form)).add(failure, misspelt)
             return None
 
 
@@ -222,9 +241,14 @@ class _FormFindings:
         self._node = node
         self._known = known
 
-    def add(self, failure: ValidationError) -> None:
+    def add(self, failure: ValidationError, misspelt: Collection[str]) -> None:
         errors: list[Any] = failure.errors(include_url=False)
-        missing = [error["loc"] for error in errors if error["type"] == "missing"]
+        meant = {(field,) for field in misspelt}
+        for error in errors:
+            if error["type"] == "extra_forbidden":
+                *parent, name = error["loc"]
+                meant |= {(*parent, field) for field in _meant(self._findings, [name], self._known_at(error["loc"]))}
+        missing = [error["loc"] for error in errors if error["type"] == "missing" and error["loc"] not in meant]
         for parent in dict.fromkeys(loc[:-1] for loc in missing):
             lacking = [f"'{loc[-1]}'" for loc in missing if loc[:-1] == parent]
             inside = f"{self._subject} ({parent[0]})" if parent else self._subject
@@ -250,13 +274,21 @@ class _FormFindings:
         subject = f"'{field}' of {self._subject}" if field else self._subject
         self._findings.add(rule, node.place, f"{subject} {sentence}", hint)
 
+    def _known_at(self, loc: tuple[int | str, ...]) -> Collection[str]:
+        return field_names(schema.WhenForm) if len(loc) > 1 else self._known  # the one map inside an element
+
     def _unknown_field(self, loc: tuple[int | str, ...]) -> None:
         name = str(loc[-1])
         parent, _ = yaml_source.follow(self._node, loc[:-1])
-        known = field_names(schema.WhenForm) if len(loc) > 1 else self._known  # the one map inside an element
+        known = self._known_at(loc)
         hint = self._findings.suggestion(name, known) or f"it may have {listed(sorted(known))}"
         sentence = f"{self._subject} has no field {shown(name)}"
         self._findings.add(rules.UNKNOWN_FIELD, yaml_source.key_place(parent, name), sentence, hint)
+
+
+def _meant(findings: Findings, names: Collection[str], known: Collection[str]) -> set[str]:
+    """Known fields of which some names are misspellings."""
+    return {closest for name in names if (closest := findings.closest(str(name), known)) is not None}
 
 
 def _translated(error: Any) -> tuple[Rule, str, str]:

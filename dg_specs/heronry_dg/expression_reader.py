@@ -172,7 +172,8 @@ class ExpressionReader:
         accepted = worst - best + 1
         if len(points) != len(items) or len(points) not in {accepted, versions}:
             lengths = listed(dict.fromkeys((str(accepted), str(versions))), last="or")
-            sentence = f"'worth' must be a list of {lengths} whole numbers from 0 to {schema.MOST_POINTS}"
+            numbers = "whole number" if lengths == "1" else "whole numbers"
+            sentence = f"'worth' must be a list of {lengths} {numbers} from 0 to {schema.MOST_POINTS}"
             self._findings.add(
                 rules.BAD_WORTH, node.place, sentence, "points for each version that is accepted, best first"
             )

@@ -83,25 +83,27 @@ class Findings:
 
     def unknown(self, rule: Rule, place: Place, kind: str, name: str, known: Collection[str]) -> None:
         """Note a name that refers to nothing."""
-        closest = self._closest(name, known)
+        closest = self.closest(name, known)
         self.unknown_names.setdefault(name, []).append(Use(place, kind, closest))
         hint = f"did you mean '{closest}'?" if closest is not None else _there_is(known)
         self.add(rule, place, f"no {kind} is named {shown(name)}", hint)
 
     def suggestion(self, name: str, known: Collection[str]) -> str:
         """Say `did you mean ...?` where a known name is close, nothing otherwise."""
-        closest = self._closest(name, known)
+        closest = self.closest(name, known)
         return f"did you mean '{closest}'?" if closest is not None else ""
 
     def withdraw(self, place: Place) -> None:
         """Take back what was noted at a place and stops the spec: another finding tells of it better."""
         self._found.pop((place, "", ""), None)
 
-    def _closest(self, name: str, known: Collection[str]) -> str | None:
+    def closest(self, name: str, known: Collection[str]) -> str | None:
+        """Give the known name that may have been meant, whatever its letters' case; None where none is close."""
         if len(known) > self._comparisons_left or len(name) > _LONGEST_SHOWN:
             return None
         self._comparisons_left -= len(known)
-        return next(iter(difflib.get_close_matches(name, known, n=1)), None)
+        spelt = {one.lower(): one for one in known}
+        return next((spelt[found] for found in difflib.get_close_matches(name.lower(), spelt, n=1)), None)
 
     def error(self) -> SpecError:
         """All findings as one error."""

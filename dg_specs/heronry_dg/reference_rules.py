@@ -12,7 +12,7 @@ from typing import Final, TypeVar
 
 from heronry_dg import schema, yaml_source
 from heronry_dg.draft import Draft, Element, ModuleElement
-from heronry_dg.findings import Findings, Place, shown
+from heronry_dg.findings import Findings, Place, listed, shown
 from heronry_dg.rules import graph
 from heronry_dg.rules import schema as rules
 from heronry_dg.schema import Form
@@ -107,8 +107,9 @@ class _ReferenceRules:
         holders: dict[int, str] = {}
         for variable, form in _whole(self._draft.variables):
             if form.type not in DataType.__members__:
-                place = _value_place(variable, "type")
-                self._findings.unknown(rules.UNKNOWN_TYPE, place, "data type", form.type, _TYPE_NAMES)
+                hint = self._findings.suggestion(form.type, _TYPE_NAMES) or f"there is {listed(_TYPE_NAMES)}"
+                sentence = f"no data type is named {shown(form.type)}"
+                self._findings.add(rules.UNKNOWN_TYPE, _value_place(variable, "type"), sentence, hint)
             elif form.initial is not None and not yaml_source.has_refused(_child(variable.node, "initial")):
                 self._initial(variable, form)
             other = holders.setdefault(form.identifier, variable.name) if form.identifier is not None else variable.name
@@ -175,7 +176,10 @@ class _ReferenceRules:
 
     def _initial(self, variable: Element[schema.VariableForm], form: schema.VariableForm) -> None:
         try:
-            encode_data(0, Datum(0, DataType[form.type], 0, 0, initial_value(form.initial)))
+            value = initial_value(form.initial)
+            if isinstance(value, tuple) and form.type in _NUMERIC:
+                raise TypeError(f"{form.type} takes one number")  # noqa: TRY301 - as the encoder does
+            encode_data(0, Datum(0, DataType[form.type], 0, 0, value))
         except (WireError, TypeError) as misfit:
             sentence = f"'initial' of variable '{variable.name}' does not fit: {misfit}"
             hint = f"write a value that {form.type} takes, or take another type"

@@ -13,6 +13,7 @@ followed, so a small file cannot unfold into a large tree. The limits leave room
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any, Final
 
 import yaml
@@ -157,6 +158,10 @@ def has_refused(node: Node) -> bool:
             return any(has_refused(entry.node) for entry in node.entries.values())
 
 
+def _is_number(node: Node | None) -> bool:
+    return isinstance(node, Scalar) and isinstance(node.value, int | Decimal) and not isinstance(node.value, bool)
+
+
 def key_place(node: Node, key: str) -> Place:
     """Place of a key of a map; of the map itself where it lacks the key."""
     if isinstance(node, Mapping) and key in node.entries:
@@ -236,10 +241,14 @@ class _Builder:
 
     def _entries(self, level: int) -> dict[str, Entry]:
         entries: dict[str, Entry] = {}
+        before: Node | None = None
         while not isinstance(event := self._next(), yaml.MappingEndEvent):
             key = self._node(event, level + 1)
             node = self._node(self._next(), level + 1)
             name = self._key(key, event)
+            if name is not None and name[:1].isdigit() and is_nothing(node) and _is_number(before):
+                self._left_over(key.place, name)
+            before = node
             if name in entries:
                 first = entries[name].place
                 sentence = f"{shown(name)} is given twice, first at {first.line}:{first.column}"
@@ -258,6 +267,12 @@ class _Builder:
             return str(event.value)
         self._findings.add(rules.KEY_NOT_TEXT, key.place, "a key must be text", "write key: value")
         return None
+
+    def _left_over(self, place: Place, digits: str) -> None:
+        """Tell of digits behind a comma, as in {cpu: 0,5}, what they are; as a key they make no sense in any case."""
+        self._findings.withdraw(place)
+        hint = "write a point in front of decimals, and nothing between thousands"
+        self._findings.add(rules.KEY_NOT_TEXT, place, f"a comma ends a value, and {shown(digits)} is left over", hint)
 
     def _value(self, event: yaml.ScalarEvent, place: Place) -> Value | Refused:
         if not event.implicit[0]:  # quoted, or a block of text

@@ -41,6 +41,8 @@ def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
     begun = _place(error.context_mark) if error.context_mark is not None else stopped
     if "tab character" in str(error.problem) or "\\t" in str(error.problem):  # libyaml's words, and PyYAML's
         return Mistake(stopped, f"this is not YAML: {error.problem}", "indent with spaces")
+    if "cannot start any token" in str(error.problem):
+        return _unfit(stopped, lines)
     match error.context:
         case "while parsing a flow mapping" | "while parsing a flow sequence" | "while scanning a quoted scalar":
             if begun.line < stopped.line:
@@ -56,6 +58,13 @@ def mistake_of(error: yaml.MarkedYAMLError, text: str) -> Mistake:
     if error.context_mark is not None:
         sentence += f", {error.context} that begins at {begun.line}:{begun.column}"
     return Mistake(stopped, sentence, _LOOK)
+
+
+def _unfit(place: Place, lines: list[str]) -> Mistake:
+    character = lines[place.line - 1][place.column - 1 : place.column]
+    if character == "\t":
+        return Mistake(place, "this is not YAML: found a tab character", "indent with spaces")
+    return Mistake(place, f"this is not YAML: nothing begins with {character}", "remove it, or put the text in quotes")
 
 
 def _not_closed(begun: Place, stopped: Place, lines: list[str]) -> Mistake:

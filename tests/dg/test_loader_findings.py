@@ -264,12 +264,37 @@ def test_independent_mistakes_are_all_reported_at_once() -> None:
         spec_text(
             pes="{nav: {node_id: »9, buses: [can0], cpu: »x, ram: 1, flash: 1}}",
             devices="{gps: {kind: sensor, pe: nav}, imu: {kind: sensor, pe: »nva}}",
-            variables="{altitude: {type: FLOAT, versions: 3}, command: {»tpye: UCHAR}}".replace("command", "»command"),
+            variables="{altitude: {type: FLOAT, versions: 3}, command: {»tpye: UCHAR}}",
             modules=f"{{driver: {{device: gps, needs: »altitude@7, {RUNS}}}, »logger: }}",
             functions="{driving: {output: driver, priority: »low}}",
         )
     )
-    assert len(said) == 8
+    assert len(said) == 7
+
+
+def test_a_misspelt_field_is_not_missed_as_well_nor_a_misspelt_section() -> None:
+    no_rate = RUNS.replace("rate_hz", "»rate")
+    assert "did you mean 'rate_hz'?" in complaint(spec_text(modules=f"{{driver: {{device: gps, {no_rate}}}}}"))
+    modes = f"{{driver: {{device: gps, modes: {{fast: {{{no_rate}}}}}}}}}"
+    assert "did you mean 'rate_hz'?" in complaint(spec_text(modules=modes))
+    phases = "{climb: , cruise: {when: {»variabel: altitude, above: 1}}}"
+    assert "did you mean 'variable'?" in complaint(spec_text(phases=phases))
+    assert "did you mean 'buses'?" in complaint(spec_text().replace("buses:", "»Buses:", 1))
+
+
+def test_a_name_is_suggested_whatever_its_letters_case() -> None:
+    assert "did you mean 'FLOAT'?" in complaint(spec_text(variables="{altitude: {type: »float}}"))
+    assert "there is NODATA, ERROR, FLOAT" in complaint(spec_text(variables="{altitude: {type: »REAL}}"))
+
+
+def test_a_decimal_comma_and_a_separator_of_thousands_are_recognized() -> None:
+    left_over = "a comma ends a value, and"
+    assert f"{left_over} '5' is left over" in complaint(
+        spec_text(devices="{gps: {kind: sensor, pe: nav, rate_per_h: 0,»5}}")
+    )
+    modules = f"{{driver: {{device: gps, {RUNS.replace('rate_hz: 10', 'rate_hz: 1,»000')}}}}}"
+    assert f"{left_over} '000' is left over" in complaint(spec_text(modules=modules))
+    assert "is not text" in complaint(spec_text(phases="{climb: , »2: }"))
 
 
 def test_a_broken_element_is_still_there_for_those_that_name_it() -> None:

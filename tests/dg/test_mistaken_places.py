@@ -18,6 +18,8 @@ from heronry_dg.findings import Place
         (" »dg: 1\nname: x\nbuses: {}\n", "the line is indented unlike line 2"),
         ("dg: 1\n  »buses: {}\n", "mapping values are not allowed"),
         ("dg: 1\n»\tname: x\n", "found a tab character"),
+        ("devices:\n  gps: {}\n»\timu: {}\n", "found a tab character"),
+        ("dg: 1\nname: »`x`\n", "nothing begins with `"),
         ("dg: 1\nname: [x]»]\n", "did not find expected"),
         ("dg: 1\n»name\n", "':' is missing between here and"),
     ],
