@@ -187,3 +187,33 @@ def test_a_running_plan_without_wires_is_taken_at_its_worst(capsys: pytest.Captu
     now.write_text(json.dumps({"modules": {n: {"inputs": {}, **entry} for n, entry in places.items()}}))
     _, out, _ = run(capsys, "plan", "elevator_and_chute", "--running", str(now), "--json")
     assert json.loads(out)["transition"]["steps"] == ["GO_ALL"]
+
+
+def test_the_greedy_planner_says_that_it_proves_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "plan", "elevator_and_chute", "--down", "device:gps", "--planner", "greedy")
+    lines = out.splitlines()
+    assert (code, err) == (0, "")
+    assert lines[1].startswith("greedy planner: legal, not proven to be the best: critical A 100, B 80, C 0, D 20;")
+    assert "elevator          A      100       only  100    served by servo_driver_1" in lines
+
+
+def test_the_greedy_planners_reasons_are_in_its_document(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "plan", "elevator_and_chute", "--down", "pe:tail_pe", "--planner", "greedy", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["optimal"] is False
+    assert {level["bound"] for level in document["levels"]} == {None}
+    assert "device elevator_servo_1 on tail_pe, which is down" in document["functions"]["elevator"]["why_not"]
+
+
+def test_without_a_solver_there_is_the_greedy_planner(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in [name for name in sys.modules if name.startswith(("ortools", "heronry_manager.planner.e"))]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "ortools", None)
+    code, out, err = run(capsys, "plan", "elevator_and_chute")
+    assert (code, out) == (2, "")
+    assert "ortools is not installed; add it with" in err
+    assert "use --planner greedy" in err
+    assert run(capsys, "plan", "elevator_and_chute", "--planner", "greedy")[0] == 0

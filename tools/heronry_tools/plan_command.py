@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
     from heronry_dg.model import Spec
     from heronry_dg.objective import Placement
+    from heronry_dg.plan import Plan
     from heronry_dg.situation import Situation
 
 _SITUATIONS = """\
@@ -61,6 +62,12 @@ def add_parsers(subparsers: Any) -> None:
     plan.add_argument(
         "--running", metavar="PLAN.json", help="what runs now, as a plan: prefer few changes against it (- for stdin)"
     )
+    plan.add_argument(
+        "--planner",
+        choices=("exact", "greedy"),
+        default="exact",
+        help="exact: the best plan, with proof (default); greedy: a legal one at once, which flies until that is known",
+    )
     plan.add_argument("--json", action="store_true", help="write the plan as JSON")
     plan.set_defaults(run=run_plan)
 
@@ -92,8 +99,6 @@ def run_plan(arguments: argparse.Namespace) -> int:
     from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
     from heronry_dg.situation import situation  # noqa: PLC0415
     from heronry_dg.transition import transition  # noqa: PLC0415
-    from heronry_manager.planner.exact import plan  # noqa: PLC0415
-    from heronry_manager.planner.explain import explained  # noqa: PLC0415
     from heronry_tools.plan_report import print_plan  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
@@ -101,16 +106,34 @@ def run_plan(arguments: argparse.Namespace) -> int:
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
     text = read_text(arguments.running) if arguments.running else None
     running = read_running(text) if text is not None else None
-    found = explained(spec, plan(spec, now, running))
+    found = _greedy(spec, now, running) if arguments.planner == "greedy" else _best(spec, now, running)
     way = transition(spec, _as_known(text), found.configuration, now) if text is not None else None
     if not arguments.json:
-        print_plan(spec, found, way)
+        print_plan(spec, found, arguments.planner, way)
     elif way is None:
         sys.stdout.write(found.to_json())
     else:
         document = {**found.document(), "transition": way.document()}
         sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
     return 0
+
+
+def _greedy(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan":
+    from heronry_manager.planner.greedy.planner import Greedy  # noqa: PLC0415
+
+    return Greedy(spec).plan(now, running)
+
+
+def _best(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan":
+    try:
+        from heronry_manager.planner.exact import plan  # noqa: PLC0415
+        from heronry_manager.planner.explain import explained  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] != "ortools":
+            raise
+        how = 'add it with: pip install "heronry[manager]", or use --planner greedy'
+        raise UserError(f"ortools is not installed; {how}") from error
+    return explained(spec, plan(spec, now, running))
 
 
 def _as_known(text: str) -> "Configuration | Placement":

@@ -13,17 +13,17 @@ from heronry_tools.tables import Bad, Cell, Table, bar, print_tables
 from heronry_wire.management import Step
 
 
-def print_plan(spec: Spec, plan: Plan, way: Transition | None = None) -> None:
-    """Print a plan to standard output, with the way to it from what runs."""
+def print_plan(spec: Spec, plan: Plan, planner: str, way: Transition | None = None) -> None:
+    """Print a plan to standard output, with the name of its planner and the way to it from what runs."""
     tables = list(_tables(spec, plan))
-    print_tables(_headline(spec, plan), tables if way is None else [*tables, _way(way)])
+    print_tables(_headline(spec, plan, planner), tables if way is None else [*tables, _way(way)])
 
 
-def _headline(spec: Spec, plan: Plan) -> str:
+def _headline(spec: Spec, plan: Plan, planner: str) -> str:
     phase = f", phase {plan.now.phase}" if plan.now.phase is not None else ""
     down = f", down: {', '.join(sorted(plan.now.down))}" if plan.now.down else ", nothing down"
     limits = "".join(f", {element} at {float(100 * share):g} %" for element, share in sorted(plan.now.limits.items()))
-    proof = "the best there is" if plan.optimal else "legal, not proven to be the best"
+    proof = "the best there is" if plan.optimal else f"{planner} planner: legal, not proven to be the best"
     served = plan.objective
     classes = ", ".join(f"{name} {points}" for name, points in zip("ABCD", served.critical, strict=True))
     return (
