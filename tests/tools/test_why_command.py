@@ -31,11 +31,11 @@ SPREAD = replace(CHUTE, pes={**CHUTE.pes, "tail_pe": replace(CHUTE.pes["tail_pe"
 """The elevator's controller does not fit beside its servos: the bus is needed."""
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     code = main(["why", *arguments])
     out, err = capsys.readouterr()
-    assert err == ""
-    return code, out
+    assert (code, err) == (0, "")
+    return out
 
 
 def explained(spec: Spec, function: str, *down: str) -> Explanation:
@@ -57,23 +57,20 @@ def mended(spec: Spec, found: Explanation) -> list[tuple[Spec, Situation]]:
 
 
 def test_a_fault_is_the_reason_and_its_end_the_repair(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--down", "device:gps")
-    assert code == 1
+    out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--down", "device:gps")
     assert out.startswith("elevator is not served: servo_driver_1 needs device elevator_servo_1 on tail_pe, which is")
     assert out.endswith("because, all at once:\n  pe:tail_pe is down\nmended by:\n  pe:tail_pe comes back\n")
 
 
 def test_two_faults_that_each_suffice_to_lose_it_must_both_be_mended(capsys: pytest.CaptureFixture[str]) -> None:
     down = ("--down", "device:chute_solenoid", "--down", "module:chute_logic")
-    code, out = run(capsys, "elevator_and_chute", "parachute", *down)
-    assert code == 1
+    out = run(capsys, "elevator_and_chute", "parachute", *down)
     assert "\nbecause, all at once:\n  module:chute_logic is down\nmended by:\n" in out, "either of them is enough"
     assert out.endswith("mended by:\n  device:chute_solenoid comes back, and module:chute_logic comes back\n")
 
 
 def test_a_worse_mode_has_reasons_too(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out = run(capsys, "big_blue", "guidance", "--down", "device:gps", "--phase", "glide")
-    assert code == 1
+    out = run(capsys, "big_blue", "guidance", "--down", "device:gps", "--phase", "glide")
     assert out == (
         "guidance is served in glide, but only in mode level: value 30 instead of 100\n"
         "because, all at once:\n  device:gps is down\nmended by:\n  device:gps comes back\n"
@@ -81,15 +78,14 @@ def test_a_worse_mode_has_reasons_too(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_what_is_well_and_what_is_not_wanted_need_no_reasons(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, "elevator_and_chute", "elevator") == (0, "elevator is served, in its best mode: only\n")
-    code, out = run(capsys, "big_blue", "experiment", "--phase", "landing")
-    assert (code, out) == (0, "experiment is not served in landing: it is not wanted in phase landing\n")
+    assert run(capsys, "elevator_and_chute", "elevator") == "elevator is served, in its best mode: only\n"
+    out = run(capsys, "big_blue", "experiment", "--phase", "landing")
+    assert out == "experiment is not served in landing: it is not wanted in phase landing\n"
 
 
 def test_json_says_the_same(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--json")
+    out = run(capsys, "elevator_and_chute", "elevator", "--down", "pe:tail_pe", "--json")
     document = json.loads(out)
-    assert code == 1
     assert document["reasons"] == [{"kind": "down", "name": "pe:tail_pe", "text": "pe:tail_pe is down"}]
     assert document["repairs"] == [{"restore": ["pe:tail_pe"], "add": []}]
     assert (document["served"], document["value"], document["best_value"]) == (False, 0, 100)

@@ -1,7 +1,6 @@
 """`heronry why`: why a function is not served, or not as well as it could be, and what would mend it.
 
-Exit codes: 0 it is served in its best mode, or not wanted; 1 it is not, and the reasons are told; 2 the input cannot be
-used.
+Exit codes: 0 whatever the answer is; 2 the input cannot be used.
 """
 
 import argparse
@@ -54,12 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     now = situation(spec, arguments.down or (), (), arguments.phase)
     found = explain(spec, now, function)
     sys.stdout.write((_json if arguments.json else _text)(spec, found))
-    return 0 if _is_well(found) else 1
-
-
-def _is_well(found: "Explanation") -> bool:
-    wanted = found.function.priority_in(found.now.phase) > 0
-    return not wanted or (found.report.served and found.report.value >= found.best_value)
+    return 0
 
 
 def _text(spec: "Spec", found: "Explanation") -> str:

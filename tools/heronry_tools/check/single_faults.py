@@ -4,17 +4,17 @@ A function is lost with an element when the best plan with everything up serves 
 element does not. Only phases whose critical functions all fit with everything up are looked at: what does not even fit
 then is DG303.
 
-Few plans are needed. Elements that leave the same candidates behind (a device and its only driver) are asked about
-once. What no candidate can serve is lost. If all the others of all phases can still be served at once, no plan loses
-one of them; only where they cannot, each phase is planned.
+Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are asked about
+once, as in a sweep. What no candidate can serve is lost. If all the others of all phases can still be served at once,
+no plan loses one of them; only where they cannot, each phase is planned.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import elements
-from heronry_manager.planner.candidates import Candidates
+from heronry_dg.situation import Situation, elements, survivors
+from heronry_manager.planner.sweep import choice_of
 from heronry_tools.check.servable import Planning
 from heronry_tools.check.wanted import Phase, critical_functions, phases
 
@@ -34,10 +34,10 @@ def losses(planning: Planning) -> Iterator[Loss]:
     """Every element with which something critical is lost; no module with which the same goes as with its device."""
     spec = planning.spec
     critical = _fitting(planning)
-    known: dict[object, Lost] = {_signature(planning.candidates_for(spec.functions)): {}}
+    known: dict[object, Lost] = {choice_of(survivors(spec, Situation())): {}}
     lost: dict[str, Lost] = {}
     for element in _single(spec):
-        left = _signature(planning.candidates_for(spec.functions, frozenset({element})))
+        left = choice_of(survivors(spec, Situation(frozenset({element}))))
         if left not in known:
             known[left] = _lost(planning, critical, frozenset({element}))
         lost[element] = known[left]
@@ -71,16 +71,6 @@ def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: fr
                 gone[phase] = planning.unserved(wanted, phase, down)
     by_function = {name: tuple(phase for phase in critical if name in gone[phase]) for name in planning.spec.functions}
     return {name: at for name, at in by_function.items() if at}
-
-
-def _signature(left: Candidates) -> object:
-    """All that a plan depends on: two faults with one signature have the same plans."""
-    return (
-        tuple((name, tuple(candidate.hosts.items())) for name, candidate in left.modules.items()),
-        tuple(left.left.pe_cpu_millis.items()),
-        tuple(left.left.bus_mbit_per_s.items()),
-        frozenset(left.left.routes.items()),
-    )
 
 
 def _device_of(spec: Spec, element: str) -> str:

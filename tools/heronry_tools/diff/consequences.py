@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.gates import holds
+from heronry_dg.losses import lost_elements, used_elements
 from heronry_dg.model import Function, Spec
 from heronry_dg.objective import CRITICAL_CLASSES, serving_modules
 from heronry_dg.plan import Plan
@@ -64,9 +65,10 @@ class Consequences:
             function for function in _critical(spec, healthy.now.phase) if healthy.functions[function.name].served
         ]
         costs: dict[str, list[str]] = {function.name: [] for function in critical}
+        used = used_elements(spec, healthy.configuration)
         for element in elements(spec):
-            if _used(spec, healthy.configuration, element):
-                now = Situation(frozenset({element}), phase=healthy.now.phase)
+            now = Situation(frozenset({element}), phase=healthy.now.phase)
+            if not used.isdisjoint(lost_elements(spec, now)):
                 for name in self._lost(spec, now, critical):
                     costs[name].append(element)
         return {name: tuple(culprits) for name, culprits in costs.items()}
@@ -98,18 +100,6 @@ def _served(spec: Spec, found: Plan) -> Iterator[tuple[str, str | None]]:
         else:
             mode = found.configuration.modules[output].mode
             yield function.name, output if len(spec.modules[output].modes) == 1 else f"{output} ({mode})"
-
-
-def _used(spec: Spec, configuration: Configuration, element: str) -> bool:
-    """Tell whether a configuration could miss an element; what it cannot tell is used."""
-    kind, _, name = element.partition(":")
-    match kind:
-        case "module":
-            return name in configuration.modules
-        case "device":
-            return any(spec.modules[module].device == name for module in configuration.modules)
-        case _:
-            return True
 
 
 def _serves_all(spec: Spec, now: Situation, known: Configuration, wanted: list[Function]) -> bool:
