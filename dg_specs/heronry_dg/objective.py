@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Function, Spec
-from heronry_dg.situation import Situation, survivors
+from heronry_dg.situation import Situation, Survivors, survivors
 from heronry_dg.traffic import bus_loads_mbit_per_s, hops
 
 CRITICAL_CLASSES = ("A", "B", "C", "D")
@@ -47,11 +47,19 @@ def score(
     spec: Spec, now: Situation, configuration: Configuration, running: Configuration | Placement | None
 ) -> Objective:
     """Value a configuration in a situation; with no running configuration nothing counts as a change."""
+    return score_among(survivors(spec, now), now.phase, configuration, running)
+
+
+def score_among(
+    left: Survivors, phase: str | None, configuration: Configuration, running: Configuration | Placement | None
+) -> Objective:
+    """Do what `score` does, where it is known already what a situation leaves."""
+    spec = left.spec
     served = [(function, branch) for function, branch in serving_modules(spec, configuration) if branch is not None]
-    published = hops(survivors(spec, now), configuration)
+    published = hops(left, configuration)
     return Objective(
-        critical=_critical(now, [function for function, _ in served]),
-        utility=sum(f.priority_in(now.phase) * value_of(spec, configuration, f, branch) for f, branch in served),
+        critical=_critical(phase, [function for function, _ in served]),
+        utility=sum(f.priority_in(phase) * value_of(spec, configuration, f, branch) for f, branch in served),
         inputs=sum(_worths(spec, configuration)),
         changes=changes(placement(configuration), running),
         branches=sum(
@@ -92,12 +100,12 @@ def changes(after: Placement, running: Configuration | Placement | None) -> int:
     return sum(before.get(module) != after.get(module) for module in before.keys() | after.keys())
 
 
-def _critical(now: Situation, served: list[Function]) -> tuple[int, int, int, int]:
+def _critical(phase: str | None, served: list[Function]) -> tuple[int, int, int, int]:
     totals = dict.fromkeys(CRITICAL_CLASSES, 0)
     for function in served:
-        criticality = function.criticality_in(now.phase)
+        criticality = function.criticality_in(phase)
         if criticality in totals:
-            totals[criticality] += function.priority_in(now.phase)
+            totals[criticality] += function.priority_in(phase)
     return totals["A"], totals["B"], totals["C"], totals["D"]
 
 

@@ -433,12 +433,16 @@ functions:
     assert served(planned(spec)) == {"a", "b", "two"}
 
 
-def test_a_search_without_effort_gives_the_empty_plan_and_says_that_it_is_not_proven() -> None:
+def test_a_search_without_effort_gives_a_legal_plan_and_says_how_good_it_could_be() -> None:
     spec = loads(TWO_PES + VOTER, "test")
-    found = plan(spec, situation(spec), effort=0)
-    assert found.configuration.modules == {}
-    assert not found.optimal
+    found, best = plan(spec, situation(spec), effort=0), plan(spec, situation(spec))
     assert verify(spec, found.now, found.configuration) == []
+    assert not found.optimal
+    assert not all(level.proven for level in found.levels)
+    assert all(level.proven for level in best.levels)
+    utility = {level.level: level for level in found.levels}["utility"]
+    assert utility.bound is not None
+    assert utility.value <= best.objective.utility <= utility.bound
 
 
 def test_a_search_cut_short_gives_a_legal_plan_and_says_whether_it_is_proven() -> None:
@@ -452,4 +456,6 @@ def test_a_search_cut_short_gives_a_legal_plan_and_says_whether_it_is_proven() -
         assert found.objective.key() <= best.objective.key()
         assert found.objective.key() == best.objective.key() or not found.optimal
         assert found == plan(spec, now, effort=effort)
+        first_unproven = next((i for i, level in enumerate(found.levels) if not level.proven), len(found.levels))
+        assert found.objective.key()[:first_unproven] == best.objective.key()[:first_unproven]
     assert not plan(spec, now, effort=0.0001).optimal

@@ -17,7 +17,7 @@ from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, situation
 from heronry_manager.planner.client import Failed, Planned, PlannerClient, PlannerError
-from heronry_manager.planner.exact import plan
+from heronry_manager.planner.exact import Planner, plan
 from heronry_manager.planner.messages import (
     MessageError,
     PlanText,
@@ -187,7 +187,7 @@ def test_requests_and_answers_survive_their_way(spec: Spec) -> None:
     ],
 )
 def test_a_line_that_is_no_request_is_refused(spec: Spec, line: bytes) -> None:
-    refusal = answer(spec, line)
+    refusal = answer(Planner(spec), line)
     assert isinstance(refusal, Refusal)
     assert "not a" in refusal.reason
 

@@ -1,58 +1,87 @@
 """The exact planner: the best legal configuration of semantics.md, proven level by level.
 
-The model is built once. Each group of levels is maximised, then fixed: later groups may not fall below it. Every
-solution is looked at before it counts: one that misses a deadline (rule 9) is cut off and the same group solved again,
-so a value is fixed only when a legal configuration has it. A level that already stands at its bound costs no search.
+It starts from the greedy plan, and builds one model. Each group of levels is maximised, then fixed: later groups may
+not fall below it. Every solution is looked at before it counts: one that misses a deadline (rule 9) is cut off and the
+same group solved again, so a value is fixed only when a legal configuration has it. A level that already stands at its
+bound costs no search: as a rule the greedy plan serves all that can be served.
 
 Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
-runs out, the best configuration found so far is returned and the plan says that it is not proven. The empty
-configuration is always legal, so there is always a plan.
+runs out, the best configuration found so far is returned, and the plan says of each level whether it is proven, or how
+good it could be. There is always a plan: the greedy one, at worst.
 """
+
+from collections.abc import Sequence
+from typing import Final
 
 from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
-from heronry_dg.objective import Placement, score
+from heronry_dg.objective import Objective, Placement, score_among
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import Hop, hops
 from heronry_manager.planner.candidates import Candidates, candidates
 from heronry_manager.planner.deadlines import deadline_conflicts
-from heronry_manager.planner.levels import Level, level_groups, merged
-from heronry_manager.planner.placing import Placing, Terms, weighted
+from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planner.levels import Kind, Level, bounds_of, level_groups, merged
+from heronry_manager.planner.placing import Placing, weighted
 from heronry_manager.planner.publishing import Publishing
 from heronry_manager.planner.wiring import Wiring
 
 DEFAULT_EFFORT = 60.0  # deterministic seconds, near real ones on a desktop computer of 2020
+
+NOTHING: Final = Configuration()
 
 
 class PlannerDefectError(RuntimeError):
     """The planner has caught itself in an error of its own; the message says in which."""
 
 
-def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
-    """Find the best legal configuration for a situation.
+class Planner:
+    """The planner of one spec, warm: what does not depend on the situation is worked out once."""
 
-    running: what runs now, for the fewest changes (level 4); None: nothing is known to run, and changes are free.
-    effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the same
-    on every machine.
-    """
-    search = Search(candidates(spec, now), running, ResponseTimes(spec), effort)
-    search.run()
-    objective = score(spec, now, search.best, running)
-    return make_plan(spec, now, search.best, objective, optimal=search.proven)
+    def __init__(self, spec: Spec) -> None:
+        """Work out identifiers, tables and frames: some milliseconds."""
+        self.spec = spec
+        self._times = ResponseTimes(spec)
+        self._greedy = Greedy(spec)
+
+    def plan(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
+        """Find the best legal configuration for a situation.
+
+        running: what runs now, for the fewest changes (level 4); None: nothing is known to run, and changes are free.
+        effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the
+        same on every machine.
+        """
+        first = self._greedy.plan(now, running).configuration
+        search = Search(candidates(self.spec, now), running, self._times, effort, first)
+        search.run()
+        bounds = search.bounds()
+        optimal = bounds == search.objective.key()
+        return make_plan(self.spec, now, search.best, search.objective, optimal=optimal, bounds=bounds)
+
+
+def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
+    """Plan once; see `Planner.plan`."""
+    return Planner(spec).plan(now, running, effort=effort)
 
 
 class Search:
-    """One search for one situation; `best` and `proven` are its answer."""
+    """One search for one situation; `best`, its `objective` and the `bounds` on that are the answer."""
 
-    def __init__(self, possible: Candidates, running: Placement | None, times: ResponseTimes, effort: float) -> None:
-        """Build the model."""
-        self.best = Configuration()
-        self.proven = True
+    def __init__(
+        self,
+        possible: Candidates,
+        running: Placement | None,
+        times: ResponseTimes,
+        effort: float,
+        first: Configuration = NOTHING,
+    ) -> None:
+        """Build the model. `first` is a legal configuration to start from."""
         self._possible = possible
+        self._running = running
         self._effort = effort
         self._times = times
         self._forbidden: set[frozenset[Hop]] = set()
@@ -61,49 +90,70 @@ class Search:
         self._wiring = Wiring(self._model, possible, self._placing)
         self._publishing = Publishing(self._model, possible, self._placing, self._wiring)
         self._groups = level_groups(self._placing, self._wiring, self._publishing, running)
-        self._values = [0] * len(self._model.proto.variables)  # of `best`: the empty configuration is all zeros
+        self._bounds = {level.position: level.high for group in self._groups for level in group}
+        self._looked_at: list[Level] = []
+        self._values: dict[int, int] = {}  # of the model's variables, for `best`
+        self._start_from(first)
+
+    @property
+    def proven(self) -> bool:
+        """Tell whether `best` is proven to be the best, as far as `run` was to look."""
+        return all(level.value(self._key) == self._bounds[level.position] for level in self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
         """Solve group after group of levels: the first `groups` ones, or all."""
+        self._looked_at = [level for group in self._groups[:groups] for level in group]
         for group in self._groups[:groups]:
             open_levels = self._fix_leading_at_bound(group)
-            if not open_levels:
-                continue
-            self.proven &= self._maximise(open_levels)
-            for level in open_levels:
-                self._fix(level)
+            if open_levels:
+                self._maximise(open_levels)
+                for level in open_levels:
+                    self._fix(level)
+
+    def bounds(self) -> tuple[int, ...]:
+        """Give what each integer of the key cannot exceed, with those before it no worse than they are."""
+        levels = {level.position: level for group in self._groups for level in group}
+        return tuple(
+            self._bounds[position] + levels[position].offset if position in levels else value
+            for position, value in enumerate(self._key)
+        )
 
     def _fix_leading_at_bound(self, group: list[Level]) -> list[Level]:
         """Fix the first levels of a group as far as they already stand at their bounds; return the others."""
         for number, level in enumerate(group):
-            if _sum(level.terms, self._values) < level.high:
+            if level.value(self._key) < level.high:
                 return group[number:]
             self._fix(level)
         return []
 
     def _fix(self, level: Level) -> None:
-        self._model.add(weighted(level.terms) >= _sum(level.terms, self._values))
+        self._model.add(weighted(level.terms) >= level.value(self._key))
 
-    def _maximise(self, group: list[Level]) -> bool:
-        """Search the best of a group of levels; tell whether it is proven to be the best."""
-        goal = merged(group)
-        self._model.maximize(weighted(goal))
+    def _maximise(self, group: list[Level]) -> None:
+        """Search the best of a group of levels."""
+        self._model.maximize(weighted(merged(group)))
         while self._effort > 0:
-            solver = _solver(self._effort / 2)  # half of what is left: later levels want their share
+            solver = _solver(group[0].kind, self._effort / 2)  # half of what is left: later levels want their share
             self._hint()
             status = solver.solve(self._model)
-            self._effort -= solver.response_proto.deterministic_time
+            response = solver.response_proto
+            self._effort -= response.deterministic_time
             if status not in (OPTIMAL, FEASIBLE):
-                return False
+                return
             found = self._configuration(solver)
             conflicts = deadline_conflicts(self._times, hops(self._possible.left, found))
             for messages in conflicts:
                 self._forbid(messages)
-            if conflicts:
-                continue
-            self._take(found, list(solver.response_proto.solution), goal)
-            return status == OPTIMAL
-        return False
+            if not conflicts:
+                self._take(found, response.solution)
+            self._bound(group, -response.inner_objective_lower_bound)
+            if not conflicts:
+                return
+
+    def _bound(self, group: list[Level], bound: int) -> None:
+        """Note what the solver has proven: it minimises, so the sign is the other one."""
+        for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
+            self._bounds[level.position] = most
 
     def _forbid(self, messages: frozenset[Hop]) -> None:
         """Cut off what misses a deadline; a cut that did not hold would be found again for ever."""
@@ -117,15 +167,34 @@ class Search:
     def _hint(self) -> None:
         """Start the search from the best configuration so far."""
         self._model.proto.clear_solution_hint()
-        if self.best.modules:
-            hint = self._model.proto.solution_hint
-            hint.vars.extend(range(len(self._values)))
-            hint.values.extend(self._values)
+        hint = self._model.proto.solution_hint
+        hint.vars.extend(self._values.keys())
+        hint.values.extend(self._values.values())
 
-    def _take(self, found: Configuration, values: list[int], goal: Terms) -> None:
-        """Keep a legal configuration, unless a search cut short found a worse one."""
-        if _sum(goal, values) >= _sum(goal, self._values):
-            self.best, self._values = found, values
+    def _start_from(self, first: Configuration) -> None:
+        self.best, self.objective = first, self._score(first)
+        if first.modules:
+            published = hops(self._possible.left, first)
+            for part in (
+                self._placing.hint(first),
+                self._wiring.hint(first),
+                self._publishing.hint(published),
+            ):
+                self._values.update((literal.index, value) for literal, value in part)
+
+    def _take(self, found: Configuration, values: Sequence[int]) -> None:
+        """Keep a legal configuration if it is better than the best so far. `values`: of all variables."""
+        objective = self._score(found)
+        if objective.key() > self._key:
+            self.best, self.objective = found, objective
+            self._values = dict(enumerate(values))
+
+    def _score(self, configuration: Configuration) -> Objective:
+        return score_among(self._possible.left, self._possible.phase, configuration, self._running)
+
+    @property
+    def _key(self) -> tuple[int, ...]:
+        return self.objective.key()
 
     def _configuration(self, solver: CpSolver) -> Configuration:
         """Read a solution."""
@@ -145,11 +214,7 @@ class Search:
         )
 
 
-def _sum(terms: Terms, values: list[int]) -> int:
-    return sum(worth for literal, worth in terms if values[literal.index])
-
-
-def _solver(effort: float) -> CpSolver:
+def _solver(kind: Kind, effort: float) -> CpSolver:
     """Set up one search: measured to suit problems of 30 to 60 modules, and deterministic."""
     solver = CpSolver()
     solver.parameters.num_workers = 1
@@ -157,7 +222,8 @@ def _solver(effort: float) -> CpSolver:
     solver.parameters.max_deterministic_time = effort
     solver.parameters.absolute_gap_limit = 0.0  # a gap is computed in floating point; merged levels outgrow it
     solver.parameters.symmetry_level = 0
-    solver.parameters.linearization_level = 2
-    solver.parameters.cp_model_probing_level = 0
+    solver.parameters.cut_level = 0
     solver.parameters.max_presolve_iterations = 1
+    solver.parameters.linearization_level = 2 if kind is Kind.SUPPLYING else 0
+    solver.parameters.cp_model_probing_level = 2 if kind is Kind.SUPPLYING else 0
     return solver

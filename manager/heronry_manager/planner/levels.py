@@ -3,12 +3,17 @@
 A level is a weighted sum of literals with bounds that follow from its own terms alone. It is kept as "more is better":
 what should be small is negated. Neighbouring levels are solved as one where a weighted sum of them is exact: each
 level's weight is greater than all that the levels below it can add up to. The groups are those that were found fast
-together (critical classes with utility; inputs, changes and branches; bandwidth and CPU), cut where a weighted sum
-would not fit 62 bits.
+together, cut where a weighted sum would not fit 62 bits:
+
+    serving    critical classes and utility: as a rule all of it can be had, and then there is nothing to search
+    supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
+    thrift     bandwidth and CPU: cutting a graph, where the relaxation is worth nothing and costs most of the time
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from itertools import groupby
 
 from heronry_dg.gates import Expression, Leaf, Xor, child_path
 from heronry_dg.objective import CRITICAL_CLASSES, Placement
@@ -20,45 +25,86 @@ from heronry_manager.planner.wiring import Wiring
 _SAFE = 2**62
 
 
+class Kind(Enum):
+    """What a level asks of the solver."""
+
+    SERVING = auto()
+    SUPPLYING = auto()
+    THRIFT = auto()
+
+
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A quantity to maximise: the sum of `terms`, which lies in `low`..`high`."""
+    """A quantity to maximise: the sum of `terms`, which lies in `low`..`high`.
 
-    name: str
+    `position` and `offset` tie it to the objective: `Objective.key()[position]` is the sum plus `offset`.
+    """
+
+    position: int
+    kind: Kind
     terms: Terms
     low: int
     high: int
+    offset: int = 0
+
+    def value(self, key: Sequence[int]) -> int:
+        """Value of the level for a configuration with this key."""
+        return key[self.position] - self.offset
 
 
 def level_groups(
     placing: Placing, wiring: Wiring, publishing: Publishing, running: Placement | None
 ) -> list[list[Level]]:
-    """All levels, most important first, in the groups that are solved together."""
+    """All levels that can differ, most important first, in the groups that are solved together."""
     possible = placing.possible
-    planned = [
-        [*_critical(possible, placing), _utility(possible, placing)],
-        [_inputs(possible, wiring), _changes(placing, running), _branches(possible, placing)],
-        [_bandwidth(publishing), _cpu(possible, placing)],
+    levels = [
+        *_critical(possible, placing),
+        _utility(possible, placing),
+        _inputs(possible, wiring),
+        _changes(placing, running),
+        _branches(possible, placing),
+        _bandwidth(publishing),
+        _cpu(possible, placing),
     ]
-    return [part for group in planned for part in _that_fit(group)]
+    can_differ = (level for level in levels if level.low < level.high)
+    kinds = groupby(can_differ, key=lambda level: level.kind)
+    return [part for _, group in kinds for part in _that_fit(group)]
 
 
 def merged(group: list[Level]) -> Terms:
     """One sum that compares as the levels of a group do in their order."""
-    weight = 1
-    terms: Terms = []
+    weights = zip(_weights(group), group, strict=True)
+    return [(literal, weight * worth) for weight, level in weights for literal, worth in level.terms]
+
+
+def bounds_of(group: list[Level], bound: int, key: Sequence[int]) -> Iterator[int]:
+    """Split a bound on the merged sum into one for each level.
+
+    Each holds among the configurations that are no worse than `key` in the levels above it: below a level that is not
+    proven nothing better is known than what follows from its terms.
+    """
+    weights = _weights(group)
+    room = bound - sum(weight * level.low for weight, level in zip(weights, group, strict=True))
+    proven = True
+    for weight, level in zip(weights, group, strict=True):
+        most = min(level.low + room // weight, level.high) if proven else level.high
+        yield most
+        proven &= most == level.value(key)
+        room -= weight * (most - level.low)
+
+
+def _weights(group: list[Level]) -> list[int]:
+    weight, weights = 1, []
     for level in reversed(group):
-        terms.extend((literal, weight * worth) for literal, worth in level.terms)
+        weights.append(weight)
         weight *= level.high - level.low + 1
-    return terms
+    return weights[::-1]
 
 
-def _that_fit(group: list[Level]) -> Iterator[list[Level]]:
-    """Cut a group where its merged sum would leave 62 bits; levels that cannot differ are left out."""
+def _that_fit(group: Iterable[Level]) -> Iterator[list[Level]]:
+    """Cut a group where its merged sum would leave 62 bits."""
     part: list[Level] = []
     for level in group:
-        if level.low == level.high:
-            continue
         if part and sum(abs(weight) for _, weight in merged([*part, level])) >= _SAFE:
             yield part
             part = []
@@ -67,22 +113,25 @@ def _that_fit(group: list[Level]) -> Iterator[list[Level]]:
         yield part
 
 
-def _level(name: str, alternatives: Iterable[Terms]) -> Level:
+def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int = 0) -> Level:
     """Sum up terms, of which at most one out of each list of alternatives is taken."""
     groups = [group for group in alternatives if group]
     return Level(
-        name=name,
+        position,
+        kind,
         terms=[(literal, worth) for group in groups for literal, worth in group if worth],
         low=sum(min((0, *(worth for _, worth in group))) for group in groups),
         high=sum(max((0, *(worth for _, worth in group))) for group in groups),
+        offset=offset,
     )
 
 
 def _critical(possible: Candidates, placing: Placing) -> Iterator[Level]:
-    for criticality in CRITICAL_CLASSES:
+    for position, criticality in enumerate(CRITICAL_CLASSES):
         functions = [f for f in possible.spec.functions.values() if f.criticality_in(possible.phase) == criticality]
         yield _level(
-            f"critical {criticality}",
+            position,
+            Kind.SERVING,
             (
                 [
                     (placing.runs[output], f.priority_in(possible.phase))
@@ -107,7 +156,7 @@ def _utility(possible: Candidates, placing: Placing) -> Level:
                     for mode in possible.modules[name].hosts
                 )
         functions.append(served)
-    return _level("utility", functions)
+    return _level(4, Kind.SERVING, functions)
 
 
 def _inputs(possible: Candidates, wiring: Wiring) -> Level:
@@ -115,13 +164,22 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
         where: [(literal, leaf.points(source.version)) for source, leaf, literal in wires]
         for where, wires in wiring.wires.items()
     }
-    sums = _level("inputs", worths.values())
+    sums = _level(5, Kind.SUPPLYING, worths.values())
     highest = {where: max((0, *(worth for _, worth in group))) for where, group in worths.items()}
-    high = sum(
-        max(_most(mode.needs, (name, mode.name, ""), highest) for mode in candidate.modes())
+    most = {
+        name: max(_most(mode.needs, (name, mode.name, ""), highest) for mode in candidate.modes())
         for name, candidate in possible.modules.items()
-    )
-    return Level(sums.name, sums.terms, sums.low, high)
+    }
+    return replace(sums, high=sum(most.values()) - sum(_idle_branches(possible, most)))
+
+
+def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[int]:
+    """Points of the branches of a DEMUX that do not run, at least; a module may be a branch of several."""
+    counted: set[str] = set()
+    for demux in possible.spec.demuxes.values():
+        points = [most[branch] for branch in demux.branches if branch in most and branch not in counted]
+        yield sum(points) - max(points, default=0)
+        counted.update(demux.branches)
 
 
 def _most(gate: Expression | None, where: tuple[str, str, str], highest: Mapping[tuple[str, str, str], int]) -> int:
@@ -138,19 +196,20 @@ def _most(gate: Expression | None, where: tuple[str, str, str], highest: Mapping
 def _changes(placing: Placing, running: Placement | None) -> Level:
     """Negated changes, less those that no plan can avoid: stopping what cannot run on."""
     if running is None:
-        return _level("changes", ())
+        return _level(6, Kind.SUPPLYING, ())
     alternatives: list[Terms] = []
     for name, literal in placing.runs.items():
         if name not in running:
             alternatives.append([(literal, -1)])
         elif (stays := placing.x.get((name, *running[name]))) is not None:
             alternatives.append([(stays, 1)])
-    return _level("changes", alternatives)
+    return _level(6, Kind.SUPPLYING, alternatives, offset=-len(running))
 
 
 def _branches(possible: Candidates, placing: Placing) -> Level:
     return _level(
-        "branches",
+        7,
+        Kind.SUPPLYING,
         (
             [(placing.runs[branch], -i) for i, branch in enumerate(demux.branches) if branch in placing.runs]
             for demux in possible.spec.demuxes.values()
@@ -160,12 +219,13 @@ def _branches(possible: Candidates, placing: Placing) -> Level:
 
 def _bandwidth(publishing: Publishing) -> Level:
     terms = (term for terms in publishing.bandwidth.values() for term in terms)
-    return _level("bandwidth", ([(literal, -weight)] for literal, weight in terms))
+    return _level(8, Kind.THRIFT, ([(literal, -weight)] for literal, weight in terms))
 
 
 def _cpu(possible: Candidates, placing: Placing) -> Level:
     return _level(
-        "cpu",
+        9,
+        Kind.THRIFT,
         (
             [(placing.on[name, mode.name], -mode.cpu_millis) for mode in candidate.modes()]
             for name, candidate in possible.modules.items()

@@ -7,10 +7,11 @@ Rules of semantics.md section 3 that are settled here: 1 (place: an impossible h
 branch of a DEMUX), 7 (CPU, memory and flash of each PE), 8 (placement rules).
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 
 from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 
+from heronry_dg.configuration import Configuration
 from heronry_manager.planner.candidates import Candidate, Candidates
 
 Terms = list[tuple[IntVar, int]]
@@ -56,6 +57,19 @@ class Placing:
         if len(modes) == len(self.possible.modules[module].hosts):
             return [self.runs[module]]
         return [self.on[module, mode] for mode in modes]
+
+    def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
+        """Values that the variables have for a configuration."""
+        runs = {name: (running.mode, running.pe) for name, running in configuration.modules.items()}
+        for name, literal in self.runs.items():
+            mode, pe = runs.get(name, (None, None))
+            yield literal, mode is not None
+            for other in self.possible.modules[name].hosts:
+                yield self.on[name, other], other == mode
+            for other in self.pes[name]:
+                yield self.at[name, other], other == pe
+        for (name, other, at), literal in self.x.items():
+            yield literal, runs.get(name) == (other, at)
 
     def _add_module(self, name: str, candidate: Candidate) -> None:
         for mode, hosts in candidate.hosts.items():

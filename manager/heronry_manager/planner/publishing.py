@@ -11,7 +11,7 @@ Deadlines (rule 9) are not part of the model: a plan that breaks them is met wit
 together". More messages never make another one earlier, so a cut takes away no legal plan.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
 from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
@@ -64,6 +64,17 @@ class Publishing:
                     taken.extend(there)
                     facts += 1
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
+
+    def hint(self, published: Iterable[Hop]) -> Iterator[tuple[IntVar, bool]]:
+        """Values that the variables have when these hops are published, and no others."""
+        rates = {
+            (hop.producer, hop.variable, hop.bus): self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
+            for hop in published
+        }
+        for key, literal in self._published.items():
+            yield literal, key in rates
+        for (producer, variable, rate_mhz, bus), literal in self._messages.items():
+            yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
         """Say that a link between two sides of a bus is published there."""

@@ -18,9 +18,8 @@ from threading import Thread
 from typing import BinaryIO, NoReturn
 
 from heronry_dg.loader import load
-from heronry_dg.model import Spec
 from heronry_dg.verify import verify
-from heronry_manager.planner.exact import plan
+from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.messages import (
     Answer,
     MessageError,
@@ -39,26 +38,27 @@ def main() -> None:
     spec = load(f"/dev/fd/{int(sys.argv[1])}")
     lines: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_read_lines, args=(sys.stdin.buffer, lines), daemon=True).start()
+    planner = Planner(spec)
     _send(answers, Ready())
     while True:
-        _send(answers, answer(spec, lines.get()))
+        _send(answers, answer(planner, lines.get()))
 
 
-def answer(spec: Spec, line: bytes) -> Answer:
+def answer(planner: Planner, line: bytes) -> Answer:
     """Answer one line of a client."""
     try:
-        request = read_request(line, spec)
+        request = read_request(line, planner.spec)
     except MessageError as error:
         return Refusal(None, str(error))
     try:
-        return _planned(spec, request)
+        return _planned(planner, request)
     except Exception as error:  # noqa: BLE001 - a client waits: whatever went wrong is its answer
         return Refusal(request.number, f"the planner failed ({type(error).__name__}: {error})")
 
 
-def _planned(spec: Spec, request: Request) -> Answer:
-    found = plan(spec, request.now, request.running)
-    violations = verify(spec, request.now, found.configuration)
+def _planned(planner: Planner, request: Request) -> Answer:
+    found = planner.plan(request.now, request.running)
+    violations = verify(planner.spec, request.now, found.configuration)
     if violations:
         return Refusal(request.number, f"the planner's own plan is not legal: {violations[0]}")
     return PlanText(request.number, found.to_json())

@@ -14,11 +14,12 @@ Where modules could support each other in a circle, ranks make the support well-
 some module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import assert_never
 
 from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
 from heronry_manager.planner.candidates import Candidates, Source
 from heronry_manager.planner.placing import Placing
@@ -33,6 +34,7 @@ class Wiring:
         """Make the variables and state rules 2, 3 and 5."""
         self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
         self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
+        self._forced: set[tuple[str, str, str]] = set()  # inputs whose wire is the literal that demands it
         self._model = model
         self._possible = possible
         self._placing = placing
@@ -42,6 +44,15 @@ class Wiring:
                     self._require(mode.needs, (name, mode.name, ""), placing.on[name, mode.name])
         self._producers_run()
         self._purpose()
+
+    def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
+        """Values that the wires have for a configuration; the other variables follow from them."""
+        for (consumer, mode, path), wires in self.wires.items():
+            running = configuration.modules.get(consumer)
+            wire = running.inputs.get(path) if running is not None and running.mode == mode else None
+            for source, _, literal in wires:
+                if (consumer, mode, path) not in self._forced:
+                    yield literal, wire is not None and (wire.producer, wire.version) == (source.module, source.version)
 
     def _require(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> None:
         match gate:
@@ -81,6 +92,7 @@ class Wiring:
         """Wire a leaf to exactly one source while `above` is true."""
         sources = self._possible.sources(where[0], where[1], leaf)
         if len(sources) == 1:
+            self._forced.add(where)
             self._register(leaf, where, [(sources[0], above)])
             return
         self._model.add(LinearExpr.sum(self._new_wires(leaf, where, sources)) == above)
