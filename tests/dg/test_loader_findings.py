@@ -102,6 +102,7 @@ VARIABLES = [
     ("{altitude: {type: UCHAR, initial: »256}}", "does not fit: UCHAR cannot carry 256: it takes 0..255"),
     ("{altitude: {type: UCHAR, initial: »true}}", "does not fit: no data type carries true"),
     ("{altitude: {type: SHORT2, initial: »[1]}}", "does not fit: SHORT2 cannot carry"),
+    ("{altitude: {type: FLOAT, initial: »[1]}}", "does not fit: FLOAT takes one number"),
     ("{altitude: {type: SHORT2, initial: »[1, 0.5]}}", "does not fit: only whole numbers can be listed"),
     ("{altitude: {type: ACHAR2, initial: »abc}}", "does not fit: ACHAR2 cannot carry"),
     ("{altitude: {type: NODATA, initial: »0}}", "does not fit: NODATA cannot carry"),

@@ -108,6 +108,27 @@ def test_on_the_sheets_everything_is_there_once_and_a_variable_again_where_it_is
     assert all(key.startswith("variable:") for key in again)
 
 
+def test_a_long_chain_is_cut_between_its_variables_and_what_stands_alone_is_on_one_sheet() -> None:
+    nodes, edges = {}, []
+    for number in range(20):
+        module, variable = f"module:m{number}", f"variable:v{number}"
+        nodes |= {module: Node(module, "module", f"m{number}"), variable: Node(variable, "variable", f"v{number}", "1")}
+        edges.append(Edge(module, variable))
+        if number:
+            edges.append(Edge(f"variable:v{number - 1}", module))
+    alone = {
+        "variable:lone": Node("variable:lone", "variable", "lone", "1"),
+        "device:d": Node("device:d", "sensor", "d"),
+    }
+    first, *rest = sheets(Graph("chain", nodes | alone, tuple(edges)))
+    assert rest
+    assert not any(node.again for node in first.graph.nodes.values())
+    for before, after in zip([first, *rest], rest, strict=False):
+        (again,) = (key for key, node in after.graph.nodes.items() if node.again)
+        assert again in before.graph.nodes
+    assert [sum(key in sheet.graph.nodes for sheet in (first, *rest)) for key in alone] == [1, 1]
+
+
 def test_a_graph_that_is_not_wide_stays_in_one_piece() -> None:
     (sheet,) = sheets(shipped("elevator_and_chute"))
     assert sheet.graph == shipped("elevator_and_chute")
