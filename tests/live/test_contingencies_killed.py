@@ -63,3 +63,12 @@ def test_a_cluster_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pyt
     nowhere = "tcp://127.0.0.1:1"
     assert main(["contingencies", "elevator_and_chute", "-o", str(tmp_path / "f"), "--scheduler", nowhere]) == 2
     assert f"no Dask scheduler answers at {nowhere}" in capsys.readouterr().err
+
+
+def test_a_manager_flies_on_plans_made_ahead(tmp_path: Path) -> None:
+    file = tmp_path / "chute.contingencies"
+    assert main(["contingencies", "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1"]) == 0
+    demo = ["demo", "elevator_and_chute", "--contingencies", str(file), "--kill", "pe:tail_pe@0.5", "--for", "2"]
+    command = [sys.executable, "-m", "heronry_tools.cli", *demo]
+    shown = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert "heard on the bus at the end: parachute\n" in shown.stdout
