@@ -24,6 +24,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "render_command": ("render",),
     "diff_command": ("diff",),
     "bus_command": ("bus",),
+    "bound_command": ("bound",),
     "contingencies_command": ("contingencies",),
     "campaign_command": ("campaign",),
     "cutsets_command": ("cutsets",),

@@ -1,0 +1,131 @@
+"""No reconfiguration in flight takes longer than its bound, and the bounds are of the size of what happens."""
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import takewhile
+
+import pytest
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation
+from heronry_manager.fault_cases import fault_cases
+from heronry_manager.reconfiguration_bound import Bound, Bounds, FaultClass
+from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
+from scenarios.test_single_faults import with_a_twin_of_what_raises
+
+_EMCY_NS = 100_000  # at least
+
+SPECS: dict[str, Callable[[], Spec]] = {
+    "big_blue": big_blue,
+    "elevator_and_chute": elevator_and_chute,
+    "raising": with_a_twin_of_what_raises,
+    "two_tails": two_tails,
+}
+
+
+@cache
+def bounds_of(name: str) -> dict[tuple[FaultClass, str], Bound]:
+    spec = SPECS[name]()
+
+    def plan(now: Situation, running: Placement | None) -> Configuration:
+        return best_plan(spec, now, running).configuration
+
+    limits = Bounds(spec)
+    cases = fault_cases(spec, spec.initial_phase(), plan)
+    if name == "big_blue":  # no module of it is made to report: those plans are not made either
+        cases = takewhile(lambda case: case.fault is not FaultClass.DEVICE_REPORTED, cases)
+    return {(case.fault, case.element): limits.bound(case, DEFAULT_DECIDE_NS) for case in cases}
+
+
+def bound_ns(name: str, fault: FaultClass, element: str) -> int:
+    total_ns = bounds_of(name)[fault, element].total_ns
+    assert total_ns is not None, bounds_of(name)[fault, element]
+    return total_ns
+
+
+def taken_ns(simulation: Simulation, since_ns: int) -> int:
+    """From an instant to the last reconfiguration that followed it."""
+    done = [told["t_ns"] for told in simulation.events_of("reconfigured") if told["t_ns"] > since_ns]
+    return max(done, default=since_ns) - since_ns
+
+
+def lost_cut_off_and_back(name: str, pe: str, seed: int) -> Iterator[tuple[FaultClass, int]]:
+    """What it takes when a PE dies, and when it comes back; and when another aircraft's PE is cut off."""
+    simulation = flying(SPECS[name](), seed)
+    longest_ns = 2 * bound_ns(name, FaultClass.PE_RETURNS, f"pe:{pe}")
+    killed_ns = simulation.now_ns + seed * 7 * MS
+    simulation.run_until(killed_ns)
+    simulation.kill(pe)
+    simulation.run_for(longest_ns)
+    yield FaultClass.PE_LOST, taken_ns(simulation, killed_ns)
+    back_ns = simulation.now_ns
+    simulation.restore(pe)
+    simulation.run_for(longest_ns)
+    yield FaultClass.PE_RETURNS, taken_ns(simulation, back_ns)
+    other = flying(SPECS[name](), seed + 100)
+    cut_ns = other.now_ns
+    other.cut(pe)
+    other.run_for(longest_ns)
+    yield FaultClass.PARTITION, taken_ns(other, cut_ns)
+
+
+@pytest.mark.parametrize(
+    ("name", "pe"),
+    [
+        ("elevator_and_chute", "sensor_pe"),
+        ("elevator_and_chute", "control_pe"),
+        ("elevator_and_chute", "tail_pe"),
+        ("two_tails", "tail_pe"),
+        ("big_blue", "flight"),
+        ("big_blue", "nav"),
+        ("big_blue", "tail_b"),
+        ("big_blue", "comms"),
+    ],
+)
+def test_a_pe_that_is_lost_cut_off_or_back_is_dealt_with_within_the_bound(name: str, pe: str) -> None:
+    longest: dict[FaultClass, int] = {}
+    for seed in range(2):
+        for fault, ns in lost_cut_off_and_back(name, pe, seed):
+            assert ns <= bound_ns(name, fault, f"pe:{pe}"), (fault, seed)
+            longest[fault] = max(longest.get(fault, 0), ns)
+    if pe != "comms":  # beyond whom somebody is missed much later
+        assert bound_ns(name, FaultClass.PE_LOST, f"pe:{pe}") < 2 * longest[FaultClass.PE_LOST]
+        assert bound_ns(name, FaultClass.PE_RETURNS, f"pe:{pe}") < 2 * longest[FaultClass.PE_RETURNS]
+
+
+def test_a_radio_that_is_lost_is_dealt_with_within_the_bound() -> None:
+    simulation = flying(big_blue())
+    cut_ns = simulation.now_ns
+    simulation.cut("ground")  # nobody else is on it
+    simulation.run_for(3_000 * MS)
+    took_ns = taken_ns(simulation, cut_ns)
+    assert 0 < took_ns <= bound_ns("big_blue", FaultClass.BUS_LOST, "bus:radio") < 2 * took_ns
+    gateway = bounds_of("big_blue")[FaultClass.BUS_LOST, "pe:comms"]
+    assert set(gateway.case.silent) == {"comms", "ground"}
+
+
+def reported_ns(simulation: Simulation) -> int:
+    """From the first bit of the EMCY to the end of the reconfiguration that it brought about."""
+    heard_ns = simulation.events_of("fault_reported")[0]["t_ns"]
+    return taken_ns(simulation, heard_ns - _EMCY_NS)
+
+
+def test_a_device_that_is_reported_failed_is_dealt_with_within_the_bound() -> None:
+    simulation = flying(two_tails())
+    simulation.fail_device("elevator_servo_1", "stuck")
+    while not simulation.events_of("fault_reported"):
+        simulation.run_for(50 * MS)
+    simulation.run_for(500 * MS)
+    longest_ns = bound_ns("two_tails", FaultClass.DEVICE_REPORTED, "device:elevator_servo_1")
+    assert 0 < reported_ns(simulation) <= longest_ns < 3 * reported_ns(simulation)
+
+
+def test_a_module_that_raises_is_dealt_with_within_the_bound() -> None:
+    simulation = Simulation(with_a_twin_of_what_raises())
+    simulation.run_for(2_500 * MS)  # half a second after it was started it raises
+    longest_ns = bound_ns("raising", FaultClass.MODULE_REPORTED, "module:state_estimator")
+    assert 0 < reported_ns(simulation) <= longest_ns < 3 * reported_ns(simulation)
