@@ -40,7 +40,7 @@ def test_mutated_specs_are_judged_and_the_mistake_is_where_the_first_finding_poi
     result = tally(300, seed=20260101)
     assert result.judged() == 300
     assert result.clean.total() < 60
-    assert result.share_inside() >= 0.92  # of 10 000 it is 0.97, and the script demands 0.95
+    assert result.share_inside() >= 0.92  # of 10 000 it is 0.954, and the script demands 0.95
 
 
 @given(st.binary(max_size=200))

@@ -109,7 +109,7 @@ def test_on_the_sheets_everything_is_there_once_and_a_variable_again_where_it_is
 
 
 def test_a_long_chain_is_cut_between_its_variables_and_what_stands_alone_is_on_one_sheet() -> None:
-    nodes, edges = {}, []
+    nodes, edges = dict[str, Node](), list[Edge]()
     for number in range(20):
         module, variable = f"module:m{number}", f"variable:v{number}"
         nodes |= {module: Node(module, "module", f"m{number}"), variable: Node(variable, "variable", f"v{number}", "1")}
