@@ -84,16 +84,18 @@ class Reason(IntEnum):
 class Operation(IntEnum):
     """Operations of CONTROL."""
 
-    ACKNOWLEDGE = 1  # a = element kind, b = element index: the fault has been heard
+    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): it has been heard
+    CLEAR = 2  # a = element kind, b = element index: the operator takes the element for well again
 
 
 class ElementKind(IntEnum):
-    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order."""
+    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order. A phase is only asked for."""
 
     PE = 0
     DEVICE = 1
     MODULE = 2
     BUS = 3
+    PHASE = 4
 
 
 class FaultCode(IntEnum):
@@ -103,6 +105,11 @@ class FaultCode(IntEnum):
     MODULE_EXCEPTION = 0xFF01
     MODULE_OVERRUN = 0xFF02
     REPORTED = 0xFF03  # a module says that an element has failed
+    PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, asks for a mission phase
+
+
+FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
+REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
 
 _STEPS = {step.value: step.name for step in Step}

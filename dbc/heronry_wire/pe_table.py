@@ -107,6 +107,17 @@ class DeviceEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class PhaseEntry:
+    """A mission phase, and its own rule: entered once `variable` was beyond a threshold for `hold_ns`."""
+
+    name: str
+    variable: str | None = None  # None: it has no rule
+    above: float | None = None
+    below: float | None = None
+    hold_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class PeTable:
     """Everything one PE knows of a spec."""
 
@@ -124,6 +135,8 @@ class PeTable:
     variables: dict[str, VariableEntry]
     devices: tuple[DeviceEntry, ...]
     module_names: tuple[str, ...]  # of the whole spec: EMCY counts in it
+    phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
+    flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""

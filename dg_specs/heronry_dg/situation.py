@@ -39,8 +39,8 @@ def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), 
 
     Raises UnknownElementError for names the spec does not have, and for an element that is limited twice.
     """
-    if phase is not None and phase not in spec.phases:
-        raise UnknownElementError(_unknown("phase", phase, spec.phases))
+    if phase is not None:
+        checked_phase(spec, phase)
     return Situation(
         down=frozenset(checked_element(spec, element) for element in down),
         limits=_limits(spec, limits),
@@ -77,6 +77,13 @@ def checked_element(spec: Spec, element: str) -> str:
     if name not in names:
         raise UnknownElementError(_unknown(kind, name, names))
     return element
+
+
+def checked_phase(spec: Spec, phase: str) -> str:
+    """Return `phase` if the spec has it; raises UnknownElementError otherwise."""
+    if phase not in spec.phases:
+        raise UnknownElementError(_unknown("phase", phase, spec.phases))
+    return phase
 
 
 def _channels(spec: Spec) -> tuple[str, ...]:

@@ -4,15 +4,15 @@ A table says once what the indices mean (`heronry_wire.pe_table`); a slice then 
 pure functions of the spec, so a manager and a PE that hold the same spec digest mean the same thing by every index.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.model import Module, Spec, Variable
+from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
-from heronry_dg.traffic import identifiers
+from heronry_dg.traffic import criticality_ranks, identifiers
 from heronry_manager.topology import uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.pe_table import (
@@ -22,6 +22,7 @@ from heronry_wire.pe_table import (
     ModeEntry,
     ModuleEntry,
     PeTable,
+    PhaseEntry,
     Port,
     SourceEntry,
     VariableEntry,
@@ -76,6 +77,8 @@ class Compiler:
             variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
             devices=tuple(DeviceEntry(d.name, d.kind, spec.pes[d.pe].node_id) for d in spec.devices.values()),
             module_names=tuple(spec.modules),
+            phases=tuple(_phase_entry(phase) for phase in spec.phases.values()),
+            flight_critical=tuple(_flight_critical(spec)),
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
@@ -164,6 +167,22 @@ class Compiler:
                     node, mask = forward.get(source, (self._spec.pes[origin].node_id, 0))
                     forward[source] = (node, mask | ports[outward])
         return publish, forward
+
+
+def _phase_entry(phase: Phase) -> PhaseEntry:
+    when = phase.when
+    if when is None:
+        return PhaseEntry(phase.name)
+    above, below = (None if limit is None else float(limit) for limit in (when.above, when.below))
+    return PhaseEntry(phase.name, when.variable, above, below, when.hold_ns)
+
+
+def _flight_critical(spec: Spec) -> Iterator[str]:
+    """Modules that may serve a function of class A in some phase, and the devices that they are bolted to."""
+    critical = [name for name, rank in criticality_ranks(spec).items() if CRITICALITIES[rank] == "A"]
+    yield from (f"module:{name}" for name in critical)
+    bolted = {spec.modules[name].device for name in critical}
+    yield from (f"device:{name}" for name in spec.devices if name in bolted)
 
 
 def _variable_entry(variable: Variable) -> VariableEntry:

@@ -1,7 +1,8 @@
-"""The manager's thin shell: one bus, one planner process, one select loop.
+"""The manager's thin shell: one bus, one planner process, one operator's socket, one select loop.
 
-Order of a turn: everything that has arrived (frames, answers of the planner) goes into the core before a deadline may
-pass, so that what this process slept through is not taken for silence of the others. Time is CLOCK_MONOTONIC.
+Order of a turn: everything that has arrived (frames, answers of the planner, the operator's words) goes into the core
+before a deadline may pass, so that what this process slept through is not taken for silence of the others. Time is
+CLOCK_MONOTONIC.
 
 Ends: when the core says Stop, when `stop` is called (a signal), when the bus is lost, or, with `until_eof`, when
 standard input ends because whoever started the manager is gone.
@@ -14,9 +15,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from heronry_manager.control_socket import ControlSocket
 from heronry_manager.core import ManagerCore
 from heronry_manager.planner.foresight import Foresight
-from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, RequestPlan, Settled, Stop
+from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, Reply, RequestPlan, Settled, Stop
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
@@ -38,9 +40,12 @@ Emitter = Callable[[dict[str, Any]], None]
 class ManagerDriver:
     """Runs a core on a link."""
 
-    def __init__(self, core: ManagerCore, link: Link, foresight: Foresight, emit: Emitter) -> None:
+    def __init__(
+        self, core: ManagerCore, link: Link, foresight: Foresight, control: ControlSocket, emit: Emitter
+    ) -> None:
         """`emit` gets every event of the stream as it happens."""
-        self._core, self._link, self._foresight, self._emit = core, link, foresight, emit
+        self._core, self._link, self._foresight, self._control = core, link, foresight, control
+        self._emit = emit
         self._stop_reason: str | None = None
         self._stopping = False
 
@@ -52,12 +57,15 @@ class ManagerDriver:
         """Reign until stopped; gives the reason when the core stopped by itself. Raises LinkError."""
         others: list[Any] = [self._link, *([sys.stdin] if until_eof else [])]
         while not self._stopping and self._stop_reason is None:
-            ready, _, _ = select.select([*others, *self._foresight.readers()], [], [], self._wait_s())
+            readers = [*others, *self._foresight.readers(), *self._control.readers()]
+            ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
             self._take_frames()
             for answer in self._foresight.poll():
                 self._step(answer)
+            for said in self._control.poll():
+                self._step(said)
             deadline_ns = self._core.next_deadline_ns()
             if deadline_ns is not None and time.monotonic_ns() >= deadline_ns:
                 self._step(Tick())
@@ -95,6 +103,8 @@ class ManagerDriver:
                     self._foresight.settled(down, phase, running)
                 case Emit(event):
                     self._emit(event)
+                case Reply():
+                    self._control.answer(action)
                 case Stop(reason):
                     self._stop_reason = reason
         for known in answers:

@@ -15,7 +15,7 @@ from typing import Any
 VERSION = 1
 
 KINDS: Mapping[str, str] = {
-    "manager_started": "spec, spec_digest, node, term, bus: the manager listens, then reigns",
+    "manager_started": "spec, spec_digest, node, term, bus, phase, advises: it listens, then reigns or advises",
     "second_manager": "node, term: somebody else sends LEASE",
     "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
     "pe_answered": "pe: a suspect is heard again in time",
@@ -23,7 +23,11 @@ KINDS: Mapping[str, str] = {
     "pe_absent": "pe, cause: not heard in the start-up window",
     "pe_heard_again": "pe, cause: a hold-down begins",
     "pe_joined": "pe, cause: counted on from now",
-    "fault_reported": "element, by, detail, code: a module or an agent reported a fault; it is latched",
+    "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
+    "fault_cleared": "element, by: the element is taken for well again",
+    "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
+    "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
+    "advice": "plan, moved, started, stopped: what a manager that only advises would do",
     "plan_requested": "request, down, phase, causes",
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the present configuration goes on",
@@ -110,7 +114,11 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
         view.pes[one["pe"]] = _STANDING[kind]
     match kind:
         case "manager_started":
-            view.spec = one["spec"]
+            view.spec, view.phase = one["spec"], one.get("phase")
+        case "fault_cleared":
+            view.failed = [element for element in view.failed if element != one["element"]]
+        case "phase_changed":
+            view.phase = one["phase"]
         case "fault_reported" if one["element"] not in view.failed:
             view.failed.append(one["element"])
         case "plan_ready":

@@ -10,7 +10,10 @@ One record per PE, moved by what is heard of it and by time alone (never by what
 
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
 return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
-A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine.
+A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
+been counted on for a minute, or by the operator (`forgive`).
+
+One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
 
 Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
 last one, so that a beat on its way when the last period ends still counts. What the manager slept through is not held
@@ -25,7 +28,7 @@ from heronry_manager.topology import uplink_bus
 
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
-FORGIVEN_AFTER_NS = 60_000_000_000  # a loss this long ago no longer counts toward quarantine
+FORGIVEN_AFTER_NS = 60_000_000_000  # who has been counted on for this long begins anew
 
 
 class Standing(Enum):
@@ -70,8 +73,10 @@ class _Record:
     heard_ns: int | None = None
     incarnation: int | None = None
     returning_since_ns: int = 0
-    lost_ns: int | None = None
-    losses: int = 0
+    joined_ns: int = 0
+    losses: int = 0  # since it was last forgiven
+    cause: str | None = None  # why it is down
+    barred: bool = False
 
     def suspect_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * 5 // 4
@@ -97,6 +102,25 @@ class Health:
     def standing(self, pe: str) -> Standing:
         """Where a PE stands now."""
         return self._records[pe].standing
+
+    def cause(self, pe: str) -> str | None:
+        """Why a PE is not counted on; None where it is, or may still be starting."""
+        return self._records[pe].cause
+
+    def losses(self, pe: str) -> int:
+        """How often a PE was lost since it was last forgiven."""
+        return self._records[pe].losses
+
+    def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
+        """How long a returning PE is still held down; None for any other."""
+        record = self._records[pe]
+        if record.standing is not Standing.RETURNING:
+            return None
+        return max(0, record.returning_since_ns + record.hold_down_ns() - now_ns)
+
+    def is_counted_on(self, pe: str) -> bool:
+        """Tell whether a PE is up or merely suspect."""
+        return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
 
     def counted_on(self) -> list[str]:
         """PEs that are up or merely suspect."""
@@ -127,19 +151,41 @@ class Health:
             record.incarnation = incarnation
         match record.standing:
             case Standing.WAITING:
-                record.standing = Standing.UP
+                record.standing, record.joined_ns = Standing.UP, now_ns
                 changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
                 self._close_window_if_all_heard()
             case Standing.SUSPECT:
                 record.standing = Standing.UP
                 changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
-            case Standing.DOWN:
+            case Standing.DOWN if not record.barred:
                 record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
-            case Standing.UP | Standing.RETURNING:
+            case Standing.UP | Standing.RETURNING | Standing.DOWN:
                 pass
         return changes
+
+    def in_flight(self, now_ns: int) -> None:
+        """Somebody runs a configuration already: nobody is starting, and who lives is heard within its misses."""
+        waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
+        if self._window_closes_ns is not None and waiting:
+            longest_ns = max(r.period_ns * (r.misses + 1) for r in waiting)
+            self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
+
+    def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
+        """The operator counts a PE out, whatever it says."""
+        record = self._records[pe]
+        record.barred, record.cause = True, cause
+        changes = self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+        self._close_window_if_all_heard()
+        return changes
+
+    def forgive(self, pe: str) -> bool:
+        """The operator lets a PE in again, after the shortest hold-down; tells whether anything kept it out."""
+        record = self._records[pe]
+        kept_out = record.barred or (record.standing in (Standing.DOWN, Standing.RETURNING) and record.losses > 1)
+        record.barred, record.losses = False, 0
+        return kept_out
 
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
@@ -156,7 +202,7 @@ class Health:
             for record in self._records.values():
                 if record.standing is Standing.WAITING:
                     record.standing = Standing.DOWN
-                    cause = "not heard in the start-up window"
+                    cause = record.cause = "not heard in the start-up window"
                     changes.append(HealthChange(record.name, Change.ABSENT, cause, None))
         return changes
 
@@ -186,7 +232,7 @@ class Health:
             if now_ns >= record.declare_ns():
                 record.standing = Standing.DOWN
             elif now_ns >= record.returning_since_ns + record.hold_down_ns():
-                record.standing = Standing.UP
+                record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
                 return [HealthChange(record.name, Change.JOINED, "back, and its hold-down is over", last)]
         return []
 
@@ -195,9 +241,9 @@ class Health:
     ) -> list[HealthChange]:
         counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
         if counted_on:
-            recent = record.lost_ns is not None and now_ns - record.lost_ns < FORGIVEN_AFTER_NS
-            record.losses = record.losses + 1 if recent else 1
-            record.lost_ns = now_ns
+            forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
+            record.losses = 1 if forgiven else record.losses + 1
+            record.cause = cause
         record.standing = Standing.DOWN
         return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
 

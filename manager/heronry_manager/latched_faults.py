@@ -1,10 +1,31 @@
 """Faults that somebody reported: each is latched by the element that failed (protocol rule 8).
 
-An element that has failed stays failed, whoever says so and however often; only an operator's word will clear it.
+    well      nobody has said anything
+    latched   a PE has reported it, or the operator has said so: it counts as down, whoever says so again and however
+              often. Only the operator's word ends that (`clear`)
+
+Lost: a PE repeats its report until it is acknowledged. Late: a report that comes after the operator has cleared the
+element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged: it takes the element out
+of use until the operator clears it. A restart forgets all of it: who is still being watched is reported again.
 """
+
+from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_wire.management import ElementKind
+
+_KINDS = {kind.name.lower(): kind for kind in ElementKind}
+
+
+@dataclass(frozen=True, slots=True)
+class LatchedFault:
+    """One element that counts as failed: who said so, why, and when (the manager's clock)."""
+
+    element: str
+    by: str  # a PE, or "the operator"
+    code: str  # name of the fault code, or OPERATOR
+    detail: int
+    since_ns: int
 
 
 class LatchedFaults:
@@ -17,20 +38,34 @@ class LatchedFaults:
             ElementKind.MODULE: tuple(spec.modules),
             ElementKind.BUS: tuple(spec.buses),
         }
-        self._failed: dict[str, None] = {}
+        self._failed: dict[str, LatchedFault] = {}
 
     @property
     def elements(self) -> frozenset[str]:
         """Elements that have failed, as `kind:name`."""
         return frozenset(self._failed)
 
+    def all(self) -> list[LatchedFault]:
+        """Every latched fault, the oldest first."""
+        return list(self._failed.values())
+
     def element(self, kind: ElementKind, index: int) -> str | None:
         """Element that an EMCY names; None where the spec has no such one."""
-        names = self._names[kind]
+        names = self._names.get(kind, ())
         return f"{kind.name.lower()}:{names[index]}" if index < len(names) else None
 
-    def latch(self, element: str) -> bool:
+    def place(self, element: str) -> tuple[ElementKind, int] | None:
+        """Kind and index by which CONTROL names an element; None for a channel, which it cannot name."""
+        kind, _, name = element.partition(":")
+        names = self._names.get(_KINDS[kind], ()) if kind in _KINDS else ()
+        return (_KINDS[kind], names.index(name)) if name in names else None
+
+    def latch(self, fault: LatchedFault) -> bool:
         """Latch a fault; tells whether it is news."""
-        news = element not in self._failed
-        self._failed[element] = None
+        news = fault.element not in self._failed
+        self._failed.setdefault(fault.element, fault)
         return news
+
+    def clear(self, element: str) -> LatchedFault | None:
+        """The operator takes an element for well; gives what was latched, if anything."""
+        return self._failed.pop(element, None)

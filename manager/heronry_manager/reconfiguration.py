@@ -134,7 +134,7 @@ class Reconfiguration:
     outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Send PREPARE and the head of every slice."""
+        """Send PREPARE and the head of every slice; an epoch that is DONE, because it was adopted, needs neither."""
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
         self.identifiers_free_ns: int | None = None  # BREAKING waits until then
@@ -146,10 +146,11 @@ class Reconfiguration:
         self._gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
         self._repeat_ns = min((p.period_ns for p in self.participants), default=0) // 2
         self._broadcast_ns = self.started_ns
-        self._send_prepare()
-        for progress in self._progress.values():
-            progress.owes(self.started_ns)
-            self._ask(progress, self.started_ns)
+        if self.stage is Stage.PREPARING:
+            self._send_prepare()
+            for progress in self._progress.values():
+                progress.owes(self.started_ns)
+                self._ask(progress, self.started_ns)
 
     @property
     def step(self) -> Step:

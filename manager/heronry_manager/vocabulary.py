@@ -61,5 +61,52 @@ class Stop:
     reason: str
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed
-ManagerAction = Send | RequestPlan | Settled | Emit | Stop
+@dataclass(frozen=True, slots=True)
+class EnterPhase:
+    """The operator wants this mission phase."""
+
+    phase: str
+
+
+@dataclass(frozen=True, slots=True)
+class FailElement:
+    """The operator says that an element (`KIND:NAME`) has failed: plan without it."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
+class ClearElement:
+    """The operator says that an element is well again; for a PE, that its quarantine is over."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
+class AskStatus:
+    """The operator wants to know how things stand."""
+
+
+Order = EnterPhase | FailElement | ClearElement | AskStatus
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorSaid:
+    """An order; answered at once by one Reply with the same number."""
+
+    number: int
+    order: Order
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The answer to an order: what was done, or why not, in a sentence; for AskStatus the status."""
+
+    number: int
+    done: bool
+    sentence: str
+    status: Mapping[str, Any] | None = None
+
+
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid
+ManagerAction = Send | RequestPlan | Settled | Emit | Reply | Stop

@@ -32,11 +32,12 @@ from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
 from heronry_wire.identification import REQUEST_ID, IdentificationService
-from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, heartbeat_id, state_id
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import InvariantError, Received, Tick, require
 
+_OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 _Handler = Callable[[Received], None]
 
 _STATE_BYTES = 8
@@ -174,7 +175,7 @@ class AgentCore:
                 self._note_start()
             turn.out += self._reporting.tick(turn.now_ns, self._facts())
         if turn.now_ns >= self.modules.faults.next_ns:
-            turn.out += self.modules.repeat_faults()
+            self.modules.repeat_faults()
         if turn.now_ns >= self._services.next_ns:
             turn.out += self._services.tick(turn.now_ns)
 
@@ -229,7 +230,7 @@ class AgentCore:
         handlers |= dict.fromkeys(ECHO_NODES, self._echo)
         handlers |= self._obedience.handlers()
         handlers[REQUEST_ID] = self._asked
-        own = (identify(self._index.node) for identify in (state_id, emcy_id, heartbeat_id, actuator_echo_id))
+        own = (identify(self._index.node) for identify in _OWN)
         return handlers | dict.fromkeys(own, self._own_identifier)
 
     def _find_data_handlers(self) -> dict[int, _Handler]:

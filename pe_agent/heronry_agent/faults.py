@@ -1,67 +1,129 @@
-"""Faults found on this PE, told as EMCY until the manager has acknowledged each (rule 8).
+"""What this PE has to tell its manager until it was heard: faults found here, and requests for a phase (rule 8).
 
-A fault is pending from the moment it is found until CONTROL acknowledges its element; while it is pending it is sent
-once in a heartbeat period, and finding it again adds nothing. An acknowledged fault that is still being reported, by a
-monitor that runs 40 times a second, stays quiet for a second and is then pending again: the manager may have healed
-the element in the meantime. A lost EMCY or a lost acknowledgement costs a repetition, a doubled one nothing.
+All of it goes out as EMCY. A message is *pending* from the moment of its cause until CONTROL acknowledges it; while it
+is pending it is sent once in a heartbeat period, and the same cause adds nothing.
+
+    fault           pending until its element is acknowledged. One that is still being reported after that, by a monitor
+                    that runs 40 times a second, stays quiet for a second and is then pending again: the manager may
+                    have healed the element in the meantime. What has been told of an element stays told until CONTROL
+                    clears it; then it is told anew as soon as it is found, and an EMCY with code 0 takes it back.
+    phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
+                    that an answer to an older request ends nothing
+
+A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
+EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
+
+Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet. Late or doubled, nothing.
+Forged: an acknowledgement silences a fault for a second. A restart forgets everything, and so does nobody else.
 """
 
+from collections.abc import Collection
+
+from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS, ElementKind, Emergency, FaultCode
 from heronry_wire.sansio import NEVER_NS
 
 QUIET_NS = 1_000_000_000
 
+_NO_ERROR = 0x00
 _ERROR_REGISTER = 0x81  # CiA 301 object 1001h: generic error, manufacturer specific
+_LARGEST_BYTE = 127
 _Key = tuple[FaultCode, ElementKind, int]
 
 
 class Faults:
-    """Pending faults of one PE."""
+    """Pending faults and requests of one PE."""
 
-    def __init__(self, node: int, period_ns: int) -> None:
-        """`period_ns` is the heartbeat period of the bus on which EMCY goes out."""
-        self._emcy_id = emcy_id(node)
+    def __init__(self, node: int, period_ns: int, critical: Collection[tuple[ElementKind, int]] = ()) -> None:
+        """`period_ns` is the heartbeat period of the bus on which EMCY goes out; `critical` are kinds and indices."""
+        self._node, self._emcy_id = node, emcy_id(node)
         self._period_ns = period_ns
-        self._pending: dict[_Key, tuple[int, Frame]] = {}  # when to send it again, and what
+        self._critical = frozenset(critical)
+        self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
         self._quiet_until_ns: dict[_Key, int] = {}
+        self._told: set[tuple[ElementKind, int]] = set()
+        self._requests = self._events = 0
         self.next_ns = NEVER_NS
 
     @property
     def pending(self) -> bool:
-        """Tell whether some fault waits for its acknowledgement."""
+        """Tell whether something waits for its acknowledgement."""
         return bool(self._pending)
 
-    def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> Frame | None:
-        """A fault was found: the EMCY to send now, or None while it is pending or quiet."""
+    def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
+        """A fault was found: what to send now; nothing while it is pending or quiet."""
         key = (code, kind, index)
         if key in self._pending:
-            return None
+            return []
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
-            return None
+            return []
+        self._told.add((kind, index))
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
-        frame = Frame(self._emcy_id, emergency.encode())
-        self._pending[key] = (now_ns + self._period_ns, frame)
-        self._find_next()
-        return frame
+        return self._pend(key, emergency, now_ns)
 
-    def acknowledge(self, kind: int, index: int, now_ns: int) -> bool:
-        """The manager has heard every fault of this element; tells whether one was pending."""
-        heard = [key for key in self._pending if key[1:] == (kind, index)]
+    def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
+        """A phase is asked for: what to send now. The request before it, if it still waits, is given up."""
+        self.withdraw_request()
+        self._requests = (self._requests + 1) % REQUEST_NUMBERS
+        detail = self._requests | (FORWARD_ONLY if forward_only else 0)
+        emergency = Emergency(FaultCode.PHASE_REQUEST, _NO_ERROR, ElementKind.PHASE, index, detail)
+        return self._pend((FaultCode.PHASE_REQUEST, ElementKind.PHASE, index), emergency, now_ns)
+
+    def withdraw_request(self) -> None:
+        """Ask for no phase any more."""
+        self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
+
+    def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
+        """The manager has heard every fault of an element, or a request; tells whether one was pending."""
+        heard = [key for key, (_, emergency) in self._pending.items() if _is_meant(emergency, kind, number)]
         for key in heard:
-            del self._pending[key]
             self._quiet_until_ns[key] = now_ns + QUIET_NS
-        self._find_next()
+        self._drop(heard)
         return bool(heard)
+
+    def clear(self, kind: int, index: int) -> list[Frame]:
+        """The operator takes an element for well: what to send now."""
+        self._drop([key for key in self._pending if key[1:] == (kind, index)])
+        self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
+        told = [element for element in self._told if element == (kind, index)]
+        self._told.difference_update(told)
+        return [
+            Frame(self._emcy_id, Emergency(FaultCode.RESET, _NO_ERROR, found, position, 0).encode())
+            for found, position in told
+        ]
 
     def tick(self, now_ns: int) -> list[Frame]:
         """Repeat what has not been acknowledged."""
-        due = [(key, frame) for key, (at_ns, frame) in self._pending.items() if now_ns >= at_ns]
-        for key, frame in due:
-            self._pending[key] = (now_ns + self._period_ns, frame)
+        due = [(key, emergency) for key, (at_ns, emergency) in self._pending.items() if now_ns >= at_ns]
+        return [frame for key, emergency in due for frame in self._pend(key, emergency, now_ns)]
+
+    def _pend(self, key: _Key, emergency: Emergency, now_ns: int) -> list[Frame]:
+        """Send this now, and again in a period."""
+        self._pending[key] = (now_ns + self._period_ns, emergency)
         self._find_next()
-        return [frame for _, frame in due]
+        frames = [Frame(self._emcy_id, emergency.encode())]
+        if key[1:] in self._critical:
+            frames.append(self._event(emergency))
+        return frames
+
+    def _event(self, emergency: Emergency) -> Frame:
+        """CANaerospace emergency event of a fault (V1.7, p. 9)."""
+        index = emergency.index if emergency.index <= _LARGEST_BYTE else -1
+        report = ErrorReport(emergency.code - 0x10000, emergency.kind, index)
+        self._events = (self._events + 1) % 256
+        return encode_emergency_event(self._node, report, message_code=(self._events - 1) % 256)
+
+    def _drop(self, keys: list[_Key]) -> None:
+        for key in keys:
+            del self._pending[key]
+        self._find_next()
 
     def _find_next(self) -> None:
         self.next_ns = min((at_ns for at_ns, _ in self._pending.values()), default=NEVER_NS)
+
+
+def _is_meant(emergency: Emergency, kind: int, number: int) -> bool:
+    said = emergency.detail if emergency.kind is ElementKind.PHASE else emergency.index
+    return (emergency.kind, said) == (kind, number)

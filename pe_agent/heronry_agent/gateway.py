@@ -2,7 +2,7 @@
 
     down, from the uplink   commands that this PE obeys itself. LEASE and ALIVE at once when they say something new,
                             else once in the heartbeat period of the far bus; SLICE only toward its node
-    up, to the uplink       state, EMCY, heartbeat and actuator echo of the nodes beyond
+    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond
     data                    what the slice says: a source, from the node it names, to the ports it names
 
 The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
@@ -15,7 +15,7 @@ from collections.abc import Mapping
 
 from heronry_agent.table_index import TableIndex
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, actuator_echo_id, emcy_id, heartbeat_id, state_id
+from heronry_wire.identifiers import Command, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.sansio import Send
 
 
@@ -80,4 +80,5 @@ class Gateway:
 
 
 def _told_up(nodes: frozenset[int]) -> list[int]:
-    return [identify(node) for node in nodes for identify in (state_id, emcy_id, heartbeat_id, actuator_echo_id)]
+    told = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
+    return [identify(node) for node in nodes for identify in told]

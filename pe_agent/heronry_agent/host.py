@@ -45,11 +45,12 @@ class _Context:
         self.now_ns = now_ns
         self.writes: list[tuple[str, Value]] = []
         self.reports: list[tuple[str, int]] = []
+        self.phases: list[str] = []
 
     def begin(self, now_ns: int) -> None:
         """Begin a step."""
         self.now_ns = now_ns
-        self.writes, self.reports = [], []
+        self.writes, self.reports, self.phases = [], [], []
 
     def read(self) -> Value | None:
         """Read the device; None when it does not answer."""
@@ -65,6 +66,10 @@ class _Context:
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Tell the manager that an element has failed."""
         self.reports.append((element, int(detail)))
+
+    def request_phase(self, phase: str) -> None:
+        """Ask the manager for a mission phase."""
+        self.phases.append(phase)
 
     def _bolted_to(self) -> str:
         if self._device is None:
@@ -126,7 +131,8 @@ class ModuleHost:
             return StepFailed(action.module, action.release, one_line(error))
         if not isinstance(outputs, Mapping):
             return StepFailed(action.module, action.release, f"its step gave {type(outputs).__name__}, not a mapping")
-        return Stepped(action.module, action.release, dict(outputs), tuple(context.writes), tuple(context.reports))
+        writes, reports, phases = tuple(context.writes), tuple(context.reports), tuple(context.phases)
+        return Stepped(action.module, action.release, dict(outputs), writes, reports, phases)
 
 
 def one_line(error: BaseException) -> str:

@@ -91,6 +91,9 @@ class Context(Protocol):
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
 
+    def request_phase(self, phase: str) -> None:
+        """Ask the manager for a mission phase of the spec; asking for the same one again adds nothing."""
+
 
 class Module:
     """Base of every module; subclasses override `step`."""

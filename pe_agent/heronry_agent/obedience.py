@@ -80,6 +80,8 @@ class Obedience:
             if term != before:
                 self._settled_lease = b""
                 self.turn.note("term", f"manager {manager} reigns with term {term}")
+                if before != NO_TERM:
+                    self.modules.new_reign()
             return True
         self.turn.count("stale term", event.frame.can_id)
         reigned = before != NO_TERM and not self.staging.collecting()
@@ -145,6 +147,8 @@ class Obedience:
                 turn.wants_page_0 = turn.wants_page_1 = True
             case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
+            case Control(operation=Operation.CLEAR) if message.node in (_BROADCAST, self.index.node):
+                self.modules.cleared(message.a, message.b)
             case SliceHead() | SliceBody() | Ping() | Control() | Lease() | Alive():
                 pass
 

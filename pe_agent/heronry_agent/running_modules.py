@@ -2,8 +2,8 @@
 
 A module exists from its StartModule to its StopModule. In between the schedule releases it, one step at a time over
 the whole PE. Its outputs go to the mailboxes of this PE and, where the slice says so, on the buses; what it wrote to a
-device is echoed; what it reports, or its own exception, becomes a fault. A module that raises, or gives a value that
-its type cannot carry, is stopped: the manager hears of it and decides.
+device is echoed; what it reports, or its own exception, becomes a fault. A module that raises, gives a value that its
+type cannot carry, or takes too long again and again, is stopped: the manager hears of it and decides.
 
 Rule 6 is asked at the last moment, twice: a DEMUX branch is not stepped without permission, since a step drives its
 device, and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
@@ -17,7 +17,9 @@ from dataclasses import dataclass
 
 from heronry_agent.faults import Faults
 from heronry_agent.mailboxes import Mailboxes
+from heronry_agent.module import Value
 from heronry_agent.permission import Permission
+from heronry_agent.phase_requests import PhaseRequests
 from heronry_agent.publishing import Publisher
 from heronry_agent.reconfiguration import Moves, Reconfiguration
 from heronry_agent.schedule import Schedule
@@ -53,7 +55,8 @@ class RunningModules:
         self._publisher = Publisher(index)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
-        self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns)
+        self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
+        self.phase_requests = PhaseRequests(index, self.faults)
         self._held_ns = -JUDGED_AFTER_NS  # when something exclusive was last held back
         self.has_exclusive_output = False
         self.load_percent = 0
@@ -77,12 +80,12 @@ class RunningModules:
                 self._held_ns = self._turn.now_ns
                 continue
             inputs = self.mailboxes.inputs(module, self._turn.now_ns)
-            self._turn.out.append(StepModule(module, self.schedule.begin(module), inputs))
+            self._turn.out.append(StepModule(module, self.schedule.begin(module, self._turn.now_ns), inputs))
             return
 
     def stepped(self, event: Stepped) -> None:
         """A module has computed one period."""
-        if not self.schedule.end(event.module, event.release):
+        if not self.schedule.end(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
             return
         running = self._running[event.module]
@@ -92,24 +95,25 @@ class RunningModules:
             self._echo(self._publisher.output_echo(event.module, running.mode))
         for element, detail in event.reports:
             self._report(running, element, detail)
+        for phase in event.phases:
+            self._request_phase(running, phase)
         try:
             for variable, value in event.outputs.items():
-                if variable in running.gives:
-                    source, version = running.gives[variable]
-                    self._put_out(source, self._publisher.datum(source, version, value), running)
-                else:
-                    self._turn.count("output that the mode does not give", event.module)
+                self._give(running, variable, value)
         except WireError as error:
             self.fail(event.module, str(error))
+        else:
+            if self.schedule.overruns_now(event.module):
+                self.fail(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
 
     def step_failed(self, event: StepFailed) -> None:
         """A module raised in its step."""
-        if self.schedule.end(event.module, event.release):
+        if self.schedule.end(event.module, event.release, self._turn.now_ns):
             self.fail(event.module, event.reason)
         else:
             self._turn.count("stale answer", event.module)
 
-    def fail(self, module: int, reason: str) -> None:
+    def fail(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Stop a module that cannot go on, and say so."""
         if not self._reconfiguration.drop(module):
             return
@@ -117,11 +121,19 @@ class RunningModules:
         self._stop(module)
         self._take_stock()
         self._turn.note("fault", f"module {name} is stopped: {reason}")
-        self._found(FaultCode.MODULE_EXCEPTION, ElementKind.MODULE, module, 0)
+        self._found(code, ElementKind.MODULE, module, 0)
 
-    def repeat_faults(self) -> list[Send]:
+    def repeat_faults(self) -> None:
         """Send the EMCYs that are due again toward the manager."""
-        return [Send(self._index.uplink, frame) for frame in self.faults.tick(self._turn.now_ns)]
+        self._tell(self.faults.tick(self._turn.now_ns))
+
+    def cleared(self, kind: int, index: int) -> None:
+        """The operator takes an element for well again."""
+        self._tell(self.faults.clear(kind, index))
+
+    def new_reign(self) -> None:
+        """Another term has begun: what is still asked for, that manager may not know."""
+        self._tell(self.phase_requests.new_reign(self._turn.now_ns))
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
         """Read another PE's echo: device and value."""
@@ -139,11 +151,13 @@ class RunningModules:
         gives = {v: (self._index.source_of[entry.name, v], q) for v, q in entry.modes[mode].gives.items()}
         self._running[module] = _Running(entry, mode, gives)
         self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns)
+        self.phase_requests.started(module, mode)
         self._turn.out.append(StartModule(module, entry, mode))
 
     def _stop(self, module: int) -> None:
         del self._running[module]
         self.schedule.stop(module)
+        self.phase_requests.stopped(module)
         self._turn.out.append(StopModule(module))
 
     def _take_stock(self) -> None:
@@ -154,6 +168,15 @@ class RunningModules:
         )
         cpu_millis = sum(r.entry.modes[r.mode].cpu_millis for r in self._running.values())
         self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
+
+    def _give(self, running: _Running, variable: str, value: Value) -> None:
+        """A module has given the value of a variable."""
+        if variable not in running.gives:
+            self._turn.count("output that the mode does not give", running.entry.index)
+            return
+        source, version = running.gives[variable]
+        self._put_out(source, self._publisher.datum(source, version, value), running)
+        self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
 
     def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
         """Hand a datum to its readers here, and to the buses that the slice names."""
@@ -188,8 +211,21 @@ class RunningModules:
         if self._found(FaultCode.REPORTED, *found, detail):
             self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")
 
+    def _request_phase(self, running: _Running, phase: str) -> None:
+        index = self._index.phase_index.get(phase)
+        if index is None:
+            self._turn.count("request of an unknown phase", running.entry.index)
+            return
+        frames = self.phase_requests.asked(running.entry.index, index, self._turn.now_ns)
+        if frames:
+            self._turn.note("phase", f"module {running.entry.name} asks for phase {phase}")
+        self._tell(frames)
+
     def _found(self, code: FaultCode, kind: ElementKind, position: int, detail: int) -> bool:
-        frame = self.faults.found(code, kind, position, detail, self._turn.now_ns)
-        if frame is not None:
-            self._turn.out.append(Send(self._index.uplink, frame))
-        return frame is not None
+        frames = self.faults.found(code, kind, position, detail, self._turn.now_ns)
+        self._tell(frames)
+        return bool(frames)
+
+    def _tell(self, frames: list[Frame]) -> None:
+        """Send toward the manager."""
+        self._turn.out += [Send(self._index.uplink, frame) for frame in frames]

@@ -4,6 +4,10 @@ The k-th release of a module is k periods after it was started, computed from k 
 30 Hz has no period of whole nanoseconds, and does not drift for that. Of releases that have passed while the PE was
 busy or paused, one is made up and the others are skipped and counted (`overruns`).
 
+A module *overruns* when OVERRUNS_IN_A_ROW of its steps, one after the other, have each taken longer than its period,
+from when it was released to its answer: it will never keep up, and all others here wait for it. A pause of the whole
+process spoils a step or two and is none.
+
 A PE computes one step at a time. What is due at the same instant runs in the order of the spec, each after the one
 before has answered, so that a chain of modules on one PE passes a value on within one instant.
 """
@@ -13,6 +17,8 @@ from collections.abc import KeysView
 from dataclasses import dataclass
 
 from heronry_wire.sansio import NEVER_NS
+
+OVERRUNS_IN_A_ROW = 10
 
 NS_MHZ = 1_000_000_000_000
 """Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""
@@ -25,6 +31,7 @@ class _Grid:
     started_ns: int
     index: int = 0  # of the next release
     due_ns: int = 0
+    late_steps: int = 0  # in a row
 
     def __post_init__(self) -> None:
         self.due_ns = self.started_ns
@@ -45,6 +52,7 @@ class Schedule:
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
         self._busy: tuple[int, int] | None = None  # module and release being computed
+        self._begun_ns = 0
         self._releases = 0
         self._next_ns = NEVER_NS
         self.overruns: Counter[int] = Counter()
@@ -80,18 +88,26 @@ class Schedule:
         self._find_next()
         return grid.module
 
-    def begin(self, module: int) -> int:
+    def begin(self, module: int, now_ns: int) -> int:
         """A module is being stepped; returns the number of this release, which its answer repeats."""
         self._releases += 1
+        self._begun_ns = now_ns
         self._busy = (module, self._releases)
         return self._releases
 
-    def end(self, module: int, release: int) -> bool:
+    def end(self, module: int, release: int, now_ns: int) -> bool:
         """A module has answered; False when it was not asked, or has been stopped since."""
         if self._busy != (module, release):
             return False
         self._busy = None
+        grid = self._grids[module]
+        is_late = (now_ns - self._begun_ns) * grid.rate_mhz > NS_MHZ
+        grid.late_steps = grid.late_steps + 1 if is_late else 0
         return True
+
+    def overruns_now(self, module: int) -> bool:
+        """Tell whether a module has taken too long too often."""
+        return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
 
     def _find_next(self) -> None:
         self._next_ns = min((grid.due_ns for grid in self._grids.values()), default=NEVER_NS)

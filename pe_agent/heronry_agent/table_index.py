@@ -26,6 +26,8 @@ class TableIndex:
         self.source_of = {(s.module, s.variable): index for index, s in enumerate(table.sources)}
         self.types = tuple(_data_type(table, source.variable) for source in table.sources)
         self.elements = _elements(table)
+        self.critical = frozenset(self.elements[name] for name in table.flight_critical if name in self.elements)
+        self.phase_index = {phase.name: index for index, phase in enumerate(table.phases)}
         self.device_index = {device.name: index for index, device in enumerate(table.devices)}
         _check(table, self.source_of)
 

@@ -22,6 +22,7 @@ class Stepped(NamedTuple):
     outputs: value by variable; one left out is not published.
     writes: (device, value) in the order in which the module drove them.
     reports: (element, detail): elements that the module says have failed, as `device:NAME` or `module:NAME`.
+    phases: mission phases that the module asked for, in their order.
     """
 
     module: int
@@ -29,6 +30,7 @@ class Stepped(NamedTuple):
     outputs: Mapping[str, Value]
     writes: tuple[tuple[str, Value], ...] = ()
     reports: tuple[tuple[str, int], ...] = ()
+    phases: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

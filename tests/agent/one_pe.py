@@ -166,6 +166,7 @@ class OnePe:
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
         self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step
+        self.phases: dict[int, tuple[str, ...]] = {}  # what each module asks for in every step
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
@@ -189,7 +190,8 @@ class OnePe:
 
     def answer(self, module: int, release: int) -> list[Action]:
         writes = (("left", 1.5),) if module == SERVO_1 else ()
-        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, self.reports.get(module, ())))
+        reports, phases = self.reports.get(module, ()), self.phases.get(module, ())
+        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, reports, phases))
 
     def hear(self, frame: Frame, port: int = 0) -> list[Action]:
         return self.give(Received(port, frame))

@@ -25,6 +25,7 @@ class Host:
     drive: Callable[[Value, int], object] | None = None
     written: list[Value] = field(default_factory=list)
     reports: list[tuple[str, int]] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
 
     def read(self) -> Value | None:
         return self.device(self.now_ns)
@@ -37,6 +38,9 @@ class Host:
     def report_failed(self, element: str, detail: int = 0) -> None:
         assert 0 <= detail <= 0xFFFF
         self.reports.append((element, detail))
+
+    def request_phase(self, phase: str) -> None:
+        self.phases.append(phase)
 
     @property
     def reported(self) -> list[str]:

@@ -120,7 +120,7 @@ def test_no_gas_for_wings_that_are_hard_or_torn(state: WingState) -> None:
         (300.0, None, 0.0),
         (300.0, WingState.INFLATING, 1.0),
         (17_000.0, WingState.STOWED, 1.0),
-        (None, None, 1.0),
+        (None, None, 0.0),
     ],
 )
 def test_folded_wings_stay_folded_near_the_ground(
@@ -128,6 +128,12 @@ def test_folded_wings_stay_folded_near_the_ground(
 ) -> None:
     outputs = Rig("inflation_control").step(wing_pressure=0.0, wing_state=state, altitude=altitude)
     assert outputs == {"valve_demand": demand}
+
+
+def test_without_any_altitude_the_wings_are_filled_once_one_would_have_come() -> None:
+    rig = Rig("inflation_control", rate_hz=10)
+    assert rig.run(5, wing_pressure=0.0) == {"valve_demand": 0.0}
+    assert rig.step(wing_pressure=0.0) == {"valve_demand": 1.0}
 
 
 def test_without_a_pressure_the_valve_shuts() -> None:

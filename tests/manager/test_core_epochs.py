@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_manager.core import PLAN_AGAIN_NS
+from heronry_manager.planning import PLAN_AGAIN_NS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.vocabulary import PlanFailed, PlanReady
 from heronry_wire.management import (

@@ -26,7 +26,17 @@ def reconfigured(now_ns: int, epoch: int, cause: str, **modules: list[str]) -> d
 
 
 START = [
-    event("manager_started", 0, spec="big_blue", spec_digest="ab" * 32, node=126, term=3, bus="can0"),
+    event(
+        "manager_started",
+        0,
+        spec="big_blue",
+        spec_digest="ab" * 32,
+        node=126,
+        term=3,
+        bus="can0",
+        phase="ascent",
+        advises=False,
+    ),
     event("bus", 1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
     event("pe_joined", 10 * MS, pe="nav", cause="first heard"),
     event("pe_joined", 11 * MS, pe="air", cause="first heard"),
@@ -128,7 +138,7 @@ def emissions() -> Iterator[tuple[str, str, set[str | None]]]:
     """Place, kind and fields of every call, in manager and tools, that builds an event of a named kind."""
     for file in sorted([*Path("manager").rglob("*.py"), *Path("tools").rglob("*.py")]):
         for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Call) and name_of(node.func) in ("_emit", "make_event", "event"):
+            if isinstance(node, ast.Call) and name_of(node.func) in ("_emit", "emit", "make_event", "event"):
                 kinds = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
                 for kind in kinds[:1]:
                     yield f"{file}:{node.lineno}", kind, {keyword.arg for keyword in node.keywords}

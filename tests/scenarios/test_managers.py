@@ -19,8 +19,9 @@ def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -
     assert simulation.unsettled() == []
     assert simulation.settle() == []
     assert simulation.witness.outages(simulation.now_ns) == []
-    first, second = simulation.events_of("reconfigured")
-    assert second["epoch"] > first["epoch"]
+    (epoch,) = simulation.events_of("reconfigured")
+    (adopted,) = simulation.events_of("adopted")
+    assert adopted["epoch"] == epoch["epoch"]
     assert simulation.events_of("pe_lost") == []
 
 

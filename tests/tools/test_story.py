@@ -56,7 +56,17 @@ def reconfiguration(now_ms: int, epoch: int, made: Plan, *causes: str) -> list[d
 def flight() -> Iterator[dict[str, Any]]:
     """The tail's PE is killed, and comes back."""
     whole = plan_after(None)
-    yield event("manager_started", 0, spec=ELEVATOR.name, spec_digest=ELEVATOR.digest, node=126, term=1, bus="can0")
+    yield event(
+        "manager_started",
+        0,
+        spec=ELEVATOR.name,
+        spec_digest=ELEVATOR.digest,
+        node=126,
+        term=1,
+        bus="can0",
+        phase=None,
+        advises=False,
+    )
     yield event("process", 1, pe="tail_pe", pid=41, what="started")
     yield event("pe_joined", 2, pe="tail_pe", cause="first heard")
     yield from reconfiguration(1000, 1, whole, "pe:control_pe joined", "pe:tail_pe joined")

@@ -16,9 +16,11 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "plan_command": ("plan", "verify"),
     "demo.command": ("demo",),
     "manager_command": ("manager",),
+    "operator_command": ("status", "phase", "fail", "clear"),
     "table_command": ("table",),
     "sim_command": ("sim",),
     "dbc_command": ("dbc",),
+    "eds_command": ("eds",),
     "check_command": ("check",),
     "rules_command": ("rules", "explain", "schema"),
     "render_command": ("render",),
@@ -38,8 +40,10 @@ examples:
   heronry plan big_blue --json >plan.json        ... as JSON
   heronry verify big_blue plan.json              is that plan legal?
   heronry manager my.dg.yaml -i socketcan -c can0
+  heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
+  heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
   heronry render big_blue -o big_blue.svg        its dependency graph as a picture
   heronry diff big_blue my.dg.yaml               what changed, and what follows from it

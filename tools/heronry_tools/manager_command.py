@@ -9,10 +9,12 @@ examples:
   heronry manager big_blue -i socketcan -c can0
   heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
+  heronry manager big_blue -i socketcan -c can0 --advise
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 It listens first: a bus with another manager on it is left alone. Where the spec has several buses, -c is the one that
-the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are honoured.
+the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are honoured. 'heronry status',
+'phase', 'fail' and 'clear' talk to it from the same computer.
 """
 
 
@@ -36,6 +38,12 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"
+    )
+    parser.add_argument(
+        "--advise", action="store_true", help="say what it would do, and nothing on the bus: it may sit beside a manager"
+    )
+    parser.add_argument(
+        "--socket", type=Path, metavar="PATH", help="where it listens to 'heronry status' and the like (default: by SPEC)"
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")

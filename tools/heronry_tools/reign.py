@@ -1,4 +1,4 @@
-"""From the arguments of `heronry manager` to a reign: bus, planner, term, core and driver put together."""
+"""From the arguments of `heronry manager` to a reign: bus, operator's socket, planner, term, core and driver."""
 
 import argparse
 import os
@@ -13,6 +13,8 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.control_place import default_socket
+from heronry_manager.control_socket import ControlSocket
 from heronry_manager.core import ManagerCore
 from heronry_manager.driver import FILTERS, ManagerDriver
 from heronry_manager.events import event
@@ -39,6 +41,8 @@ def reign(arguments: argparse.Namespace) -> int:
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:
+            name = f"{spec.name}-advisor" if arguments.advise else spec.name
+            control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
             planner = stack.enter_context(PlannerClient(spec, file))
             planner.wait_until_ready()
 
@@ -46,9 +50,9 @@ def reign(arguments: argparse.Namespace) -> int:
                 return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
 
             tell(_bus_event(spec.manager.bus, arguments))
-            term = next_term(arguments.state_dir or default_state_dir(spec.name))
-            core = ManagerCore(spec, arguments.node, term, time.monotonic_ns())
-            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker, table), tell)
+            term = 1 if arguments.advise else next_term(arguments.state_dir or default_state_dir(spec.name))
+            core = ManagerCore(spec, arguments.node, term, time.monotonic_ns(), advise=arguments.advise)
+            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker, table), control, tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)

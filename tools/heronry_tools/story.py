@@ -22,6 +22,10 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "plan_failed": ("no plan: {reason}; what runs goes on", "bad"),
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
     "second_manager": ("manager {node} reigns too", "bad"),
+    "fault_cleared": ("{element} is taken for well again, says {by}", "good"),
+    "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
+    "adopted": ("epoch {epoch} runs already, and is what would be planned: it stays as it is", "good"),
+    "advice": ("would start {started}, stop {stopped}, move {moved}", "plain"),
 }
 
 
@@ -54,6 +58,7 @@ class Story:
 
     def _lines(self, event: Mapping[str, Any]) -> Iterator[Line]:
         kind = event["event"]
+        self._follow(event)
         if kind in _SENTENCES:
             template, tone = _SENTENCES[kind]
             yield Line(template.format_map(event), tone)
@@ -64,12 +69,6 @@ class Story:
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:
                 yield Line(f"{event['pe']} joins: {event['cause']}", "good")
-            case "plan_ready":
-                self._next = event["plan"]
-            case "epoch_prepared":
-                self._prepared[event["epoch"]] = self._next
-            case "epoch_abandoned":
-                self._prepared.pop(event["epoch"], None)
             case "epoch_step" if event["step"] == "GO":
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
@@ -78,6 +77,20 @@ class Story:
                 yield from self._outage(event)
             case "summary":
                 yield from self._summary(event)
+            case _:
+                pass
+
+    def _follow(self, event: Mapping[str, Any]) -> None:
+        """Know which plan runs, and which are on their way."""
+        match event["event"]:
+            case "plan_ready":
+                self._next = event["plan"]
+            case "plan_unchanged":
+                self._plan = self._next
+            case "epoch_prepared":
+                self._prepared[event["epoch"]] = self._next
+            case "epoch_abandoned":
+                self._prepared.pop(event["epoch"], None)
             case _:
                 pass
 

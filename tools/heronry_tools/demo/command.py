@@ -11,6 +11,7 @@ examples:
   heronry demo                                        big_blue; the flight computer is killed and comes back
   heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
   heronry demo elevator_and_chute --for 8 --record flight.log
+  heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 
@@ -34,6 +35,9 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser, default="big_blue")
     parser.add_argument("--kill", metavar="pe:NAME@SECONDS", action="append", default=[], help="SIGKILL a PE's process")
     parser.add_argument("--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start it again")
+    parser.add_argument(
+        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
+    )
     parser.add_argument(
         "--for", dest="seconds", metavar="SECONDS", type=float, help=f"how long to run (default {DEFAULT_SECONDS:.0f})"
     )

@@ -24,6 +24,8 @@ from typing import IO, Self
 
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
+from heronry_manager.control_client import call
+from heronry_manager.vocabulary import EnterPhase
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.errors import UserError
 from heronry_tools.softbus.starter import HubProcess, start_hub
@@ -32,6 +34,7 @@ from heronry_tools.table_command import write_tables
 _STOP_TIMEOUT_S = 5.0
 _HUB_PRIORITY, _NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
 _NAME = "heronry-demo-"
+_SOCKET = "manager.sock"
 
 
 def run_folder() -> Path:
@@ -88,12 +91,19 @@ class Fleet:
     def start_manager(self) -> IO[bytes]:
         """Start the manager; gives the stream of its events."""
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
-        arguments += ["--state-dir", str(self.folder), *_bus_flags(self._buses[self._spec.manager.bus])]
+        arguments += ["--state-dir", str(self.folder), "--socket", str(self.folder / _SOCKET)]
+        arguments += _bus_flags(self._buses[self._spec.manager.bus])
         if self._contingencies is not None:
             arguments += ["--contingencies", str(self._contingencies)]
         self._manager = self._start("manager", arguments, stdout=subprocess.PIPE)
         assert self._manager.stdout is not None
         return self._manager.stdout
+
+    def enter_phase(self, phase: str) -> None:
+        """Tell the manager that the operator wants this phase; raises UserError where it refuses."""
+        answer = call(self.folder / _SOCKET, EnterPhase(phase))
+        if not answer.done:
+            raise UserError(f"--phase {phase}: {answer.sentence}")
 
     def start_pe(self, pe: str) -> int:
         """Start a PE's agent; gives its process number."""

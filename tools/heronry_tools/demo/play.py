@@ -10,7 +10,7 @@ from heronry_tools.demo.buses import choose
 from heronry_tools.demo.command import DEFAULT_SECONDS
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.demo.run import Show
-from heronry_tools.demo.script import read_script
+from heronry_tools.demo.script import Act, PhaseAct, read_phases, read_script
 from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
 from heronry_tools.reign import contingency_table
@@ -24,7 +24,8 @@ _AFTER_LAST_ACT_S = 5.0
 def play(arguments: argparse.Namespace) -> int:
     """Run one demo; gives its exit code."""
     spec = load_spec(arguments.spec)
-    acts = read_script(spec, arguments.kill, arguments.restore)
+    acts: list[Act | PhaseAct] = [*read_script(spec, arguments.kill, arguments.restore)]
+    acts = sorted([*acts, *read_phases(spec, arguments.phase)], key=lambda act: act.at_s)
     last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
     contingency_table(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts

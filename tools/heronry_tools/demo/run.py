@@ -10,7 +10,7 @@ What the demo says of functions comes from the witness, that is from frames; wha
 import json
 import select
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
@@ -20,7 +20,7 @@ from heronry_dg.model import Spec
 from heronry_manager.events import event as make_event
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.demo.fleet import Fleet
-from heronry_tools.demo.script import Act, default_acts
+from heronry_tools.demo.script import Act, PhaseAct, default_acts
 from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
@@ -39,7 +39,7 @@ class Show:
 
     def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
         self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
-        self._acts: list[Act] = []
+        self._acts: list[Act | PhaseAct] = []
         self._seconds = 0.0
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
@@ -49,7 +49,7 @@ class Show:
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
         self._unread = b""
 
-    def run(self, acts: list[Act], seconds: float, record: IO[str] | None) -> int:
+    def run(self, acts: Sequence[Act | PhaseAct], seconds: float, record: IO[str] | None) -> int:
         """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
         self._acts, self._seconds = list(acts), seconds
         with ExitStack() as stack:
@@ -126,7 +126,7 @@ class Show:
                     self._pending = None
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
-                    self._acts = self._acts or default_acts(self._plan)
+                    self._acts = self._acts or [*default_acts(self._plan)]
             case _:
                 pass
 
@@ -142,7 +142,9 @@ class Show:
     def _act(self) -> None:
         while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
             act = self._acts.pop(0)
-            if act.what == "kill":
+            if isinstance(act, PhaseAct):
+                self._fleet.enter_phase(act.phase)
+            elif act.what == "kill":
                 self._emit("process", pe=act.pe, pid=self._fleet.kill_pe(act.pe), what="killed")
             else:
                 self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")

@@ -1,4 +1,4 @@
-"""What a demo does to the system, and when: `--kill pe:NAME@SECONDS`, `--restore pe:NAME@SECONDS`."""
+"""What a demo does to the system, and when: `--kill pe:NAME@SECONDS`, `--restore ...`, `--phase NAME@SECONDS`."""
 
 import re
 from collections import Counter
@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import UnknownElementError, checked_element
+from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_tools.errors import UserError
 
 _PATTERN = re.compile(r"(?P<element>pe:[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
+_PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -20,6 +21,19 @@ class Act:
     at_s: float
     what: Literal["kill", "restore"]
     pe: str
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class PhaseAct:
+    """The operator's word: a mission phase, so many seconds after the start of the show."""
+
+    at_s: float
+    phase: str
+
+
+def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAct]:
+    """Phases in order of time; raises UserError for what cannot be read or does not exist."""
+    return sorted(_phase_act(spec, text) for text in texts)
 
 
 def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Act]:
@@ -41,6 +55,16 @@ def default_acts(plan: Mapping[str, Any]) -> list[Act]:
         return []
     busiest = max(runs, key=lambda pe: (runs[pe], pe))
     return [Act(4.0, "kill", busiest), Act(9.0, "restore", busiest)]
+
+
+def _phase_act(spec: Spec, text: str) -> PhaseAct:
+    match = _PHASE_PATTERN.fullmatch(text)
+    if match is None:
+        raise UserError(f"--phase {text}: write it as NAME@SECONDS, for example --phase landing@4")
+    try:
+        return PhaseAct(float(match["seconds"]), checked_phase(spec, match["phase"]))
+    except UnknownElementError as error:
+        raise UserError(f"--phase {text}: {error}") from None
 
 
 def _act(spec: Spec, what: Literal["kill", "restore"], text: str) -> Act:

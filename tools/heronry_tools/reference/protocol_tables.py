@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from heronry_agent import faults, mailboxes, reporting, staging
-from heronry_manager import beacon, core, health, reconfiguration
+from heronry_manager import beacon, core, deployment, health, planning, reconfiguration
 from heronry_tools.reference.markdown import code, table
 from heronry_wire import link, management, transmit_queue
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
@@ -15,7 +15,7 @@ from heronry_wire.timing import worst_bits
 
 _USES = {
     Use.NMT: "CANopen NMT: left free for it; nobody sends or obeys it yet",
-    Use.EMERGENCY_EVENT: "CANaerospace emergency event of node n; not sent yet",
+    Use.EMERGENCY_EVENT: "CANaerospace emergency event of node n: a fault that is flight-critical",
     Use.NODE_SERVICE: "CANaerospace node services; only IDS on channel 0 (128 asks, 129 answers) is answered",
     Use.MANAGEMENT: "management, of manager",
     Use.EMCY: "CANopen EMCY of node n: a fault",
@@ -116,7 +116,7 @@ def times() -> str:
         ("longest hold-down", _time(health.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
         ("forgiveness", _time(health.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),
         ("patience", f"{reconfiguration.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
-        ("planning again", _time(core.PLAN_AGAIN_NS), "after the planner has failed"),
+        ("planning again", _time(planning.PLAN_AGAIN_NS), "after the planner has failed"),
         ("page 1", f"every {reporting.PAGE_1_EVERY}th page 0", "and on change"),
         ("CANopen heartbeat", _time(reporting.HEARTBEAT_NS), "of a PE"),
         ("CANopen heartbeat", _time(beacon.CANOPEN_HEARTBEAT_NS), "of a manager"),
@@ -127,7 +127,7 @@ def times() -> str:
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
-        ("epochs", f"{core.EPOCHS_PER_TERM} per term", "term t starts behind the (t - 1)-fold of this"),
+        ("epochs", f"{deployment.EPOCHS_PER_TERM} per term", "term t starts behind the (t - 1)-fold of this"),
     ]
     return table(["name", "value", "what it is"], rows)
 

@@ -26,7 +26,10 @@ from heronry_manager.vocabulary import (
     Emit,
     ManagerAction,
     ManagerEvent,
+    OperatorSaid,
+    Order,
     PlanReady,
+    Reply,
     RequestPlan,
     Stop,
 )
@@ -36,6 +39,7 @@ from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.world import Window
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick, Withdraw
@@ -92,7 +96,8 @@ class SimulatedPe(Node):
         self._wakes = 0
         self.stuck = False  # its modules compute for ever, and its heart beats
         self.slow: Random | None = None  # draws how long a step takes
-        self.delays: Random | None = None  # draws how long what it sends is under way; a gateway's disease
+        self.delays: Random | None = None  # draws how long what it passes on is under way; a gateway's disease
+        self._passing: Frame | None = None  # what it has just received, and may pass on
         self._unfinished: list[Action] = []
         self._answer: Answer | None = None
         self._hung: list[StepModule] = []
@@ -125,6 +130,7 @@ class SimulatedPe(Node):
             bus.wants(station, wanted)
 
     def _take(self, event: Received) -> None:
+        self._passing = event.frame
         actions = self.core.step(self.time.now_ns(), event)
         if actions:
             self._carry_out(actions)
@@ -169,7 +175,7 @@ class SimulatedPe(Node):
         port, frame, until_ns = action.port, action.frame, action.until_ns
         bus, station = self.stations[port]
         latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
-        if self.delays is None:
+        if self.delays is None or frame is not self._passing:
             bus.offer(station, frame, latest_ns)
         else:
             delay_ns = self.delays.randrange(30_000_000)
@@ -239,17 +245,24 @@ class SimulatedManager(Node):
         term: int,
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
+        advise: bool = False,
     ) -> None:
         """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
         super().__init__(clock, time)
         self._spec, self._bus = spec, bus
         self._decide_ns, self._tell = decide_ns, tell
         self._ready: list[PlanReady] = []
+        self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
-        self.core = ManagerCore(spec, node, term, time.now_ns())
+        self.core = ManagerCore(spec, node, term, time.now_ns(), advise=advise)
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]
         self._set_alarm()
+
+    def say(self, order: Order) -> Reply:
+        """Let the operator give an order; gives the answer."""
+        self._hand_over(OperatorSaid(0, order))
+        return self._replies.pop()
 
     def _set_alarm(self) -> None:
         due_ns = self.core.next_deadline_ns()
@@ -287,6 +300,8 @@ class SimulatedManager(Node):
                 self._clock.at(self._clock.now_ns + self._decide_ns(), lambda: self._planned(ready))
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
+            case Reply():
+                self._replies.append(action)
             case Stop(reason):
                 self.stopped = reason
                 self.stop()

@@ -36,6 +36,7 @@ DEFAULT_DECIDE_NS = 30 * MS
 DEFAULT_SETTLE_NS = 20_000 * MS
 
 _LOOK_NS = 100 * MS
+_MOST_QUEUED = 60  # frames that become due at one instant
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
@@ -155,7 +156,10 @@ class Simulation:
 
     def unsettled(self) -> list[Violation]:
         """Give what must not be once the aircraft has been left alone for a while."""
-        return self.checks.unsettled(self.truth, self.now_ns)
+        found = self.checks.unsettled(self.truth, self.now_ns)
+        waiting = {bus.name: bus.queued for bus in self.buses.values() if bus.queued > _MOST_QUEUED}
+        story = "frames pile up: " + ", ".join(f"{queued} wait for {bus}" for bus, queued in waiting.items())
+        return [*found, *([Violation(self.now_ns, "queues", story)] if waiting else [])]
 
     def settle(self, limit_ns: int = DEFAULT_SETTLE_NS) -> list[Violation]:
         """Leave the aircraft alone until all is well and stays so, or for `limit_ns`; gives every violation.
@@ -234,8 +238,8 @@ class Simulation:
         """Take note that an element has failed for good."""
         self._down.add(element)
 
-    def start_manager(self, node: int = FIRST_MANAGER) -> None:
-        """Start a manager, with a term higher than any before."""
+    def start_manager(self, node: int = FIRST_MANAGER, *, advise: bool = False) -> None:
+        """Start a manager, with a term higher than any before; one that only advises, where that is asked for."""
         self._terms += 1
         self.manager = SimulatedManager(
             self.clock,
@@ -244,6 +248,7 @@ class Simulation:
             self.buses[self.spec.manager.bus],
             node=node,
             term=self._terms,
+            advise=advise,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=self._tell,
         )
@@ -254,6 +259,8 @@ class Simulation:
     def _tell(self, event: dict[str, Any]) -> None:
         self.events.append(event)
         self.protocol.take(event)
+        if event["event"] in _PHASE_EVENTS:
+            self.checks.phase = self.phase
 
     def kill_manager(self) -> None:
         """Let the manager die now."""

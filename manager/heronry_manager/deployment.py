@@ -1,0 +1,352 @@
+"""From a plan to what runs: epochs are opened, activated and finished here, and what each PE runs is followed.
+
+Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out (how each of
+them goes is `reconfiguration`'s to say). The next one takes the current one's place when everybody has staged it; a
+change of the situation before that abandons its number. The current one is repeated by LEASE until then, and whoever
+comes late is still served.
+
+Observed stays apart: a PE is known to run an epoch by its state frames alone (`Observed`). What they say that cannot be
+is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what nobody
+commanded; it cannot stage its slice.
+
+*Adopting*: a new reign takes over what runs as it is, without a new epoch, where every PE counted on is ACTIVE in one
+epoch whose digest is that of the very plan that would be deployed. What is not that clean gets a new epoch.
+
+The numbers of epochs only rise, also over what the PEs are seen to run; each term begins further up.
+"""
+
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration, Running
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement
+from heronry_dg.plan import Plan
+from heronry_manager.compilation import CompiledConfiguration, Compiler
+from heronry_manager.exclusion import Exclusion
+from heronry_manager.health import Health
+from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
+from heronry_manager.topology import reached_by_wire
+from heronry_manager.turn import Turn
+from heronry_wire.identifiers import Command
+from heronry_wire.management import (
+    Activate,
+    Lease,
+    PeState,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    StatePage0,
+    StatePage1,
+    Step,
+    newest_epoch,
+    next_epoch,
+)
+from heronry_wire.sansio import require
+
+EPOCHS_PER_TERM = 16
+_EPOCHS_REMEMBERED = 8
+
+
+@dataclass(slots=True)
+class Observed:
+    """What one PE says that it runs."""
+
+    epoch: int = 0
+    digest: int = 0
+    state: PeState = PeState.UNCONFIGURED
+    configured: bool = False  # has been seen to run something of ours in this incarnation
+
+
+class Deployment:
+    """The epochs of one reign."""
+
+    def __init__(self, turn: Turn, spec: Spec, term: int, health: Health, exclusion: Exclusion) -> None:
+        self._turn, self._spec, self._term = turn, spec, term
+        self._health, self._exclusion = health, exclusion
+        self._bitrate = spec.buses[spec.manager.bus].bitrate
+        self._compiler = Compiler(spec)
+        self._wired = reached_by_wire(spec)
+        self._observed = {pe: Observed() for pe in spec.pes}
+        self._before = Configuration()  # what ran before the current epoch
+        self._highest_epoch = (term - 1) * EPOCHS_PER_TERM  # the numbers of older reigns are not used again
+        self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
+        self._plans: dict[int, Plan] = {}  # of the epochs that are remembered
+        self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
+        self.next: Reconfiguration | None = None  # being prepared
+        self._next_plan: Plan | None = None
+        self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
+
+    @property
+    def running(self) -> Placement | None:
+        """What runs, as far as this reign has brought it about: module -> (mode, PE)."""
+        return placement(self.current.configuration) if self.current is not None else None
+
+    @property
+    def plan(self) -> Plan | None:
+        """Plan of the current epoch."""
+        return self._plans[self.current.epoch] if self.current is not None else None
+
+    def seen(self, pe: str) -> Observed:
+        """What a PE said last that it runs."""
+        return self._observed[pe]
+
+    def lease(self) -> Lease:
+        """What LEASE repeats."""
+        current = self.current
+        if current is None:
+            return Lease(self._term, 0, Step.PREPARED, 0)
+        return Lease(self._term, current.epoch, current.step, current.compiled.digest)
+
+    def next_deadlines_ns(self) -> list[int]:
+        """When `tick` has something to do."""
+        deadlines = [epoch.next_deadline_ns() for epoch in (self.current, self.next) if epoch is not None]
+        return [deadline for deadline in deadlines if deadline is not None]
+
+    def validate(self) -> None:
+        """Check what must hold between two steps; raises InvariantError with the recent events."""
+        recent = self._turn.recent
+        if self.next is not None:
+            require(self.next.stage is Stage.PREPARING, "an epoch being prepared has left PREPARING: {}", recent)
+            require(self.next.epoch == self._highest_epoch, "an epoch number was used twice: {}", recent)
+        if self.current is not None:
+            require(self.current.stage is not Stage.PREPARING, "the current epoch was never activated: {}", recent)
+
+    # What the PEs say
+
+    def observe(self, pe: str, page: StatePage0) -> str | None:
+        """Page 0 of a PE that is counted on or not; gives why it must be failed, if it must."""
+        seen = self._observed[pe]
+        seen.epoch, seen.digest, seen.state = page.epoch, page.digest, page.state
+        if not self._health.is_counted_on(pe):
+            return None
+        known = self._epochs.get(page.epoch)
+        if page.state is PeState.UNCONFIGURED:
+            if not seen.configured:
+                return None
+            self._exclusion.rebooted(pe)
+            return "it runs nothing although it was configured"
+        if known is not None and known.compiled.digest == page.digest:
+            seen.configured = True
+            self._exclusion.reported(pe, known.placed)
+            known.reported(pe, page.state, self._turn.now_ns)
+        elif seen.configured:
+            return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded"
+        else:
+            self._exclusion.unknown(pe)  # it joined with what another manager, or an older reign, gave it
+        return None
+
+    def staging(self, pe: str, page: StatePage1) -> str | None:
+        """Page 1 of a PE; gives why it must be failed, if it must."""
+        for epoch in (self.next, self.current):
+            if epoch is None or page.staged_epoch != epoch.epoch:
+                continue
+            has_staged = page.staged_digest == epoch.compiled.digest and page.reason is Reason.NONE
+            wants_body = page.reason is Reason.INCOMPLETE
+            epoch.staged(pe, has_staged=has_staged, wants_body=wants_body, now_ns=self._turn.now_ns)
+            if page.reason not in (Reason.NONE, Reason.INCOMPLETE, Reason.STALE_EPOCH):
+                self._turn.emit("pe_refused", pe=pe, epoch=epoch.epoch, reason=page.reason.name)
+                return f"it cannot stage its slice: {page.reason.name}"
+        return None
+
+    def joined(self, pe: str) -> None:
+        """A PE is counted on again: it has been given nothing yet."""
+        self._observed[pe].configured = False
+
+    def lost(self, pe: str) -> None:
+        """A PE is no longer counted on."""
+        self._observed[pe] = Observed()
+        if self.current is not None:
+            self.current.drop(pe)
+
+    # From one epoch to the next
+
+    def runs(self, plan: Plan) -> bool:
+        """Tell whether everybody counted on runs this already, and take the plan for that of the current epoch."""
+        current = self.current
+        if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
+            return False
+        if not all(self._observed[pe].epoch == current.epoch for pe in self._health.counted_on()):
+            return False
+        self._plans[current.epoch] = plan
+        return True
+
+    def adopts(self, plan: Plan) -> bool:
+        """Take over what runs if it is exactly this plan, everywhere; tells whether it is."""
+        compiled = self._compiler.configuration(plan.configuration)
+        seen = [self._observed[pe] for pe in self._health.counted_on()]
+        clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
+        if not clean or len({one.epoch for one in seen}) != 1:
+            return False
+        adopted = self._reconfiguration(seen[0].epoch, plan, compiled, (), Stage.DONE)
+        self.current = adopted
+        self._remember(adopted, plan)
+        for pe in self._health.counted_on():
+            self._observed[pe].configured = True
+            self._exclusion.reported(pe, adopted.placed)
+            adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
+        self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
+        return True
+
+    def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
+        """Open the next epoch."""
+        compiled = self._compiler.configuration(plan.configuration)
+        observed = (seen.epoch for seen in self._observed.values())
+        self._highest_epoch = next_epoch(newest_epoch((self._highest_epoch, *observed)))
+        self.next = self._reconfiguration(self._highest_epoch, plan, compiled, tuple(causes), Stage.PREPARING)
+        self._next_plan = plan
+        self._turn.emit(
+            "epoch_prepared",
+            epoch=self._highest_epoch,
+            digest=f"{compiled.digest:06X}",
+            pes=self._health.counted_on(),
+            bytes=sum(len(body) for body in compiled.slices.values()),
+        )
+
+    def advise(self, plan: Plan) -> None:
+        """Tell what deploying this plan would change, and do nothing."""
+        before = self.current.configuration.modules if self.current is not None else {}
+        self._advised = plan, self._compiler.configuration(plan.configuration).digest
+        after = plan.configuration.modules
+        self._turn.emit(
+            "advice",
+            plan=plan.document(),
+            moved=_moved(before, after),
+            started=sorted(after.keys() - before.keys()),
+            stopped=sorted(before.keys() - after.keys()),
+        )
+
+    def follow(self) -> None:
+        """See what another manager does, when advising: what was advised, or something that is not known here."""
+        digests = {self._observed[pe].digest for pe in self._health.counted_on()}
+        if self.current is not None and self.current.compiled.digest not in digests:
+            self.current = None
+        if self._advised is not None and digests == {self._advised[1]} and self.adopts(self._advised[0]):
+            self._advised = None
+
+    def abandon(self, reason: str) -> None:
+        """Give up what is being prepared, if anything is: the situation is another now."""
+        if self.next is not None:
+            self.next.abandon()
+            self._turn.emit("epoch_abandoned", epoch=self.next.epoch, reason=reason)
+            self.next = None
+
+    def tick(self) -> list[str]:
+        """Repeat what was not acknowledged; gives the PEs that have not answered for too long."""
+        return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
+
+    def advance(self) -> Reconfiguration | None:
+        """Move the epochs as far as they will go, and send what they have to say; gives one that is done by that."""
+        if self.next is not None and self.next.all_staged():
+            self._activate(self.next)
+        done = self._advance_current(self.current) if self.current is not None else None
+        for epoch in (self.current, self.next):
+            self._flush(epoch)
+        return done
+
+    def _advance_current(self, current: Reconfiguration) -> Reconfiguration | None:
+        self._free(current)
+        broken = current.stage is Stage.BREAKING and current.all_broken() and current.identifiers_free_ns is None
+        if broken or (current.stage is Stage.HOLDING and current.demux_free_ns is None):
+            current.go(self._turn.now_ns)
+            self._emit_step(current)
+        if current.stage is not Stage.GOING or not current.all_active():
+            return None
+        current.finish(self._turn.now_ns)
+        self._emit_reconfigured(current)
+        return current
+
+    def _reconfiguration(
+        self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
+    ) -> Reconfiguration:
+        return Reconfiguration(
+            term=self._term,
+            epoch=epoch,
+            configuration=plan.configuration,
+            compiled=compiled,
+            placed=self._exclusion.tokens(plan.configuration),
+            participants=[self._participant(pe) for pe in self._health.counted_on()],
+            bitrate=self._bitrate,
+            started_ns=self._turn.now_ns,
+            causes=causes,
+            stage=stage,
+        )
+
+    def _participant(self, pe: str) -> Participant:
+        seen = self._observed[pe]
+        known = self._epochs.get(seen.epoch)
+        node = self._spec.pes[pe].node_id
+        runs = known.compiled.slice_digests[node] if known is not None and seen.configured else None
+        return Participant(
+            pe=pe, node=node, period_ns=self._health.period_ns(pe), awaited=pe in self._wired, runs_digest=runs
+        )
+
+    def _activate(self, epoch: Reconfiguration) -> None:
+        must_break = self._exclusion.must_break(epoch.placed, self._health.counted_on())
+        self._free(epoch)
+        self._exclusion.activated(epoch.placed)
+        self._before = self.current.configuration if self.current is not None else Configuration()
+        self.current, self.next = epoch, None
+        assert self._next_plan is not None
+        self._remember(epoch, self._next_plan)
+        epoch.activate(must_break, self._turn.now_ns)
+        self._emit_step(epoch)
+
+    def _remember(self, epoch: Reconfiguration, plan: Plan) -> None:
+        self._epochs[epoch.epoch], self._plans[epoch.epoch] = epoch, plan
+        if len(self._epochs) > _EPOCHS_REMEMBERED:
+            forgotten, _ = self._epochs.popitem(last=False)
+            del self._plans[forgotten]
+
+    def _free(self, epoch: Reconfiguration) -> None:
+        """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
+        if epoch.stage in (Stage.DONE, Stage.GOING):
+            return
+        counted_on, now_ns = self._health.counted_on(), self._turn.now_ns
+        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, counted_on, now_ns)
+        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, counted_on, now_ns)
+
+    def _flush(self, epoch: Reconfiguration | None) -> None:
+        if epoch is None:
+            return
+        for message in epoch.outbox:
+            self._turn.send(_COMMAND_OF[type(message)], message)
+        epoch.outbox.clear()
+
+    def _emit_step(self, epoch: Reconfiguration) -> None:
+        waiting = sorted(epoch.must_break) if epoch.stage is Stage.BREAKING else []
+        self._turn.emit("epoch_step", epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
+
+    def _emit_reconfigured(self, epoch: Reconfiguration) -> None:
+        before, after = self._before.modules, epoch.configuration.modules
+        times, now_ns = epoch.times, self._turn.now_ns
+        staged_ns = times.staged_ns or now_ns
+        first = min(epoch.causes, key=lambda cause: cause.known_ns)
+        self._turn.emit(
+            "reconfigured",
+            epoch=epoch.epoch,
+            causes=[cause.what for cause in epoch.causes],
+            times_ns={
+                "detect": first.known_ns - first.since_ns,
+                "decide": times.prepared_ns - first.known_ns,
+                "distribute": staged_ns - times.prepared_ns,
+                "activate": now_ns - staged_ns,
+            },
+            moved=_moved(before, after),
+            started=sorted(after.keys() - before.keys()),
+            stopped=sorted(before.keys() - after.keys()),
+        )
+
+
+def _moved(before: Mapping[str, Running], after: Mapping[str, Running]) -> list[str]:
+    return sorted(module for module in before.keys() & after.keys() if before[module].pe != after[module].pe)
+
+
+_COMMAND_OF: dict[type[Prepare | SliceHead | SliceBody | Activate], Command] = {
+    Prepare: Command.PREPARE,
+    SliceHead: Command.SLICE,
+    SliceBody: Command.SLICE,
+    Activate: Command.ACTIVATE,
+}

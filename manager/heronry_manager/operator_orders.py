@@ -1,0 +1,68 @@
+"""What the operator may say to a manager in flight, and what it answers: one sentence each.
+
+    phase NAME       another mission phase, any of the spec's
+    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it
+    clear ELEMENT    it is taken for well again: a latched fault ends, a PE leaves its quarantine, one that was failed
+                     may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what is
+                     still wrong is reported at once; lost, that costs a second
+
+An order is answered when it is understood, not when it has been carried out: the plan and the epoch follow, and the
+status tells. Said twice, the second one changes nothing. Who may say it is for whoever delivers it to decide.
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
+from heronry_manager.health import Health
+from heronry_manager.known_situation import KnownSituation
+from heronry_manager.latched_faults import LatchedFault
+from heronry_manager.turn import Turn
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Reply
+from heronry_wire.identifiers import Command
+from heronry_wire.management import Control, Operation
+
+OPERATOR = "the operator"
+_EVERYBODY = 0
+
+
+class OperatorOrders:
+    """Carries out orders."""
+
+    def __init__(self, spec: Spec, turn: Turn, term: int, health: Health, situation: KnownSituation) -> None:
+        self._spec, self._turn, self._term = spec, turn, term
+        self._health, self._situation = health, situation
+
+    def obey(self, number: int, order: EnterPhase | FailElement | ClearElement) -> Reply:
+        """Carry out an order; what names nothing in the spec is refused with a sentence that says what there is."""
+        try:
+            match order:
+                case EnterPhase(phase):
+                    return Reply(number, True, self._enter(checked_phase(self._spec, phase)))
+                case FailElement(element):
+                    return Reply(number, True, self._fail(checked_element(self._spec, element)))
+                case ClearElement(element):
+                    return self._clear(number, checked_element(self._spec, element))
+        except UnknownElementError as error:
+            return Reply(number, False, str(error))
+
+    def _enter(self, phase: str) -> str:
+        before = self._situation.phase
+        if phase == before:
+            return f"the phase is {phase} already"
+        self._situation.enter(phase, OPERATOR)
+        return f"the phase is {phase} from now on, it was {before}; a plan for it is on its way"
+
+    def _fail(self, element: str) -> str:
+        if element in self._situation.failed.elements:
+            return f"{element} counts as failed already"
+        self._situation.latch(LatchedFault(element, OPERATOR, "OPERATOR", 0, self._turn.now_ns))
+        return f"{element} counts as failed until it is cleared; a plan without it is on its way"
+
+    def _clear(self, number: int, element: str) -> Reply:
+        if not self._situation.clear(element, OPERATOR):
+            sentence = f"nothing is latched on {element}, and it is in no quarantine: 'heronry status' tells what is"
+            return Reply(number, False, sentence)
+        place = self._situation.failed.place(element)
+        if place is not None:
+            self._turn.send(Command.CONTROL, Control(self._term, _EVERYBODY, Operation.CLEAR, *place))
+        waits = "; it joins after its hold-down" if element.startswith("pe:") else "; a plan with it is on its way"
+        return Reply(number, True, f"{element} is taken for well again{waits}")

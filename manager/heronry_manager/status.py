@@ -1,0 +1,89 @@
+"""How things stand, as plain data for `heronry status`: what the manager knows, and nothing that it only wishes.
+
+A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
+
+    v, spec, spec_digest, manager {node, term, state, advises, planning}, phase, epoch, stage
+    next            epoch that is being prepared, or null
+    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns
+    latched         list of element, by, code, detail, for_ns
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch)
+    buses           by name: bits_per_s and load, as planned
+    unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
+from heronry_manager.deployment import Deployment
+from heronry_manager.health import Health
+from heronry_manager.known_situation import KnownSituation
+
+VERSION = 1
+
+
+def status(
+    spec: Spec,
+    now_ns: int,
+    *,
+    manager: Mapping[str, Any],
+    health: Health,
+    situation: KnownSituation,
+    deployment: Deployment,
+) -> dict[str, Any]:
+    """Build the document; `manager` is what the core says of itself."""
+    current, plan, phase = deployment.current, deployment.plan, situation.phase
+    return {
+        "v": VERSION,
+        "spec": spec.name,
+        "spec_digest": spec.digest,
+        "manager": dict(manager),
+        "phase": phase,
+        "epoch": None if current is None else current.epoch,
+        "stage": None if current is None else current.stage.value,
+        "next": None if deployment.next is None else deployment.next.epoch,
+        "pes": {pe: _pe(pe, now_ns, health, deployment) for pe in spec.pes},
+        "latched": [
+            {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
+            for f in situation.failed.all()
+        ],
+        "functions": {f.name: _function(f, phase, plan) for f in spec.functions.values()},
+        "buses": {} if plan is None else plan.document()["buses"],
+        "unwatched": list(_unwatched(spec, plan)),
+    }
+
+
+def _pe(pe: str, now_ns: int, health: Health, deployment: Deployment) -> dict[str, Any]:
+    seen = deployment.seen(pe)
+    return {
+        "state": health.standing(pe).value,
+        "why": health.cause(pe),
+        "epoch": seen.epoch or None,
+        "runs": seen.state.name,
+        "losses": health.losses(pe),
+        "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
+    }
+
+
+def _function(function: Function, phase: str | None, plan: Plan | None) -> dict[str, Any]:
+    report = plan.functions[function.name] if plan is not None else None
+    return {
+        "wanted": function.priority_in(phase) > 0,
+        "criticality": function.criticality_in(phase),
+        "priority": function.priority_in(phase),
+        "served": report is not None and report.served,
+        "mode": None if report is None else report.mode,
+        "value": 0 if report is None else report.value,
+        "why_not": "nothing runs yet" if report is None else report.why_not,
+    }
+
+
+def _unwatched(spec: Spec, plan: Plan | None) -> Iterator[str]:
+    if plan is None:
+        return
+    running = plan.configuration
+    given = {variable for module in running.modules for variable in running.mode(spec, module).gives}
+    for phase in spec.phases.values():
+        if phase.when is not None and phase.when.variable not in given:
+            yield phase.name

@@ -1,0 +1,138 @@
+"""What a PE tells of faults until it was heard: EMCY, emergency events, quiet, cleared; and modules that overrun."""
+
+from dataclasses import replace
+
+from agent.one_pe import (
+    BEAT_NS,
+    CONTROL,
+    FLYING,
+    GATEWAY_TABLE,
+    MONITOR,
+    MS,
+    NEIGHBOUR,
+    NODE,
+    RATE,
+    RUN_MONITOR,
+    TABLE,
+    OnePe,
+    sent,
+)
+from heronry_agent.faults import QUIET_NS
+from heronry_agent.schedule import OVERRUNS_IN_A_ROW
+from heronry_agent.vocabulary import Action, Note, StepModule, Stepped
+from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import emcy_id, emergency_event_id
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation, decode_emergency
+
+LEFT = 1  # the servo, as a device of the table
+CRITICAL = replace(TABLE, flight_critical=("device:left",))
+WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR})
+ABOUT_LEFT = (ElementKind.DEVICE, LEFT)
+
+
+def emergencies(actions: list[Action]) -> list[Emergency]:
+    told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
+    return [emergency for emergency in told if isinstance(emergency, Emergency)]
+
+
+def watching(*, reports: bool = True) -> OnePe:
+    pe = OnePe(CRITICAL)
+    pe.configure(WATCHING, 7)
+    pe.reports[MONITOR] = (("device:left", 57),) if reports else ()
+    return pe
+
+
+def test_a_flight_critical_fault_is_an_emergency_event_too_each_time_it_is_told() -> None:
+    pe = watching()
+    actions = pe.pass_time(4 * BEAT_NS)
+    events = [decode_data(frame) for frame in sent(actions, emergency_event_id(NODE))]
+    assert len(events) == len(emergencies(actions)) > 1
+    assert events[0] == Datum(NODE, DataType.ERROR, 0, 0, ErrorReport(0xFF03 - 0x10000, ElementKind.DEVICE, LEFT))
+    assert [event.message_code for event in events if isinstance(event, Datum)] == list(range(len(events)))
+
+
+def test_another_fault_is_no_emergency_event() -> None:
+    pe = watching()
+    pe.reports[MONITOR] = (("device:right", 57),)
+    actions = pe.pass_time(4 * BEAT_NS)
+    assert emergencies(actions)
+    assert sent(actions, emergency_event_id(NODE)) == []
+
+
+def test_a_cleared_fault_that_is_still_found_is_told_at_once() -> None:
+    pe = watching()
+    pe.pass_time(2 * BEAT_NS)
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
+    assert emergencies(pe.pass_time(QUIET_NS // 2)) == []
+    cleared = pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT))
+    assert [(e.code, e.error_register, e.index) for e in emergencies(cleared)] == [(FaultCode.RESET, 0, LEFT)]
+    assert [e.code for e in emergencies(pe.pass_time(2 * BEAT_NS))][:1] == [FaultCode.REPORTED]
+
+
+def test_clearing_twice_what_was_never_told_or_for_another_pe_says_nothing() -> None:
+    pe = watching(reports=False)
+    assert pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT)) == []
+    pe.reports[MONITOR] = (("device:left", 57),)
+    pe.pass_time(2 * BEAT_NS)
+    pe.reports[MONITOR] = ()
+    assert pe.command(Control(1, NEIGHBOUR, Operation.CLEAR, *ABOUT_LEFT)) == []
+    assert len(emergencies(pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT)))) == 1
+    assert pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT)) == []
+    assert emergencies(pe.pass_time(3 * BEAT_NS)) == []
+
+
+def test_a_gateway_passes_the_emergency_events_of_nodes_beyond_toward_the_manager() -> None:
+    pe = OnePe(GATEWAY_TABLE)
+    event = Frame(emergency_event_id(94), bytes(8))
+    assert sent(pe.hear(event, port=1), emergency_event_id(94), port=0) == [event]
+    assert pe.hear(event, port=0) == []
+
+
+class Slow(OnePe):
+    """A PE whose module `control` answers after a while."""
+
+    took_ns = 0
+
+    def answer(self, module: int, release: int) -> list[Action]:
+        self.now_ns += self.took_ns
+        return super().answer(module, release)
+
+
+def steps_until_stopped(pe: OnePe, most: int) -> int:
+    steps = 0
+    while CONTROL in pe.running and steps < most:
+        pe.now_ns = max(pe.now_ns, pe.core.next_deadline_ns())
+        steps += sum(1 for action in pe.pass_time(0) if isinstance(action, StepModule) and action.module == CONTROL)
+    return steps
+
+
+def test_a_module_that_takes_longer_than_its_period_again_and_again_is_stopped_and_told() -> None:
+    pe = Slow()
+    pe.configure(replace(FLYING, modules=FLYING.modules[:1]), 7)
+    pe.took_ns = 26 * MS
+    assert steps_until_stopped(pe, 20) == OVERRUNS_IN_A_ROW
+    told = [e for e in emergencies([action for _, action in pe.done]) if e.code is FaultCode.MODULE_OVERRUN]
+    assert {(e.kind, e.index) for e in told} == {(ElementKind.MODULE, CONTROL)}
+    assert any("longer than its period" in action.text for _, action in pe.done if isinstance(action, Note))
+
+
+def test_a_step_in_time_forgives_those_before_it() -> None:
+    pe = Slow()
+    pe.configure(replace(FLYING, modules=FLYING.modules[:1]), 7)
+    slow = 0
+    while slow < 3 * OVERRUNS_IN_A_ROW:
+        pe.took_ns = 26 * MS
+        slow += steps_until_stopped(pe, OVERRUNS_IN_A_ROW // 2)
+        pe.took_ns = 25 * MS
+        steps_until_stopped(pe, 1)
+    assert CONTROL in pe.running
+
+
+def test_a_late_answer_of_a_module_that_was_stopped_is_no_overrun() -> None:
+    pe = OnePe()
+    pe.configure(FLYING, 7)
+    pe.configure(WATCHING, 8)
+    pe.give(Stepped(CONTROL, 1, {}))
+    assert pe.core.counts["stale answer", CONTROL] == 1

@@ -1,0 +1,62 @@
+"""The status of a manager (`heronry_manager.status`), for people: what is wrong first, then what runs."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+_NS_PER_S = 1_000_000_000
+
+
+def report(status: Mapping[str, Any]) -> Iterator[str]:
+    """Lines for a status document."""
+    yield from _head(status)
+    yield from _troubles(status)
+    yield from _pes(status["pes"])
+    yield from _functions(status["functions"])
+    yield from _buses(status["buses"])
+
+
+def _head(status: Mapping[str, Any]) -> Iterator[str]:
+    manager, phase = status["manager"], status["phase"]
+    does = "only advises" if manager["advises"] else f"is {manager['state']}"
+    yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}"
+    runs = "no epoch yet" if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
+    work = "; a plan is awaited" if manager["planning"] else ""
+    preparing = f"; epoch {status['next']} is being prepared" if status["next"] is not None else ""
+    yield f"{'no phases' if phase is None else f'phase {phase}'}; {runs}{work}{preparing}"
+
+
+def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
+    for fault in status["latched"]:
+        told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != "OPERATOR" else ""
+        yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+    for phase in status["unwatched"]:
+        yield f"! nobody watches for phase {phase}: no module that gives its variable runs"
+
+
+def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
+    yield "PEs"
+    for name, pe in pes.items():
+        held = pe["held_down_for_ns"]
+        why = "" if pe["why"] is None else f": {pe['why']}"
+        waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
+        runs = f"{pe['runs']} in epoch {pe['epoch']}" if pe["epoch"] is not None else pe["runs"]
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}"
+
+
+def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
+    yield "functions"
+    for name, function in functions.items():
+        if not function["wanted"]:
+            state = "not wanted in this phase"
+        elif function["served"]:
+            state = f"served, {function['mode']}, value {function['value']}"
+        else:
+            state = f"NOT SERVED: {function['why_not']}"
+        yield f"  {name:<16} {function['criticality']}  {state}"
+
+
+def _buses(buses: Mapping[str, Any]) -> Iterator[str]:
+    if buses:
+        yield "buses, as planned"
+    for name, bus in buses.items():
+        yield f"  {name:<12} {bus['bits_per_s']} bit/s, {100 * bus['load']:.1f} %"
