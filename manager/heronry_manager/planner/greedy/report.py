@@ -48,7 +48,7 @@ class FunctionReports(Mapping[str, FunctionReport]):
 
 def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, running: Placement | None) -> Plan:
     """Write a draft down as a plan."""
-    configuration = _configuration(draft, tables)
+    configuration = configuration_of(draft, tables)
     objective = _objective(draft, tables, wanted, configuration, running)
     return Plan(
         spec=tables.spec.digest,
@@ -73,7 +73,8 @@ def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, runnin
     )
 
 
-def _configuration(draft: Draft, tables: Tables) -> Configuration:
+def configuration_of(draft: Draft, tables: Tables) -> Configuration:
+    """Write down what runs, and how it is wired."""
     feeder, modes = draft.feeder, draft.mode
     running = {}
     for module, mode in enumerate(modes):

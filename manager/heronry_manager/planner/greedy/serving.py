@@ -35,9 +35,9 @@ class Server:
         self.short = 0  # PEs on which a module found no room, since this was last cleared
         self.busy = 0  # modules whose mode must stay
         self.moving = True  # others may be moved out of a module's way
+        self.adopting = False
         self.tight = False  # PEs are filled up one after the other, wherever modules were before
         self._tables, self._wanted, self._scene, self._before = tables, wanted, scene, before
-        self._adopting = False
 
     def is_served(self, goal: Goal) -> bool:
         """Tell whether an output of a function runs."""
@@ -60,14 +60,14 @@ class Server:
 
     def adopt(self, goals: Iterable[Goal]) -> None:
         """Serve functions as far as nothing needs to be started, moved or put into another mode for it."""
-        self._adopting = True
+        self.adopting = True
         for goal in goals:
             self.fuel = len(self._before)
             for module in goal.outputs:
                 mode = self._before[module][0]
                 if mode >= 0 and self.draft.mode[module] < 0:
                     self.run(module, mode)
-        self._adopting = False
+        self.adopting = False
 
     # Modules
 
@@ -103,7 +103,7 @@ class Server:
         hosts = self._tables.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
             yield home
-        if self._adopting:
+        if self.adopting:
             return
         cpu = draft.cpu
         others = [pe for pe in range(len(cpu)) if hosts >> pe & 1 and pe != home and draft.fits(module, mode, pe)]
@@ -194,7 +194,7 @@ class Server:
             return self.feed(number, consumer, may_start=may_start)
         if kind == ALL:
             return all(self.hold(one, consumer, may_start=may_start) for one in inputs)
-        if self._adopting:
+        if self.adopting:
             return len(self._held(inputs, number, consumer, may_start=True)) == number
         held = self._held(inputs, number, consumer, may_start=False)
         if may_start and len(held) < number:
@@ -217,41 +217,36 @@ class Server:
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
         """Wire a leaf to what runs, or to what is started for it."""
-        if self._adopting:
-            return any(self._feed_as_before(leaf, consumer, *giver) for giver in self._tables.dearest[leaf])
-        draft, mode_of = self.draft, self.draft.mode
-        for mode, module in self._tables.dearest[leaf]:
-            if mode_of[module] == mode and draft.wire(leaf, consumer, module):
+        before, mode_of, tables = self._before, self.draft.mode, self._tables
+        if self.adopting:
+            return any(self.feed_from(leaf, consumer, *giver) for giver in tables.dearest[leaf])
+        for mode, module in tables.dearest[leaf]:
+            if mode_of[module] == mode and self.draft.wire(leaf, consumer, module):
                 return True
         if not may_start:
             return False
-        before, givers = self._before, self._tables.cheapest[leaf]
+        givers = [giver for giver in tables.cheapest[leaf] if mode_of[giver[1]] != giver[0]]
         if len(givers) > 1:
-            givers = sorted(givers, key=lambda giver: before[giver[1]][0] != giver[0])
+            givers.sort(key=lambda giver: before[giver[1]][0] != giver[0])
         return any(self.feed_from(leaf, consumer, *giver) for giver in givers)
 
-    def _feed_as_before(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        draft = self.draft
-        if self._before[module][0] != mode:
-            return False
-        mark = draft.mark()
-        if (draft.mode[module] == mode or self.run(module, mode)) and draft.wire(leaf, consumer, module):
-            return True
-        draft.undo(mark)
-        return False
-
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
-        """Wire a leaf to a module that is started or put into another mode for it."""
+        """Wire a leaf to a module in a mode, into which it is put or in which it is started if need be."""
         draft = self.draft
         mark, now = draft.mark(), draft.mode[module]
-        if now == mode:
-            return False  # a bus has refused it
+        if self.adopting and self._before[module][0] != mode:
+            return False
         draft.refused = False
-        if (self.switch(module, mode) if now >= 0 else self.run(module, mode)) and draft.wire(leaf, consumer, module):
+        if self._gets_into(module, mode) and draft.wire(leaf, consumer, module):
             return True
         draft.undo(mark)
         near = draft.pe[consumer]  # where nothing needs to be sent
-        if now < 0 and draft.refused and self.run(module, mode, near) and draft.wire(leaf, consumer, module):
-            return True
-        draft.undo(mark)
+        if now < 0 and draft.refused and not self.adopting and self.run(module, mode, near):
+            return draft.wire(leaf, consumer, module)
         return False
+
+    def _gets_into(self, module: int, mode: int) -> bool:
+        now = self.draft.mode[module]
+        if now < 0:
+            return self.run(module, mode)
+        return now == mode or (not self.adopting and self.switch(module, mode))

@@ -1,7 +1,8 @@
 """Level 3: optional inputs, and better versions of what is supplied already.
 
-Every running module is gone through once, those that are started on the way included. What is not supplied is tried;
-what is supplied is tried in a version that is worth more. Nothing is moved for it, and no function is touched.
+Every running module is gone through, those that are started on the way included. What is not supplied is tried; what is
+supplied is tried in a version that is worth more. Nothing is moved for it, and no function is touched. First only what
+ran before is taken back, as it was, so that nothing new takes its place; then anything.
 """
 
 from typing import Final
@@ -16,6 +17,13 @@ _FUEL: Final = 12  # modules tried for one input
 def supply(draft: Draft, server: Server, tables: Tables) -> None:
     """Wire what is worth something, as far as it fits."""
     server.moving = False
+    for adopting in (True, False):
+        server.adopting = adopting
+        _go_through(draft, server, tables)
+    server.moving = True
+
+
+def _go_through(draft: Draft, server: Server, tables: Tables) -> None:
     done = 0
     while left := draft.running & ~done:
         low = left & -left
@@ -26,7 +34,6 @@ def supply(draft: Draft, server: Server, tables: Tables) -> None:
             server.busy |= low
             _Supplier(draft, server, tables, module).supply(needs)
             server.busy ^= low
-    server.moving = True
 
 
 class _Supplier:
@@ -65,10 +72,7 @@ class _Supplier:
             mark = draft.mark()
             draft.unwire(leaf, self._module)
             self._server.fuel = _FUEL
-            if draft.mode[module] == mode:
-                if draft.wire(leaf, self._module, module):
-                    return
-            elif self._server.feed_from(leaf, self._module, mode, module):
+            if self._server.feed_from(leaf, self._module, mode, module):
                 return
             draft.undo(mark)
 
