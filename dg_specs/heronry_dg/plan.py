@@ -23,7 +23,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score, serving_modules, value_of
 from heronry_dg.situation import Situation, UnknownElementError, situation, survivors
 from heronry_dg.traffic import bus_loads_mbit_per_s, hops
-from heronry_dg.why_not import feasible, why_not
+from heronry_dg.why_not import Feasible, feasible, why_not
 from heronry_wire.errors import HeronryError
 
 Json = dict[str, object]
@@ -185,11 +185,14 @@ def _reported(level: str, key: int) -> int:
 def _function_reports(
     spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str]
 ) -> dict[str, FunctionReport]:
-    found = feasible(spec, now)
+    found: Feasible | None = None
     reports = {}
     for function, output in serving_modules(spec, configuration):
         if output is None:
-            reason = reasons.get(function.name) or why_not(found, function)
+            reason = reasons.get(function.name)
+            if not reason:
+                found = found or feasible(spec, now)
+                reason = why_not(found, function)
             reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)
         else:
             value = value_of(spec, configuration, function, output)

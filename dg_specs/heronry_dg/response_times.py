@@ -19,6 +19,7 @@ from heronry_dg.traffic import Hop, frame_bits, identifiers
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 _NS_PER_S = 1_000_000_000
+_NONE = Fraction(0)
 MANAGER_FRAMES = 2  # LEASE and ALIVE, in each heartbeat period
 
 
@@ -52,6 +53,7 @@ class ResponseTimes:
         self.spec = spec
         self.identifiers = identifiers(spec)
         self._management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
+        self._punctual: dict[Hop, Message] = {}  # without jitter, as far as they have been asked for
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
         """Response time of every hop on a wired bus: by bus in the spec's order, by priority."""
@@ -82,19 +84,21 @@ class ResponseTimes:
     def _delays_ns(self, by_bus: Mapping[str, list[Hop]]) -> dict[tuple[str, str, str], Fraction | None]:
         """Exact time from the source to the end of each hop, wireless ones included; None: unbounded."""
         delays: dict[tuple[str, str, str], Fraction | None] = {}
+        analysed: dict[str, list[Fraction | None]] = {}  # bus -> the jitters that its delays follow from
         while True:
-            before = dict(delays)
+            changed = False
             for bus, hops_there in by_bus.items():
                 jitters = [
-                    Fraction(0)
-                    if hop.after is None
-                    else delays.get((hop.producer, hop.variable, hop.after), Fraction(0))
+                    _NONE if hop.after is None else delays.get((hop.producer, hop.variable, hop.after), _NONE)
                     for hop in hops_there
                 ]
+                if analysed.get(bus) == jitters:
+                    continue
+                analysed[bus], changed = jitters, True
                 wired = self.spec.buses[bus].kind == "wired"
                 found = self._cross(self.spec.buses[bus], hops_there, jitters) if wired else jitters
                 delays.update(zip(map(_key, hops_there), found, strict=True))
-            if delays == before:
+            if not changed:
                 return delays
 
     def _cross(self, bus: Bus, hops_there: list[Hop], jitters: list[Fraction | None]) -> list[Fraction | None]:
@@ -112,13 +116,16 @@ class ResponseTimes:
 
     def _message(self, bus: Bus, hop: Hop, jitter_ns: Fraction) -> Message:
         bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
-        return Message(
-            name=f"{hop.variable} from {hop.producer}",
-            bits=frame_bits(self.spec, hop.variable),
-            period=_period_ns(self.spec, hop) * bits_per_ns,
-            jitter=jitter_ns * bits_per_ns,
-            deadline=_deadline_ns(self.spec, hop) * bits_per_ns,
-        )
+        punctual = self._punctual.get(hop)
+        if punctual is None:
+            punctual = self._punctual[hop] = Message(
+                name=f"{hop.variable} from {hop.producer}",
+                bits=frame_bits(self.spec, hop.variable),
+                period=_period_ns(self.spec, hop) * bits_per_ns,
+                jitter=0,
+                deadline=_deadline_ns(self.spec, hop) * bits_per_ns,
+            )
+        return punctual._replace(jitter=jitter_ns * bits_per_ns) if jitter_ns else punctual
 
     def _response(self, hop: Hop, delay_ns: Fraction | None) -> Response:
         deadline_ns = _deadline_ns(self.spec, hop)

@@ -85,6 +85,7 @@ class Search:
         self._effort = effort
         self._times = times
         self._forbidden: set[frozenset[Hop]] = set()
+        self._punctual: list[frozenset[Hop]] = []  # published together, these meet all deadlines
         self._model = CpModel()
         self._placing = Placing(self._model, possible)
         self._wiring = Wiring(self._model, possible, self._placing)
@@ -141,7 +142,7 @@ class Search:
             if status not in (OPTIMAL, FEASIBLE):
                 return
             found = self._configuration(solver)
-            conflicts = deadline_conflicts(self._times, hops(self._possible.left, found))
+            conflicts = self._conflicts(frozenset(hops(self._possible.left, found)))
             for messages in conflicts:
                 self._forbid(messages)
             if not conflicts:
@@ -154,6 +155,15 @@ class Search:
         """Note what the solver has proven: it minimises, so the sign is the other one."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = most
+
+    def _conflicts(self, published: frozenset[Hop]) -> list[frozenset[Hop]]:
+        """Find what misses a deadline; what is no more than a set that meets them all does so, too."""
+        if any(published <= known for known in self._punctual):
+            return []
+        conflicts = deadline_conflicts(self._times, published)
+        if not conflicts:
+            self._punctual.append(published)
+        return conflicts
 
     def _forbid(self, messages: frozenset[Hop]) -> None:
         """Cut off what misses a deadline; a cut that did not hold would be found again for ever."""
@@ -174,7 +184,8 @@ class Search:
     def _start_from(self, first: Configuration) -> None:
         self.best, self.objective = first, self._score(first)
         if first.modules:
-            published = hops(self._possible.left, first)
+            published = frozenset(hops(self._possible.left, first))
+            self._punctual.append(published)
             for part in (
                 self._placing.hint(first),
                 self._wiring.hint(first),

@@ -53,7 +53,7 @@ class Publishing:
         """
         taken: list[IntVar] = []
         facts = 0
-        for hop in hops:
+        for hop in sorted(hops, key=lambda hop: (hop.bus, hop.producer, hop.variable)):
             mode = self._possible.spec.modules[hop.producer].modes[hop.mode]
             taken.append(self._messages[hop.producer, hop.variable, mode.rate_mhz, hop.bus])
             facts += 1
