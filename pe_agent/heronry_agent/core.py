@@ -2,7 +2,7 @@
 
 Its parts decide, each in its own file: what to obey (`obedience`, `reign`), what to run next (`staging`) and how to get
 there (`reconfiguration`), what runs (`running_modules`), whether it may drive what is exclusive (`permission`), what to
-say (`reporting`, `faults`, `services`) and what to pass on (`gateway`). This file sends each frame to the part that
+say (`reporting`, `faults`, `canopen_node`) and what to pass on (`gateway`). This file sends each frame to the part that
 wants it, by one look-up of its identifier: what no part wants costs no more than that. A frame with 29 bits, a remote
 or an error frame reaches no part.
 
@@ -18,8 +18,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from functools import partial
 
+from heronry_agent.canopen_node import CanopenNode
 from heronry_agent.gateway import Gateway
 from heronry_agent.obedience import Obedience
+from heronry_agent.pe_objects import Parts
 from heronry_agent.permission import Permission
 from heronry_agent.publishing import ECHO_NODES
 from heronry_agent.reconfiguration import Reconfiguration
@@ -31,7 +33,6 @@ from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
-from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
@@ -77,7 +78,9 @@ class AgentCore:
             self._gateway,
         )
         self._reporting = Reporting(index, incarnation, now_ns)
-        self._services = IdentificationService(index.node)
+        self._canopen = CanopenNode(
+            Parts(turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts)
+        )
         self._told: dict[str, bool] = {"output": True}
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._fixed_handlers = self._find_fixed_handlers()
@@ -136,7 +139,7 @@ class AgentCore:
                 self.modules.schedule.next_ns,
                 self.modules.faults.next_ns,
                 self.staging.ask_ns,
-                self._services.next_ns,
+                self._canopen.next_ns,
             )
         return due_ns
 
@@ -170,14 +173,14 @@ class AgentCore:
         turn = self._turn
         if self.staging.tick(turn.now_ns):
             turn.wants_page_1 = True
-        if turn.now_ns >= self._reporting.next_ns:
-            if not self._reporting.booted:
+        if turn.now_ns >= self._canopen.next_ns:
+            if not self._canopen.booted:
                 self._note_start()
+            self._canopen.tick()
+        if turn.now_ns >= self._reporting.next_ns:
             turn.out += self._reporting.tick(turn.now_ns, self._facts())
         if turn.now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()
-        if turn.now_ns >= self._services.next_ns:
-            turn.out += self._services.tick(turn.now_ns)
 
     def _note_start(self) -> None:
         table = self._index.table
@@ -229,7 +232,7 @@ class AgentCore:
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
         handlers |= dict.fromkeys(ECHO_NODES, self._echo)
         handlers |= self._obedience.handlers()
-        handlers[REQUEST_ID] = self._asked
+        handlers |= self._canopen.handlers()
         own = (identify(self._index.node) for identify in _OWN)
         return handlers | dict.fromkeys(own, self._own_identifier)
 
@@ -279,10 +282,3 @@ class AgentCore:
         if not self.clashed:
             self.clashed = True
             self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")
-
-    def _asked(self, event: Received) -> None:
-        """Somebody asks who is there; an answer that is due at once goes out at once."""
-        if not self._services.asked(event.port, event.frame, self._turn.now_ns):
-            self._turn.count("malformed node service", event.frame.can_id)
-        elif self._turn.now_ns >= self._services.next_ns:
-            self._turn.out += self._services.tick(self._turn.now_ns)

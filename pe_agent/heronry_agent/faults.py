@@ -19,6 +19,7 @@ Forged: an acknowledgement silences a fault for a second. A restart forgets ever
 
 from collections.abc import Collection
 
+from heronry_agent.error_history import ErrorHistory
 from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
@@ -45,12 +46,18 @@ class Faults:
         self._quiet_until_ns: dict[_Key, int] = {}
         self._told: set[tuple[ElementKind, int]] = set()
         self._requests = self._events = 0
+        self.history = ErrorHistory()
         self.next_ns = NEVER_NS
 
     @property
     def pending(self) -> bool:
         """Tell whether something waits for its acknowledgement."""
         return bool(self._pending)
+
+    @property
+    def register(self) -> int:
+        """Error register of CANopen: whether some fault was told and not cleared."""
+        return _ERROR_REGISTER if self._told else _NO_ERROR
 
     def found(self, code: FaultCode, kind: ElementKind, index: int, detail: int, now_ns: int) -> list[Frame]:
         """A fault was found: what to send now; nothing while it is pending or quiet."""
@@ -60,6 +67,7 @@ class Faults:
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
             return []
         self._told.add((kind, index))
+        self.history.add(code, kind, index)
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
         return self._pend(key, emergency, now_ns)
 

@@ -1,4 +1,4 @@
-"""What this PE says of itself: boot-up and CANopen heartbeat, state frames, both pages (rule 1).
+"""What this PE says of itself to its manager and its neighbours: state frames, both pages (rule 1).
 
 Page 0 goes out on every port once in the heartbeat period of that bus, at this node's own place in the period, so that
 34 PEs do not all start at once; page 1 follows every tenth. What changes is said at once, out of turn, on every port:
@@ -14,14 +14,11 @@ from typing import NamedTuple
 
 from heronry_agent.table_index import TableIndex
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import FIRST_PE, PE_NODES, heartbeat_id, state_id
+from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
 from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.sansio import Send
 
-HEARTBEAT_NS = 1_000_000_000
 PAGE_1_EVERY = 10
-
-_BOOT_UP, _OPERATIONAL, _PRE_OPERATIONAL = b"\x00", b"\x05", b"\x7f"  # CiA 301 7.2.8.3.2
 
 
 class Facts(NamedTuple):
@@ -41,25 +38,20 @@ class Reporting:
     """Beats of one PE."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int) -> None:
-        """Boot-up is due now, the first state frames at this node's place in the next period."""
+        """The first state frames are due at this node's place in the next period."""
         self._ports = index.ports
         self._periods_ns = [port.heartbeat_ns for port in index.table.ports]
         self._offsets_ns = [(index.node - FIRST_PE) * period // len(PE_NODES) for period in self._periods_ns]
         self._incarnation = incarnation
-        self._state_id, self._heartbeat_id = state_id(index.node), heartbeat_id(index.node)
+        self._state_id = state_id(index.node)
         self._sequences = [0 for _ in self._ports]
         self._beats = [0 for _ in self._ports]
         self._beat_ns = [self._next_beat(port, now_ns) for port in self._ports]
-        self._heartbeat_ns = now_ns
-        self.booted = False
-        self.next_ns = now_ns
+        self.next_ns = min(self._beat_ns)
 
     def tick(self, now_ns: int, facts: Facts) -> list[Send]:
         """Send what is due."""
         sends = []
-        if now_ns >= self._heartbeat_ns:
-            sends += self._heartbeat(facts.state)
-            self._heartbeat_ns = now_ns - (now_ns - self._heartbeat_ns) % HEARTBEAT_NS + HEARTBEAT_NS
         for port in self._ports:
             if now_ns >= self._beat_ns[port]:
                 self._beat_ns[port] = self._next_beat(port, now_ns)
@@ -67,7 +59,7 @@ class Reporting:
                 if self._beats[port] % PAGE_1_EVERY == 0:
                     sends.append(self._page_1(port, facts))
                 self._beats[port] += 1
-        self.next_ns = min(self._heartbeat_ns, *self._beat_ns)
+        self.next_ns = min(self._beat_ns)
         return sends
 
     def at_once(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
@@ -84,13 +76,6 @@ class Reporting:
         """First instant after now at this node's place in a period."""
         period_ns, offset_ns = self._periods_ns[port], self._offsets_ns[port]
         return (now_ns - offset_ns) // period_ns * period_ns + period_ns + offset_ns
-
-    def _heartbeat(self, state: PeState) -> list[Send]:
-        if not self.booted:
-            self.booted, data = True, _BOOT_UP
-        else:
-            data = _PRE_OPERATIONAL if state is PeState.UNCONFIGURED else _OPERATIONAL
-        return [Send(port, Frame(self._heartbeat_id, data)) for port in self._ports]
 
     def _page_0(self, port: int, facts: Facts) -> Send:
         sequence = self._sequences[port]

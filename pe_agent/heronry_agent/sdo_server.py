@@ -143,7 +143,6 @@ class _BlockDownload:
     has_crc: bool
     data: bytearray = field(default_factory=bytearray)
     sequence: int = 0
-    has_begun: bool = False  # something of this block has come, so the client knows the answer to the one before
     is_complete: bool = False
 
 
@@ -212,11 +211,10 @@ class SdoServer:
         if now_ns >= self._limit_ns:
             return self._abort(transfer.index, transfer.sub_index, Abort.TIME_OUT)
         self.next_ns = self._limit_ns
-        if isinstance(transfer, _BlockUpload) and transfer.phase is _Phase.SENDING:
+        if isinstance(transfer, _BlockUpload):
             return self._send_segment(transfer, now_ns)
-        if isinstance(transfer, _BlockDownload) and transfer.has_begun:
-            return self._acknowledge(transfer)
-        return None
+        assert isinstance(transfer, _BlockDownload)
+        return self._acknowledge(transfer)
 
     def _await(self, now_ns: int, wake_ns: int = NEVER_NS) -> None:
         """Give the client time anew; be woken before that where something else is to be done."""
@@ -319,7 +317,6 @@ class SdoServer:
 
     def _block_segment(self, transfer: _BlockDownload, message: bytes, now_ns: int) -> bytes | None:
         sequence, is_last = message[0] & SEQUENCE_BITS, bool(message[0] & BLOCK_LAST_SEGMENT)
-        transfer.has_begun = True
         if sequence == transfer.sequence + 1:
             transfer.sequence = sequence
             transfer.data += message[1:]
@@ -334,7 +331,7 @@ class SdoServer:
 
     def _acknowledge(self, transfer: _BlockDownload) -> bytes:
         """Say how far the block has come; the next segment of the client has number 1 again."""
-        received, transfer.sequence, transfer.has_begun = transfer.sequence, 0, False
+        received, transfer.sequence = transfer.sequence, 0
         return segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, bytes((received, SEGMENTS_PER_BLOCK)))
 
     def _block_download_end(self, message: bytes, now_ns: int) -> bytes:

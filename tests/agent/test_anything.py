@@ -32,7 +32,7 @@ identifiers = st.one_of(
     st.integers(0, 0x7FF),
     st.sampled_from([management_id(m, c) for m in (126, 127) for c in Command]),
     st.sampled_from(
-        [128, 300, 1536, 1537, *(state_id(n) for n in (92, 93, 94)), *range(1884, 1890), *range(1920, 1924)]
+        [0, 128, 300, 1536, 1537, 1629, *(state_id(n) for n in (92, 93, 94)), *range(1884, 1890), *range(1920, 1924)]
     ),
 )
 frames = st.builds(

@@ -20,6 +20,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "table_command": ("table",),
     "sim_command": ("sim",),
     "dbc_command": ("dbc",),
+    "eds_command": ("eds",),
     "check_command": ("check",),
     "rules_command": ("rules", "explain", "schema"),
     "render_command": ("render",),
@@ -42,6 +43,7 @@ examples:
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
+  heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
   heronry render big_blue -o big_blue.svg        its dependency graph as a picture
   heronry diff big_blue my.dg.yaml               what changed, and what follows from it

@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from heronry_tools.reference import protocol_tables, spec_tables
+from heronry_tools.reference import canopen_tables, protocol_tables, spec_tables
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "spec keys": spec_tables.keys,
@@ -24,6 +24,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "messages": protocol_tables.messages,
     "fields": protocol_tables.fields,
     "times": protocol_tables.times,
+    "objects": canopen_tables.objects,
 }
 
 _PLACE = re.compile(r"<!-- table: (?P<name>[^>]+) -->\n.*?<!-- end of table -->", re.DOTALL)

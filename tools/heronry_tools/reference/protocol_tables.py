@@ -6,7 +6,7 @@ from itertools import groupby
 from heronry_agent import faults, mailboxes, reporting, staging
 from heronry_manager import beacon, core, deployment, health, planning, reconfiguration
 from heronry_tools.reference.markdown import code, table
-from heronry_wire import link, management, transmit_queue
+from heronry_wire import canopen_objects, link, management, transmit_queue
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Meaning, Use, classify, management_id
@@ -14,17 +14,17 @@ from heronry_wire.layout import Layout
 from heronry_wire.timing import worst_bits
 
 _USES = {
-    Use.NMT: "CANopen NMT: left free for it; nobody sends or obeys it yet",
+    Use.NMT: "CANopen NMT: obeyed by a PE that runs nothing and hears no manager",
     Use.EMERGENCY_EVENT: "CANaerospace emergency event of node n: a fault that is flight-critical",
-    Use.NODE_SERVICE: "CANaerospace node services; only IDS on channel 0 (128 asks, 129 answers) is answered",
+    Use.NODE_SERVICE: "CANaerospace node services; answered on channel 0 (128 asks, 129 answers)",
     Use.MANAGEMENT: "management, of manager",
     Use.EMCY: "CANopen EMCY of node n: a fault",
     Use.TIME: "CANopen TIME: left free for it",
     Use.STATE: "state of PE n",
     Use.GATEWAY: "gateways; not used yet",
     Use.STANDARD_DATA: "data with a standard CANaerospace identifier",
-    Use.SDO_RESPONSE: "CANopen SDO, answer of node n; not used yet",
-    Use.SDO_REQUEST: "CANopen SDO, request to node n; not used yet",
+    Use.SDO_RESPONSE: "CANopen SDO, answer of PE n",
+    Use.SDO_REQUEST: "CANopen SDO, request to PE n",
     Use.ALLOCATED_DATA: "data, allocated",
     Use.HEARTBEAT: "CANopen heartbeat of node n",
     Use.ACTUATOR_ECHO: "output echo of PE n",
@@ -118,7 +118,7 @@ def times() -> str:
         ("patience", f"{reconfiguration.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
         ("planning again", _time(planning.PLAN_AGAIN_NS), "after the planner has failed"),
         ("page 1", f"every {reporting.PAGE_1_EVERY}th page 0", "and on change"),
-        ("CANopen heartbeat", _time(reporting.HEARTBEAT_NS), "of a PE"),
+        ("CANopen heartbeat", _time(canopen_objects.HEARTBEAT_MS * 1_000_000), "of a PE; object 1017h changes it"),
         ("CANopen heartbeat", _time(beacon.CANOPEN_HEARTBEAT_NS), "of a manager"),
         ("quiet", _time(faults.QUIET_NS), "an acknowledged fault that is found again is not told for so long"),
         ("freshness", f"{mailboxes.FRESH_PERIODS} periods of the source", "an older datum is absent"),

@@ -1,0 +1,139 @@
+"""Serves the objects of `canopen_objects`: their values as bytes, and who may write what (CiA 301, 7.4).
+
+It knows types, lengths and access rights; what an object says comes from whoever made this dictionary, as functions
+that are called when somebody asks. A variable that nothing gives, or a function for what is no object, is an error of
+ours and found at once (InvariantError): so the table, the EDS and what is served are one thing.
+
+An element that an array could have and has not now is NO_DATA. What may be written by its rights, and nothing takes, is
+UNSUPPORTED. A value is taken as a whole or refused with its reason; nothing here raises for what a client sends.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from heronry_wire.canopen_objects import OBJECTS, Access, Entry, Kind, Type, Variable
+from heronry_wire.sansio import require
+from heronry_wire.sdo import Abort
+
+MOST_BYTES = 1 << 20
+"""Longest value that can be written."""
+
+Value = int | str | bytes
+Place = tuple[int, int]
+Reader = Callable[[], Value]
+Elements = Callable[[], Sequence[int | str]]
+NumberWriter = Callable[[int], Abort | None]
+BytesWriter = Callable[[bytes], Abort | None]
+
+_ENTRIES = {entry.index: entry for entry in OBJECTS}
+
+
+class ObjectDictionary:
+    """All objects of one node."""
+
+    def __init__(
+        self,
+        node: int,
+        readers: Mapping[Place, Reader],
+        arrays: Mapping[int, Elements],
+        number_writers: Mapping[Place, NumberWriter],
+        bytes_writers: Mapping[Place, BytesWriter],
+    ) -> None:
+        """Give what each object says now (places are index and sub-index), and what takes a value written to it."""
+        self._node = node
+        self._readers, self._arrays = readers, arrays
+        self._number_writers, self._bytes_writers = number_writers, bytes_writers
+        given, needed = readers.keys() | arrays.keys(), set(_needed())
+        require(given == needed, "objects without a value or values without an object: {}", given ^ needed)
+        writers = {*number_writers, *bytes_writers}
+        writable = {place for place in writers if self._right(*place) in (Access.READ_WRITE, Access.WRITE)}
+        require(writers == writable, "nobody may write {}", writers - writable)
+
+    def read(self, index: int, sub_index: int) -> bytes | Abort:
+        """Value of an object."""
+        variable = self._variable(index, sub_index)
+        if isinstance(variable, Abort):
+            return variable
+        if variable.access is Access.WRITE:
+            return Abort.WRITE_ONLY
+        value = self._value(variable, index, sub_index)
+        return value if isinstance(value, Abort) else _encode(variable.type, value)
+
+    def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
+        """Most bytes that may be written to an object; length is what was announced, if it was."""
+        variable = self._variable(index, sub_index)
+        if isinstance(variable, Abort):
+            return variable
+        if variable.access not in (Access.READ_WRITE, Access.WRITE):
+            return Abort.READ_ONLY
+        if (index, sub_index) not in self._number_writers and (index, sub_index) not in self._bytes_writers:
+            return Abort.UNSUPPORTED
+        if variable.type.length is None:
+            return Abort.OUT_OF_MEMORY if length is not None and length > MOST_BYTES else MOST_BYTES
+        return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
+
+    def write(self, index: int, sub_index: int, data: bytes) -> Abort | None:
+        """Take a value; `room` has admitted it."""
+        if (index, sub_index) in self._bytes_writers:
+            return self._bytes_writers[index, sub_index](data)
+        variable = _ENTRIES[index].variable(sub_index)
+        require(variable is not None, "no room was asked for {}", (index, sub_index))
+        assert variable is not None
+        if len(data) != variable.type.length:
+            return Abort.LENGTH
+        number = int.from_bytes(data, "little")
+        if variable.limits is not None and not variable.limits[0] <= number <= variable.limits[1]:
+            return Abort.VALUE
+        return self._number_writers[index, sub_index](number)
+
+    def _variable(self, index: int, sub_index: int) -> Variable | Abort:
+        entry = _ENTRIES.get(index)
+        if entry is None:
+            return Abort.NO_OBJECT
+        return entry.variable(sub_index) or Abort.NO_SUB_INDEX
+
+    def _right(self, index: int, sub_index: int) -> Access | None:
+        variable = self._variable(index, sub_index)
+        return None if isinstance(variable, Abort) else variable.access
+
+    def _value(self, variable: Variable, index: int, sub_index: int) -> Value | Abort:
+        reader = self._readers.get((index, sub_index))
+        if reader is not None:
+            return reader()
+        if index in self._arrays:
+            elements = self._arrays[index]()[: _ENTRIES[index].most]
+            if sub_index == 0:
+                return len(elements)
+            return elements[sub_index - 1] if sub_index <= len(elements) else Abort.NO_DATA
+        assert variable.value is not None
+        if variable.of_node:
+            assert isinstance(variable.value, int)
+            return variable.value + self._node
+        return variable.value
+
+
+def _needed() -> Iterator[Place | int]:
+    """Places whose value depends on the node, and indices of arrays."""
+    for entry in OBJECTS:
+        if _is_alive(entry):
+            yield entry.index
+            continue
+        last = entry.most or len(entry.variables)
+        for sub_index in (0,) if entry.kind in (Kind.VAR, Kind.DOMAIN) else range(1, last + 1):
+            variable = entry.variable(sub_index)
+            assert variable is not None
+            is_fixed = variable.access is Access.CONST or variable.of_node
+            if not is_fixed and variable.access is not Access.WRITE:
+                yield entry.index, sub_index
+
+
+def _is_alive(entry: Entry) -> bool:
+    """Tell whether an array has as many elements as there are just now."""
+    return entry.kind is Kind.ARRAY and (entry.count is None or entry.count.access is not Access.CONST)
+
+
+def _encode(kind: Type, value: Value) -> bytes:
+    """Bytes of a value, numbers little-endian; a number beyond its type's range is its largest."""
+    if isinstance(value, int):
+        assert kind.length is not None
+        return min(value, (1 << 8 * kind.length) - 1).to_bytes(kind.length, "little")
+    return value.encode("ascii", "replace") if isinstance(value, str) else value

@@ -1,0 +1,352 @@
+"""A PE as CANopen and CANaerospace tools see it: its core, read, written and commanded by an unmodified client."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from canopen import SdoAbortedError
+from canopen.sdo.exceptions import SdoCommunicationError
+
+from agent.canopen_master import Master
+from agent.one_pe import (
+    CONTROL,
+    DEMAND_ID,
+    FAR,
+    FLYING,
+    GATEWAY_TABLE,
+    MANAGER,
+    MONITOR,
+    MS,
+    NEIGHBOUR,
+    NODE,
+    SERVO_1,
+    SERVO_2,
+    TABLE,
+    OnePe,
+    pages,
+    sent,
+)
+from heronry_agent.vocabulary import Action, StartFailed
+from heronry_wire.canaerospace import DataType
+from heronry_wire.eds import eds_text
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
+from heronry_wire.management import FaultCode, Lease, PeState, Step
+from heronry_wire.node_services import Service, ServiceMessage, decode_service, encode_service, request
+from heronry_wire.sansio import Send
+
+BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
+START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
+SECOND = 1_000 * MS
+
+
+@pytest.fixture
+def master() -> Master:
+    pe = OnePe()
+    pe.pass_time(1 * MS)
+    return Master(pe)
+
+
+def refusal(act: Callable[[], Any]) -> int:
+    with pytest.raises(SdoAbortedError) as refused:
+        act()
+    code: int = refused.value.code
+    return code
+
+
+# Objects
+
+
+def test_every_object_of_the_eds_is_served_in_its_type(master: Master) -> None:
+    read = {}
+    for one in master.sdo.values():
+        variables = [one] if not hasattr(one, "values") else [one[0], *one.values()]
+        for variable in variables:
+            if variable.od.access_type != "wo":
+                data = variable.get_data()
+                assert not variable.od.fixed_size or len(data) == len(variable.od) // 8
+                read[variable.od.index, variable.od.subindex] = data
+    assert read[0x1018, 0] == b"\4"
+    assert len(read) > 60
+
+
+def test_a_pe_says_what_it_is(master: Master) -> None:
+    assert master.sdo[0x1000].raw == 0
+    assert [number.raw for number in master.sdo[0x1018].values()] == [0, 0x5045, 1, 0]
+    assert master.sdo["Manufacturer device name"].raw == "heronry PE"
+    assert master.sdo[0x1014].raw == 128 + NODE
+    assert [identifier.raw for identifier in master.sdo[0x1200].values()] == [0x600 + NODE, 0x580 + NODE]
+    assert [text.raw for text in master.sdo["Spec of this PE"].values()] == ["tail", "small", "00" * 32]
+    assert master.sdo["Table of this PE"].raw == TABLE.to_json().encode()
+    assert master.sdo["Store EDS"].raw == eds_text().encode()
+
+
+def test_it_tells_its_modules_and_what_each_does(master: Master) -> None:
+    assert [name.raw for name in master.sdo["Module name"].values()] == ["control", "servo_1", "servo_2", "monitor"]
+    assert [index.raw for index in master.sdo["Module index"].values()] == [CONTROL, SERVO_1, SERVO_2, MONITOR]
+    assert [image.raw for image in master.sdo["Module image"].values()] == ["control", "servo", "servo", "monitor"]
+
+    def doing() -> list[tuple[int, str]]:
+        states, modes = master.sdo["Module state"].values(), master.sdo["Module mode"].values()
+        return [(state.raw, mode.raw) for state, mode in zip(states, modes, strict=True)]
+
+    assert doing() == [(0, "")] * 4
+    master.pe.configure(FLYING, 7, Step.BREAK)
+    assert doing() == [(4, ""), (2, ""), (0, ""), (0, "")]
+    master.pe.configure(FLYING, 7, Step.GO)
+    assert doing() == [(1, "full"), (2, ""), (0, ""), (0, "")]
+    master.pe.configure(FLYING, 7, Step.GO_ALL)
+    assert doing() == [(1, "full"), (1, "only"), (0, ""), (0, "")]
+    master.pe.give(StartFailed(CONTROL, "oops"))
+    assert doing() == [(3, ""), (1, "only"), (0, ""), (0, "")]
+    assert refusal(lambda: master.sdo["Module name"][5].raw) == 0x0800_0024
+
+
+def test_its_state_is_that_of_its_state_frames(master: Master) -> None:
+    def state() -> list[int]:
+        return [number.raw for number in master.sdo["State of this PE"].values()]
+
+    assert state() == [0, 0, 5, 0, 0, 0, 0, 0, 0, 0]
+    assert [number.raw for number in master.sdo["Manager that is obeyed"].values()] == [0, 0, 0]
+    master.pe.configure(FLYING, 7)
+    master.pe.command(Lease(1, 7, Step.GO_ALL, 1007))
+    page_0, page_1 = master.pe.ask()
+    running = master.pe.core.reconfiguration.running
+    assert state() == [
+        *(PeState.ACTIVE, page_0.flags, 5, 7, 1007, running.slice_digest, 7, 1007),
+        *(page_1.reason, page_1.load),
+    ]
+    assert [number.raw for number in master.sdo["Manager that is obeyed"].values()] == [MANAGER, 1, 1]
+
+
+def test_faults_are_in_the_error_register_and_its_history(master: Master) -> None:
+    assert master.sdo[0x1001].raw == 0
+    master.pe.configure(FLYING, 7)
+    for module in (CONTROL, SERVO_1):
+        master.pe.give(StartFailed(module, "oops"))
+    master.pe.pass_time(SECOND)  # told again and again, and written down once
+    assert master.sdo[0x1001].raw == 0x81
+    assert [error.raw for error in master.sdo[0x1003].values()] == [
+        2 << 28 | module << 16 | FaultCode.MODULE_EXCEPTION for module in (SERVO_1, CONTROL)
+    ]
+    assert refusal(lambda: master.sdo[0x1003][3].raw) == 0x0800_0024
+    assert refusal(lambda: setattr(master.sdo[0x1003][0], "raw", 2)) == 0x0609_0030
+    assert refusal(lambda: setattr(master.sdo[0x1003][1], "raw", 0)) == 0x0601_0002
+    master.sdo[0x1003][0].raw = 0
+    assert master.sdo[0x1003][0].raw == 0
+    assert master.sdo[0x1001].raw == 0x81
+
+
+def test_the_heartbeat_time_can_be_set(master: Master) -> None:
+    heartbeat = master.sdo["Producer heartbeat time"]
+    assert heartbeat.raw == 1000
+    heartbeat.raw = 200
+    assert heartbeat.raw == 200
+    assert master.heartbeats(master.pe.pass_time(SECOND)) == [PRE_OPERATIONAL] * 5
+    heartbeat.raw = 0
+    assert master.heartbeats(master.pe.pass_time(5 * SECOND)) == []
+    assert refusal(lambda: setattr(heartbeat, "raw", 99)) == 0x0609_0030
+    assert refusal(lambda: master.sdo.download(0x1017, 0, b"\1\2\3")) == 0x0607_0010
+    assert refusal(lambda: master.sdo.download(0x1017, 0, bytes(9))) == 0x0607_0010
+    assert heartbeat.raw == 0
+    heartbeat.raw = 100
+    assert len(master.heartbeats(master.pe.pass_time(SECOND))) == 10
+
+
+def test_code_is_not_taken_by_sdo_and_says_so(master: Master) -> None:
+    program, control = master.sdo[0x1F50][1], master.sdo[0x1F51][1]
+    assert refusal(lambda: program.raw) == 0x0601_0001
+    assert refusal(lambda: setattr(program, "raw", b"a program")) == 0x0601_0000
+    assert refusal(lambda: setattr(control, "raw", 0)) == 0x0601_0000
+    assert control.raw == 1
+
+
+def test_a_table_is_taken_only_if_it_is_the_one_that_is_there(master: Master) -> None:
+    table = master.sdo["Table of this PE"]
+    same = TABLE.to_json().encode() + b"\n"
+    with table.open("wb", size=len(same), block_transfer=True, buffering=7) as stream:
+        stream.write(same)
+    assert refusal(lambda: setattr(table, "raw", GATEWAY_TABLE.to_json().encode())) == 0x0800_0022
+    assert refusal(lambda: table.open("wb", size=2**20 + 1, block_transfer=True)) == 0x0504_0005
+    with table.open("rb", block_transfer=True) as stream:
+        assert stream.read() == TABLE.to_json().encode()
+
+
+def test_what_is_not_understood_is_counted(master: Master) -> None:
+    counters = master.sdo["Counters"]
+    assert counters[1].raw == 0
+    master.pe.hear(Frame(sdo_request_id(NODE), b"\x40\x00\x10"))
+    master.pe.hear(Frame(0, b"\x01"))
+    master.pe.hear(Frame(0, b"\x09\x00"))
+    assert counters[1].raw == 3
+    assert counters[2].raw == 0
+
+
+def test_what_a_flying_pe_sends_is_the_same_while_it_is_read() -> None:
+    """State frames, data and echoes go out at the same instants, whatever a client fetches."""
+
+    def flown(*, read: bool) -> list[tuple[int, Send]]:
+        pe = OnePe()
+        pe.outputs[CONTROL] = {"demand": 1.0}
+        pe.configure(FLYING, 7)
+        pe.fly(100 * MS, epoch=7, digest=1007)
+        request_id, answer_id = sdo_request_id(NODE), sdo_response_id(NODE)
+        if read:
+            pe.hear(Frame(request_id, bytes.fromhex("a420200020000000")))
+            pe.hear(Frame(request_id, bytes.fromhex("a300000000000000")))
+        pe.done.clear()
+        pe.fly(200 * MS, epoch=7, digest=1007)
+        sends = [(at_ns, action) for at_ns, action in pe.done if isinstance(action, Send)]
+        answers = [at_ns for at_ns, send in sends if send.frame.can_id == answer_id]
+        assert len(answers) == (31 if read else 0)
+        assert len(set(answers)) == len(answers)  # one at a time
+        return [(at_ns, send) for at_ns, send in sends if send.frame.can_id != answer_id]
+
+    quiet = flown(read=False)
+    assert {DEMAND_ID, state_id(NODE)} <= {send.frame.can_id for _, send in quiet}
+    assert flown(read=True) == quiet
+
+
+# NMT
+
+
+def test_on_a_desk_nmt_works_as_in_the_book(master: Master) -> None:
+    for command, state in ((START, OPERATIONAL), (STOP, STOPPED), (ENTER_PRE_OPERATIONAL, PRE_OPERATIONAL)):
+        for node in (NODE, 0):
+            master.nmt(command, node)
+            assert master.heartbeats(master.pe.pass_time(SECOND)) == [state]
+    master.nmt(STOP, NEIGHBOUR)
+    assert master.heartbeats(master.pe.pass_time(SECOND)) == [PRE_OPERATIONAL]
+
+
+def test_a_stopped_pe_answers_no_sdo_until_a_manager_speaks(master: Master) -> None:
+    master.nmt(STOP)
+    with pytest.raises(SdoCommunicationError):
+        master.sdo.upload(0x1000, 0)
+    assert pages(master.pe.pass_time(100 * MS)), "its state frames go on"
+    master.pe.command(Lease(1, 0, Step.PREPARED, 0))
+    assert master.sdo[0x1000].raw == 0
+    assert master.heartbeats(master.pe.pass_time(SECOND)) == [PRE_OPERATIONAL]
+
+
+@pytest.mark.parametrize("command", [RESET_NODE, RESET_COMMUNICATION])
+def test_a_reset_says_boot_up_and_forgets_what_canopen_has_set(master: Master, command: int) -> None:
+    master.sdo[0x1017].raw = 0
+    master.pe.pass_time(SECOND)
+    master.nmt(STOP)
+    incarnation = master.pe.ask()[0].incarnation
+    assert master.heartbeats(master.nmt(command) + master.pe.pass_time(SECOND - 1)) == [BOOT_UP]
+    assert master.heartbeats(master.pe.pass_time(SECOND)) == [PRE_OPERATIONAL]
+    assert master.sdo[0x1017].raw == 1000
+    assert master.pe.ask()[0].incarnation == incarnation
+
+
+def test_a_flood_of_resets_is_answered_ten_times_a_second(master: Master) -> None:
+    actions: list[Action] = []
+    for _ in range(1_000):
+        actions += master.nmt(RESET_NODE, 0) + master.pe.pass_time(1 * MS)
+    assert len(master.heartbeats(actions)) <= 11
+
+
+@pytest.mark.parametrize("command", [START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION])
+def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> None:
+    pe = master.pe
+    pe.configure(FLYING, 7)
+    pe.fly(100 * MS, epoch=7, digest=1007)
+    for node in (0, NODE):
+        assert master.nmt(command, node) == []
+    flown = pe.fly(SECOND, epoch=7, digest=1007)
+    assert master.heartbeats(flown) == [OPERATIONAL]
+    assert len(pe.steps[SERVO_1]) >= 40
+    assert pe.ask()[0].state is PeState.ACTIVE
+    assert pe.core.counts["NMT command while a manager counts on this PE", 0] == 2
+    pe.pass_time(SECOND)  # the manager is gone, and what it gave goes on
+    assert master.nmt(command) == []
+    assert sorted(pe.running) == [CONTROL, SERVO_1]
+
+
+def test_nobody_holds_a_pe_up_that_a_manager_is_about_to_configure(master: Master) -> None:
+    master.pe.command(Lease(1, 0, Step.PREPARED, 0))
+    assert master.nmt(STOP) == []
+    assert master.sdo[0x1000].raw == 0
+
+
+def test_from_beyond_a_gateway_nobody_commands_or_reads() -> None:
+    pe = OnePe(GATEWAY_TABLE)
+    for frame in (Frame(0, bytes((STOP, 0))), Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))):
+        assert pe.hear(frame, port=1) == []
+        assert pe.core.counts["command from beyond", frame.can_id] == 1
+    assert sent(pe.hear(Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))), sdo_response_id(NODE), 0)
+
+
+# CANaerospace node services
+
+
+def asked(pe: OnePe, message: ServiceMessage) -> list[ServiceMessage]:
+    answers = [decode_service(frame) for frame in sent(pe.hear(encode_service(message)), 129)]
+    assert all(isinstance(answer, ServiceMessage) for answer in answers)
+    return [answer for answer in answers if isinstance(answer, ServiceMessage)]
+
+
+def test_time_that_is_given_can_be_read_and_moves_nothing(master: Master) -> None:
+    time = master.sdo["Time given by NSS"]
+    assert [number.raw for number in time.values()] == [0, 0xFFFF_FFFF]
+    due_ns = master.pe.core.next_deadline_ns()
+    assert asked(master.pe, request(Service.NSS, 0, data_type=DataType.ULONG, value=123_456)) == []
+    assert asked(master.pe, request(Service.NSS, 0, data_type=DataType.FLOAT, value=1.0)) == []
+    assert master.pe.core.next_deadline_ns() == due_ns
+    master.pe.pass_time(40 * MS)
+    assert [number.raw for number in time.values()] == [123_456, 40]
+
+
+@pytest.mark.parametrize(
+    ("data_type", "value", "result"),
+    [
+        (DataType.SHORT2, (heartbeat_id(NODE), 250), 0),
+        (DataType.SHORT2, (heartbeat_id(NODE), 0), 0),
+        (DataType.SHORT2, (heartbeat_id(NODE), 99), -6),
+        (DataType.SHORT2, (heartbeat_id(NODE), -1), -6),
+        (DataType.SHORT2, (heartbeat_id(FAR), 250), -6),
+        (DataType.SHORT2, (DEMAND_ID, 250), -6),
+        (DataType.ULONG, 250, -6),
+        (DataType.NODATA, None, -6),
+    ],
+)
+def test_the_interval_of_the_heartbeat_alone_can_be_set(
+    master: Master, data_type: DataType, value: Any, result: int
+) -> None:
+    (answer,) = asked(master.pe, request(Service.TIS, NODE, data_type=data_type, value=value))
+    assert (answer.datum.node_id, answer.datum.data_type) == (NODE, DataType.NODATA)
+    assert answer.datum.message_code == result & 0xFF
+    assert master.sdo[0x1017].raw == (1000 if result else value[1])
+    for node in (0, FAR):
+        assert asked(master.pe, request(Service.TIS, node, data_type=data_type, value=value)) == []
+
+
+def test_the_state_is_told_when_it_is_asked_for_but_not_at_any_rate(master: Master) -> None:
+    pe = master.pe
+    pe.pass_time(100 * MS)
+
+    def told(duration_ns: int) -> int:
+        return len(pages(pe.pass_time(duration_ns)))
+
+    quiet = told(10 * MS)
+    pe.hear(encode_service(request(Service.STS, NODE)))
+    assert told(0) == 2
+    pe.pass_time(SECOND - 10 * MS)
+    for _ in range(100):
+        pe.hear(encode_service(request(Service.STS, NODE)))
+        pe.pass_time(0)
+    assert told(20 * MS) <= 6
+    pe.pass_time(SECOND)
+    pe.hear(encode_service(request(Service.STS, 0)))
+    assert told(0) == 0
+    assert told(1 * MS) >= 2  # in its turn: the second of all
+    assert pe.hear(encode_service(request(Service.STS, FAR))) == []
+    assert quiet <= 1
+
+
+def test_malformed_and_unknown_requests_are_not_answered(master: Master) -> None:
+    for frame in (Frame(128, b"\x5d"), encode_service(request(Service.FPS, NODE)), encode_service(request(77, NODE))):
+        assert master.pe.hear(frame) == []
+    assert master.pe.core.counts["malformed node service", 128] == 1

@@ -1,0 +1,91 @@
+"""What the dictionary refuses by itself, and that it is what the table of objects says."""
+
+from typing import Any
+
+import pytest
+
+from heronry_agent.object_dictionary import MOST_BYTES, ObjectDictionary
+from heronry_wire.canopen_objects import ERROR_HISTORY, HEARTBEAT_TIME, IDENTITY, OBJECTS, TABLE, Access, Kind
+from heronry_wire.sansio import InvariantError
+from heronry_wire.sdo import Abort
+
+NODE = 93
+ARRAYS = [entry.index for entry in OBJECTS if entry.kind is Kind.ARRAY and entry.most > 1]
+PLACES = [
+    (entry.index, sub_index)
+    for entry in OBJECTS
+    if entry.index not in ARRAYS
+    for sub_index in range(max(entry.most, len(entry.variables)) + 1)
+    if (variable := entry.variable(sub_index)) is not None
+    and variable.access not in (Access.CONST, Access.WRITE)
+    and not variable.of_node
+]
+
+
+def dictionary(**other: Any) -> ObjectDictionary:
+    """One that says 7, or seven letters, and takes everything that fits."""
+    given = {
+        "readers": {place: lambda: 7 for place in PLACES},
+        "arrays": {index: lambda: ["a name"] * 300 for index in ARRAYS},
+        "number_writers": {(HEARTBEAT_TIME, 0): lambda _: None, (ERROR_HISTORY, 0): lambda _: None},
+        "bytes_writers": {(TABLE, 0): lambda _: None},
+    }
+    return ObjectDictionary(NODE, **{**given, **other})
+
+
+def test_every_object_has_a_value_and_every_value_an_object() -> None:
+    dictionary()
+    readers = {place: lambda: 7 for place in PLACES}
+    with pytest.raises(InvariantError, match="4120"):  # the identity is fixed
+        dictionary(readers={**readers, (IDENTITY, 1): lambda: 7})
+    with pytest.raises(InvariantError, match="4119"):  # nothing gives the heartbeat time
+        dictionary(readers={place: lambda: 7 for place in PLACES if place != (HEARTBEAT_TIME, 0)})
+    with pytest.raises(InvariantError, match="nobody may write"):
+        dictionary(number_writers={(IDENTITY, 1): lambda _: None})
+    with pytest.raises(InvariantError, match="nobody may write"):
+        dictionary(bytes_writers={(0x3000, 0): lambda _: None})
+
+
+def test_numbers_are_little_endian_and_never_longer_than_their_type() -> None:
+    readers = {place: lambda: 0x0102 for place in PLACES}
+    large = dictionary(readers={**readers, (HEARTBEAT_TIME, 0): lambda: 0x12345})
+    assert large.read(HEARTBEAT_TIME, 0) == b"\xff\xff"
+    assert large.read(0x2000, 5) == b"\x02\x01\0\0"
+    assert large.read(0x2000, 1) == b"\xff"
+
+
+def test_an_array_shows_as_many_elements_as_sub_indices_can_name() -> None:
+    assert dictionary().read(0x2010, 0) == bytes((254,))
+    assert dictionary().read(0x2010, 254) == b"a name"
+    assert dictionary().read(0x2010, 255) is Abort.NO_SUB_INDEX
+
+
+@pytest.mark.parametrize(
+    ("place", "length", "answer"),
+    [
+        ((0x3000, 0), 1, Abort.NO_OBJECT),
+        ((IDENTITY, 9), 1, Abort.NO_SUB_INDEX),
+        ((IDENTITY, 1), 4, Abort.READ_ONLY),
+        ((0x2000, 1), 1, Abort.READ_ONLY),
+        ((0x1F51, 1), 1, Abort.UNSUPPORTED),
+        ((HEARTBEAT_TIME, 0), 4, Abort.LENGTH),
+        ((HEARTBEAT_TIME, 0), 2, 2),
+        ((HEARTBEAT_TIME, 0), None, 2),
+        ((TABLE, 0), MOST_BYTES, MOST_BYTES),
+        ((TABLE, 0), MOST_BYTES + 1, Abort.OUT_OF_MEMORY),
+        ((TABLE, 0), None, MOST_BYTES),
+    ],
+)
+def test_how_much_may_be_written(place: tuple[int, int], length: int | None, answer: int | Abort) -> None:
+    assert dictionary().room(*place, length) == answer
+
+
+def test_a_number_of_another_length_or_beyond_its_limits_is_refused() -> None:
+    assert dictionary().write(HEARTBEAT_TIME, 0, b"\1\2\3") is Abort.LENGTH
+    assert dictionary().write(ERROR_HISTORY, 0, b"\1") is Abort.VALUE
+    assert dictionary().write(ERROR_HISTORY, 0, b"\0") is None
+
+
+def test_writing_without_having_asked_for_room_is_a_mistake_of_ours() -> None:
+    with pytest.raises(InvariantError, match="no room was asked"):
+        dictionary().write(IDENTITY, 9, b"\1")
