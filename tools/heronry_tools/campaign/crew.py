@@ -22,7 +22,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
-from heronry_manager.planner.exact import PlannerDefectError, plan
+from heronry_manager.planner.exact import Planner, PlannerDefectError
 from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
 from heronry_tools.errors import UserError
 
@@ -39,14 +39,25 @@ class Task:
     downs: tuple[FaultSet, ...]
 
 
+_warm: list[Planner] = []  # the planner of this process, once there is one
+
+
 def solved(task: Task) -> list[Outcome]:
     """Answer all questions of a task, in their order."""
-    return [_solved(task, down) for down in task.downs]
+    planner = _planner(task.spec)
+    return [_solved(planner, task, down) for down in task.downs]
 
 
-def _solved(task: Task, down: FaultSet) -> Outcome:
+def _planner(spec: Spec) -> Planner:
+    """Give the planner of this process, for as long as all tasks are about one spec."""
+    if not _warm or _warm[0].spec != spec:
+        _warm[:] = [Planner(spec)]
+    return _warm[0]
+
+
+def _solved(planner: Planner, task: Task, down: FaultSet) -> Outcome:
     now = Situation(down, {}, task.phase)
-    found = plan(task.spec, now, task.running)
+    found = planner.plan(now, task.running)
     violations = verify(task.spec, now, found.configuration)
     if violations:
         raise PlannerDefectError(f"the plan for {', '.join(sorted(down))} is not legal: {violations[0]}")
