@@ -75,6 +75,7 @@ class Bound:
     wait_ns: int = 0
     slice_frames: int = 0
     steps: tuple[Step, ...] = ()
+    heard_on: str = ""  # the bus on which it shows at last that PEs are silent, or speak again
     note: str = ""
     is_hopeless: bool = False  # nothing is done about it: nobody can be commanded, or nobody notices
 
@@ -125,11 +126,12 @@ class Bounds:
         times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
         found = Bound(case, None, decide_ns)
         if case.returns:
-            speaks_ns = [(1 + HOLD_DOWN_PERIODS) * self._period_ns(pe) + self._up(pe, times) for pe in case.returns]
-            return replace(found, detect_ns=max(speaks_ns), note="the first time in a minute")
+            told_ns, last = max((self._speaks_ns(pe) + self._up(pe, times), pe) for pe in case.returns)
+            found = replace(found, note="the first time in a minute")
+            return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.silent:
-            heard = [pe for pe in case.silent if pe in self._paths]
-            return replace(found, detect_ns=max(self._silence_ns(pe) + self._up(pe, times) for pe in heard))
+            told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
+            return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
         if case.fault is FaultClass.BUS_LOST:
             return replace(found, note="nobody falls silent: it is not noticed", is_hopeless=True)
         told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
@@ -205,6 +207,9 @@ class Bounds:
         elif pe not in case.returns and before.slice_digests[node] == after.slice_digests[node]:
             length = 0
         return 1 + -(-length // SLICE_BYTES_PER_FRAME)
+
+    def _speaks_ns(self, pe: str) -> int:
+        return (1 + HOLD_DOWN_PERIODS) * self._period_ns(pe)
 
     def _silence_ns(self, pe: str) -> int:
         bus = self._spec.buses[uplink_bus(self._spec, pe)]

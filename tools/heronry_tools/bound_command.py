@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 The sum runs from the fault to the moment at which every PE on a wire does what the new plan wants; from the report on,
-where a module reports. Every single fault is planned, as the manager would plan it; each class shows its worst.
+where a module reports. Every single fault is planned, as the manager would plan it; each class shows its worst, for
+each bus on which PEs report, since heartbeats are a bus's own.
 
 detect, distribute and activate are bounds: from the same analysis of the buses as 'heronry bus', the slices of each
 plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and say nothing
@@ -108,32 +109,34 @@ def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
 
 
 def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
-    """The worst element of each class; one without a bound, unless nothing could be done about it anyway."""
+    """The worst element of each class, by the bus on which it shows: heartbeats are a bus's own."""
     worst: dict[str, Bound] = {}
-    for bound in bounds:
-        known = worst.get(bound.case.fault.value)
+    for bound in (one for one in bounds if not one.is_hopeless):
+        known = worst.get(_named(bound))
         if known is None or _badness(bound) > _badness(known):
-            worst[bound.case.fault.value] = bound
+            worst[_named(bound)] = bound
     return list(worst.values())
 
 
+def _named(bound: "Bound") -> str:
+    fault = bound.case.fault.value
+    return f"{fault}, {bound.heard_on}" if bound.heard_on else fault
+
+
 def _badness(bound: "Bound") -> int:
-    if bound.is_hopeless:
-        return -1
     return 1 << 63 if bound.total_ns is None else bound.total_ns
 
 
 def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_measured: bool) -> None:
     from heronry_tools.tables import Bad, Table, print_tables  # noqa: PLC0415
 
-    worst = _worst(bounds)
     named = f", phase {phase}" if phase is not None else ""
     how = "decide is measured on this machine, all else is a bound" if is_measured else "decide is given"
     rows: list[Sequence[Cell]] = []
-    for bound in (one for one in worst if not one.is_hopeless):
+    for bound in _worst(bounds):
         total: Cell = Bad("no bound") if bound.total_ns is None else _ms(bound.total_ns)
         parts = (bound.detect_ns, bound.decide_ns, bound.distribute_ns, bound.activate_ns, bound.wait_ns)
-        rows.append((bound.case.fault.value, total, *(_ms(part) for part in parts), _remark(bound)))
+        rows.append((_named(bound), total, *(_ms(part) for part in parts), _remark(bound)))
     columns = ("at worst, ms", "total", "detect", "decide", "distribute", "activate", "T_lease", "where")
     hopeless = [(bound.case.element, bound.note) for bound in bounds if bound.is_hopeless]
     tables = [Table(columns, rows)] + ([Table(("beyond help", ""), hopeless)] if hopeless else [])
@@ -155,7 +158,7 @@ def _document(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_
         "spec": spec.digest,
         "phase": phase,
         "decide_is": "measured" if is_measured else "given",
-        "classes": {bound.case.fault.value: _facts(bound) for bound in _worst(bounds)},
+        "classes": {_named(bound): _facts(bound) for bound in _worst(bounds)},
         "faults": [{"class": bound.case.fault.value, **_facts(bound)} for bound in bounds],
     }
 
