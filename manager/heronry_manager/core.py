@@ -153,7 +153,7 @@ class ManagerCore:
             case PlanReady():
                 self._plan_ready(event)
             case PlanFailed():
-                self._planning.failed(event)
+                self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
         if self._reign in (Reign.STARTING, Reign.REIGNING):
@@ -360,13 +360,21 @@ class ManagerCore:
 
     def _settle(self) -> None:
         """Say that nothing is under way, if nothing is."""
-        running = self._deployment.running
-        if running is not None and self._deployment.next is None and not self._planning.waiting:
+        running, plan = self._deployment.running, self._deployment.plan
+        if running is None or self._deployment.next is not None or self._planning.waiting:
+            return
+        if plan is not None and not plan.optimal and not self._planning.at_leisure:
+            self._planning.ask_at_leisure(self._situation.down(), self._situation.phase, running)
+        else:
             self._turn.ask(Settled(self._situation.down(), self._situation.phase, running))
 
     def _plan_ready(self, answer: PlanReady) -> None:
-        if not self._planning.takes(answer):
+        if not self._planning.awaits(answer):
             return
+        if self._planning.keeps_to(self._deployment.plan, answer):
+            self._settle()
+            return
+        self._planning.takes(answer)
         if self._runs_already(answer.plan):
             self._planning.causes.clear()
             self._turn.emit("plan_unchanged", request=answer.request)
@@ -376,6 +384,11 @@ class ManagerCore:
             self._planning.causes.clear()
         else:
             self._deployment.prepare(answer.plan, self._planning.causes)
+
+    def _plan_failed(self, answer: PlanFailed) -> None:
+        if self._planning.failed(answer) and self._planning.at_leisure:
+            self._planning.causes.clear()
+            self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
         """Tell whether nothing has to be done for a plan; what another reign has brought about may be just that."""

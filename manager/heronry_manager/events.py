@@ -32,6 +32,7 @@ KINDS: Mapping[str, str] = {
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
+    "plan_kept": "request: the best plan is no better where it counts than what runs, which is left alone",
     "epoch_prepared": "epoch, digest, pes, bytes: PREPARE and the slices are out",
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
@@ -85,6 +86,7 @@ _STAGE = {
     "epoch_step": "activating",
     "reconfigured": "running",
     "plan_unchanged": "running",
+    "plan_kept": "running",
     "stopped": "stopped",
 }
 

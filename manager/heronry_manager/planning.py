@@ -5,6 +5,12 @@
     again     the planner has failed: the same is asked again after PLAN_AGAIN_NS, or before that if the situation
               changes; until then what runs goes on
 
+*At leisure.* A plan that was made at once may not be the best. Once it runs everywhere and nothing else is under way,
+the best one is asked for, with what runs now as what to keep to; so the answer can be compared, and asked once only for
+each situation. It is taken if it is better at levels 1 to 3 of the objective. Those rank above the number of changes
+(level 4): they are worth interrupting a module for, and what ranks below is not. A failure to answer is left at that.
+No plan is swapped while it is being deployed: that would begin anew what is half done, for a plan that did not know.
+
 An answer that never comes blocks nothing: the next change of the situation asks anew. One that comes twice is dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
@@ -12,11 +18,13 @@ forgets them: what is wrong then is found out again.
 """
 
 from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan
 from heronry_manager.reconfiguration import Cause
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
 PLAN_AGAIN_NS = 1_000_000_000
+_ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
 class Planning:
@@ -26,14 +34,17 @@ class Planning:
         self._turn = turn
         self._request = 0
         self.waiting = False
+        self.at_leisure = False  # the last question was
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
 
-    def ask(self, down: frozenset[str], phase: str | None, running: Placement | None) -> None:
-        """Ask for the best plan in this situation."""
+    def ask(
+        self, down: frozenset[str], phase: str | None, running: Placement | None, *, at_leisure: bool = False
+    ) -> None:
+        """Ask for a plan in this situation."""
         self._request += 1
-        self.waiting, self.again_ns = True, None
-        self._turn.ask(RequestPlan(self._request, down, phase, running))
+        self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
+        self._turn.ask(RequestPlan(self._request, down, phase, running, at_leisure))
         self._turn.emit(
             "plan_requested",
             request=self._request,
@@ -46,22 +57,42 @@ class Planning:
         """Tell whether it is time to ask again."""
         return self.again_ns is not None and self._turn.now_ns >= self.again_ns
 
-    def failed(self, answer: PlanFailed) -> None:
-        """The planner could not answer."""
-        if answer.request != self._request:
-            return
-        self.waiting, self.again_ns = False, self._turn.now_ns + PLAN_AGAIN_NS
-        self._turn.emit("plan_failed", request=answer.request, reason=answer.reason)
-
-    def takes(self, answer: PlanReady) -> bool:
-        """Tell whether a plan answers the question that counts; it does so once."""
+    def failed(self, answer: PlanFailed) -> bool:
+        """Tell whether the question that counts has found no answer; what was asked at leisure is given up."""
         if answer.request != self._request or not self.waiting:
             return False
+        self.waiting, self.again_ns = False, None if self.at_leisure else self._turn.now_ns + PLAN_AGAIN_NS
+        self._turn.emit("plan_failed", request=answer.request, reason=answer.reason)
+        return True
+
+    def awaits(self, answer: PlanReady) -> bool:
+        """Tell whether a plan answers the question that counts; it does so once."""
+        return answer.request == self._request and self.waiting
+
+    def takes(self, answer: PlanReady) -> None:
+        """This plan it is."""
         self.waiting = False
         decide_ns = self._turn.now_ns - self.causes[-1].known_ns if self.causes else 0
         self._turn.emit("plan_ready", request=answer.request, plan=answer.plan.document(), decide_ns=decide_ns)
+
+    def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
+        """Tell whether a plan is not good enough to take the place of what runs; then that is settled."""
+        if running is None or not self.at_leisure or _is_better(answer.plan, running):
+            return False
+        self.waiting = False
+        self.causes.clear()
+        self._turn.emit("plan_kept", request=answer.request)
         return True
+
+    def ask_at_leisure(self, down: frozenset[str], phase: str | None, running: Placement) -> None:
+        """Ask for the best plan, in place of one that was made at once and runs now."""
+        self.causes.append(Cause("a better plan", self._turn.now_ns, self._turn.now_ns))
+        self.ask(down, phase, running, at_leisure=True)
 
     def done(self, causes: tuple[Cause, ...]) -> None:
         """These have been taken into account, by what runs now."""
         self.causes = [cause for cause in self.causes if cause not in causes]
+
+
+def _is_better(plan: Plan, running: Plan) -> bool:
+    return plan.objective.key()[:_ABOVE_CHANGES] > running.objective.key()[:_ABOVE_CHANGES]

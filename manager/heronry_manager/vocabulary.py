@@ -14,12 +14,16 @@ from heronry_wire.sansio import Received, Send, Tick
 
 @dataclass(frozen=True, slots=True)
 class RequestPlan:
-    """Ask for the best plan; answer with PlanReady or PlanFailed and the same number."""
+    """Ask for a plan; answer with PlanReady or PlanFailed and the same number.
+
+    at_leisure: for the best plan, however long it takes. Else it must come at once, and need not be the best.
+    """
 
     request: int
     down: frozenset[str]
     phase: str | None
     running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
+    at_leisure: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 import select
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -10,13 +11,14 @@ from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
+from heronry_dg.verify import Violation
 from heronry_manager.contingency.contingencies import contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.planner.sweep import Outcome, Question, Scope, Sweep
-from heronry_manager.vocabulary import PlanReady, RequestPlan
+from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
 FILE = shipped_spec_path("elevator_and_chute")
 SPEC = load(FILE)
@@ -48,11 +50,58 @@ def answer_of(foresight: Foresight) -> PlanReady:
     return answer
 
 
-def test_what_was_not_foreseen_is_asked_for(foresight: Foresight) -> None:
+def at_once(foresight: Foresight, asked: RequestPlan) -> PlanReady:
+    answer = foresight.request(asked)
+    assert isinstance(answer, PlanReady)
+    assert answer.request == asked.request
+    return answer
+
+
+def was_foreseen(foresight: Foresight, asked: RequestPlan) -> bool:
+    """A plan that was foreseen is proven; one that was made at once is not."""
+    return at_once(foresight, asked).plan.optimal
+
+
+def test_what_was_not_foreseen_gets_a_plan_at_once_and_the_best_one_at_leisure(foresight: Foresight) -> None:
+    answer = at_once(foresight, RequestPlan(1, TAIL_LOST, None, RUNNING))
+    assert not answer.plan.optimal
+    assert answer.plan.functions["parachute"].served
+    runs_now = placement(answer.plan.configuration)
+    assert foresight.request(RequestPlan(2, TAIL_LOST, None, runs_now, at_leisure=True)) is None
+    best = answer_of(foresight)
+    assert best.request == 2
+    assert best.plan.configuration == plan(SPEC, Situation(TAIL_LOST), runs_now).configuration
+
+
+def test_the_first_configuration_has_time_to_be_the_best(foresight: Foresight) -> None:
+    assert foresight.request(RequestPlan(1, frozenset(), None, None)) is None
+    assert answer_of(foresight).plan.optimal
+
+
+def test_without_a_solver_everything_is_answered_at_once_and_nothing_is_started() -> None:
+    def no_thinker() -> PlannerClient:
+        raise AssertionError("a thinker needs a solver")
+
+    foresight = Foresight(SPEC, None, no_thinker)
+    first = at_once(foresight, RequestPlan(1, frozenset(), None, None)).plan
+    assert first.objective.critical == plan(SPEC, Situation()).objective.critical
+    running = placement(first.configuration)
+    foresight.settled(frozenset(), None, running)
+    assert (foresight.readers(), foresight.poll(), foresight.is_thinking) == ([], [], False)
+    same = at_once(foresight, RequestPlan(2, frozenset(), None, running, at_leisure=True)).plan
+    assert same.configuration == first.configuration
+
+
+def test_a_greedy_plan_that_the_judge_refuses_is_not_flown(
+    foresight: Foresight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusal = Violation("7.cpu", "pe tail_pe", "it is too much")
+    monkeypatch.setattr("heronry_manager.planner.foresight.verify", lambda *_: [refusal])
     assert foresight.request(RequestPlan(1, TAIL_LOST, None, RUNNING)) is None
-    answer = answer_of(foresight)
-    assert answer.request == 1
-    assert answer.plan.configuration == plan(SPEC, Situation(TAIL_LOST), RUNNING).configuration
+    assert answer_of(foresight).plan.optimal
+    alone = Foresight(SPEC, None, lambda: pytest.fail("a thinker needs a solver"))
+    refused = alone.request(RequestPlan(2, TAIL_LOST, None, RUNNING))
+    assert refused == PlanFailed(2, "the greedy plan is not legal: rule 7.cpu, pe tail_pe: it is too much")
 
 
 def test_every_single_loss_is_at_hand_once_a_configuration_runs(foresight: Foresight) -> None:
@@ -60,9 +109,7 @@ def test_every_single_loss_is_at_hand_once_a_configuration_runs(foresight: Fores
     think_to_the_end(foresight)
     for number, pe in enumerate(SPEC.pes, start=1):
         down = frozenset({f"pe:{pe}"})
-        answer = foresight.request(RequestPlan(number, down, None, RUNNING))
-        assert answer is not None
-        assert answer.request == number
+        answer = at_once(foresight, RequestPlan(number, down, None, RUNNING))
         assert answer.plan == plan(SPEC, Situation(down), RUNNING)
 
 
@@ -70,8 +117,8 @@ def test_a_return_is_at_hand_too(foresight: Foresight) -> None:
     degraded = placement(plan(SPEC, Situation(TAIL_LOST), RUNNING).configuration)
     foresight.settled(TAIL_LOST, None, degraded)
     think_to_the_end(foresight)
-    answer = foresight.request(RequestPlan(7, frozenset(), None, degraded))
-    assert answer is not None
+    answer = at_once(foresight, RequestPlan(7, frozenset(), None, degraded))
+    assert answer.plan.optimal
     assert answer.plan.functions["elevator"].served
 
 
@@ -79,18 +126,18 @@ def test_a_plan_made_for_another_configuration_is_not_used(foresight: Foresight)
     foresight.settled(frozenset(), None, RUNNING)
     think_to_the_end(foresight)
     other = {**RUNNING, "state_estimator": ("only", "sensor_pe")}
-    assert foresight.request(RequestPlan(1, TAIL_LOST, None, other)) is None
+    assert not was_foreseen(foresight, RequestPlan(1, TAIL_LOST, None, other))
     foresight.settled(frozenset(), None, other)
-    assert foresight.request(RequestPlan(2, TAIL_LOST, None, RUNNING)) is None
+    assert not was_foreseen(foresight, RequestPlan(2, TAIL_LOST, None, RUNNING))
 
 
 def test_a_real_question_does_not_wait_for_those_ahead(foresight: Foresight) -> None:
     foresight.settled(frozenset(), None, RUNNING)
     both = frozenset({"pe:tail_pe", "pe:sensor_pe"})
-    assert foresight.request(RequestPlan(1, both, None, RUNNING)) is None
+    assert foresight.request(RequestPlan(1, both, None, RUNNING, at_leisure=True)) is None
     assert answer_of(foresight).request == 1
     think_to_the_end(foresight)
-    assert foresight.request(RequestPlan(2, TAIL_LOST, None, RUNNING)) is not None
+    assert was_foreseen(foresight, RequestPlan(2, TAIL_LOST, None, RUNNING))
 
 
 def test_what_is_in_a_contingency_table_is_at_hand_and_not_thought_about() -> None:
@@ -103,15 +150,27 @@ def test_what_is_in_a_contingency_table_is_at_hand_and_not_thought_about() -> No
         foresight = Foresight(SPEC, planner, lambda: planner, table)
         foresight.settled(frozenset(), None, RUNNING)
         assert not foresight.is_thinking
-        answer = foresight.request(RequestPlan(7, TAIL_LOST, None, RUNNING))
-        assert answer is not None
-        assert answer.request == 7
+        answer = at_once(foresight, RequestPlan(7, TAIL_LOST, None, RUNNING))
         assert answer.plan.configuration == plan(SPEC, Situation(TAIL_LOST), RUNNING).configuration
         two = frozenset({"pe:sensor_pe", "pe:control_pe"})
-        assert foresight.request(RequestPlan(8, two, None, RUNNING)) is None
-        assert answer_of(foresight).request == 8
+        assert not was_foreseen(foresight, RequestPlan(8, two, None, RUNNING))
 
 
 def _planned(question: Question) -> Outcome:
     found = plan(SPEC, Situation(question.down, {}, question.phase), question.running)
     return Outcome(found.configuration, found.objective, found.optimal)
+
+
+def test_the_next_phase_is_at_hand_too(tmp_path: Path) -> None:
+    file = tmp_path / "phases.dg.yaml"
+    phases = "phases: {climb: {}, glide: {}, land: {}}\n"
+    file.write_text(FILE.read_text().replace("functions:\n", f"{phases}functions:\n"))
+    spec = load(file)
+    running = placement(plan(spec, Situation(phase="climb"), None).configuration)
+    with PlannerClient(spec, file) as planner, PlannerClient(spec, file) as thinker:
+        foresight = Foresight(spec, planner, lambda: thinker)
+        foresight.settled(frozenset(), "climb", running)
+        think_to_the_end(foresight)
+        answer = foresight.request(RequestPlan(1, frozenset(), "glide", running))
+        assert isinstance(answer, PlanReady)
+        assert answer.plan == plan(spec, Situation(phase="glide"), running)

@@ -117,7 +117,7 @@ class Show:
                 self._pending = "a plan"
             case "plan_ready":
                 self._plan = one["plan"]
-            case "plan_unchanged":
+            case "plan_unchanged" | "plan_kept":
                 self._pending = None
             case "epoch_prepared":
                 self._pending = f"epoch {one['epoch']}"

@@ -22,6 +22,7 @@ _FOLLOWS = {
     "manager_started": "idle",
     "plan_requested": "planning",
     "plan_unchanged": "idle",
+    "plan_kept": "idle",
     "plan_failed": "idle",
     "epoch_prepared": "preparing",
     "epoch_abandoned": "planning",
