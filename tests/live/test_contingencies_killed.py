@@ -3,11 +3,18 @@
 import signal
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
 
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import elements
+from heronry_manager.planner.sweep import Question
+from heronry_tools.campaign.crew import answers, crew
 from heronry_tools.cli import main
+from heronry_tools.errors import UserError
 
 pytestmark = pytest.mark.live
 
@@ -46,6 +53,19 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path: Path, capsys: pytest.Capt
     assert main(["contingencies", "--check", str(killed), "big_blue", "--jobs", "2"]) == 0
 
 
+def test_a_crew_that_is_killed_is_one_sentence() -> None:
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    questions = [Question(None, frozenset({one}), None) for one in elements(spec)]
+    with crew(2) as executor:
+        assert isinstance(executor, ProcessPoolExecutor)
+        got = answers(spec, executor, questions)
+        next(got)
+        for process in list(executor._processes.values()):
+            process.kill()
+        with pytest.raises(UserError, match="give the same command again"):
+            list(answers(spec, executor, questions))
+
+
 @pytest.mark.filterwarnings("ignore")  # of what Dask does with its own
 def test_a_dask_cluster_finds_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     distributed = pytest.importorskip("distributed")
@@ -68,7 +88,7 @@ def test_a_cluster_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pyt
 def test_a_manager_flies_on_plans_made_ahead(tmp_path: Path) -> None:
     file = tmp_path / "chute.contingencies"
     assert main(["contingencies", "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1"]) == 0
-    demo = ["demo", "elevator_and_chute", "--contingencies", str(file), "--kill", "pe:tail_pe@0.5", "--for", "2"]
+    demo = ["demo", "elevator_and_chute", "--contingencies", str(file), "--kill", "pe:tail_pe@0.5", "--for", "4"]
     command = [sys.executable, "-m", "heronry_tools.cli", *demo]
     shown = subprocess.run(command, check=True, capture_output=True, text=True)
     assert "heard on the bus at the end: parachute\n" in shown.stdout

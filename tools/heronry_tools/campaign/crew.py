@@ -10,7 +10,7 @@ when we end, however that happens.
 import os
 import signal
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
@@ -71,9 +71,12 @@ def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]
         for task in tasks:
             yield from zip(_questions(task), solved(task), strict=True)
         return
-    under_way = {executor.submit(solved, task): task for task in tasks}
-    for done in as_completed(under_way):
-        yield from zip(_questions(under_way[done]), done.result(), strict=True)
+    try:
+        under_way = {executor.submit(solved, task): task for task in tasks}
+        for done in as_completed(under_way):
+            yield from zip(_questions(under_way[done]), done.result(), strict=True)
+    except (BrokenExecutor, CancelledError) as error:
+        raise UserError("a process that planned has ended, or was ended; give the same command again") from error
 
 
 def _tasks(spec: Spec, questions: Iterable[Question]) -> Iterator[Task]:
