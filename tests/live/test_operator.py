@@ -1,0 +1,113 @@
+"""The operator and a running system, each a process of its own: phases, faults, status, and who may not call."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.shipped import shipped_spec_path
+
+pytestmark = pytest.mark.live
+HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+PHASES = "phases: {climb: {}, land: {}}\n"
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    """Figure 3 of the paper, with a phase in which nobody watches the servos any more."""
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    wanted = "output: servo_monitor, criticality: D, priority: 20"
+    assert wanted in text
+    text = text.replace(wanted, "output: servo_monitor, criticality: D, priority: {default: 20, land: 0}")
+    file = tmp_path / "phases.dg.yaml"
+    file.write_text(text.replace("functions:\n", f"{PHASES}functions:\n"))
+    return file
+
+
+def heronry(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*HERONRY, *arguments], capture_output=True, text=True, timeout=90, check=False)
+
+
+def test_the_demo_enters_a_phase_and_tells_it(spec: Path) -> None:
+    told = heronry("demo", str(spec), "--phase", "land@1", "--for", "3")
+    assert told.returncode == 0, told.stdout + told.stderr
+    assert "PHASE land (was climb), asked for by the operator" in told.stdout
+    assert "- servo_monitor stops" in told.stdout
+
+
+class Demo:
+    """A demo that runs until it is told to end, and its manager's socket."""
+
+    def __init__(self, spec: Path) -> None:
+        command = [*HERONRY, "demo", str(spec), "--kill", "pe:sensor_pe@600", "--json"]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def until(self, kind: str, **fields: Any) -> dict[str, Any]:
+        """Wait for an event."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            told: dict[str, Any] = json.loads(line)
+            if told["event"] == kind and fields.items() <= told.items():
+                return told
+        raise AssertionError(kind)
+
+    def say(self, *order: str) -> subprocess.CompletedProcess[str]:
+        (folder,) = Path("/tmp").glob(f"heronry-demo-{self.process.pid}-*")
+        return heronry(order[0], *order[1:], "--socket", str(folder / "manager.sock"))
+
+    def status(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.say("status", "--json").stdout)
+        return found
+
+    def end(self) -> None:
+        self.process.terminate()
+        self.process.wait(30)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def test_an_operator_at_work(spec: Path) -> None:
+    demo = Demo(spec)
+    try:
+        demo.until("reconfigured")
+        assert demo.status()["phase"] == "climb"
+        assert "land from now on" in demo.say("phase", "land").stdout
+        demo.until("reconfigured", causes=["phase land, asked for by the operator"])
+        assert "counts as failed" in demo.say("fail", "device:gps").stdout
+        demo.until("reconfigured")
+        status = demo.status()
+        assert (status["phase"], [fault["element"] for fault in status["latched"]]) == ("land", ["device:gps"])
+        assert "device:gps counts as failed, says the operator" in demo.say("status").stdout
+        assert "taken for well again" in demo.say("clear", "device:gps").stdout
+        demo.until("fault_cleared", element="device:gps")
+        refused = demo.say("clear", "device:gps")
+        assert (refused.returncode, refused.stdout) == (1, "")
+        assert "nothing is latched on device:gps" in refused.stderr
+        assert demo.say("phase", "lnd").stderr.startswith("heronry: no phase is named 'lnd'; did you mean 'land'?")
+    finally:
+        demo.end()
+
+
+def test_where_no_manager_runs_one_sentence_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for arguments in (["status"], ["phase", "land", "--of", "big_blue"], ["status", "--socket", str(tmp_path / "no")]):
+        ended = heronry(*arguments)
+        assert ended.returncode == 2
+        assert "no manager" in ended.stderr
+        assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--phase", "moon@1"], "no phase is named 'moon'"),
+        (["--phase", "land"], "write it as NAME@SECONDS"),
+    ],
+)
+def test_a_phase_that_cannot_be_played_is_one_sentence(arguments: list[str], sentence: str) -> None:
+    ended = heronry("demo", *arguments)
+    assert ended.returncode == 2
+    assert sentence in ended.stderr

@@ -1,0 +1,213 @@
+"""The operator's socket: whoever may call is answered, whoever may not, or talks nonsense, harms nobody."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from heronry_manager import control_client
+from heronry_manager.control_client import call, find_socket
+from heronry_manager.control_place import ControlError, default_folder, default_socket
+from heronry_manager.control_protocol import Answer, order_line, read_answer, read_order
+from heronry_manager.control_socket import MOST_CALLERS, ControlSocket
+from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
+
+ORDERS: list[Order] = [AskStatus(), EnterPhase("glide"), FailElement("pe:nav"), ClearElement("device:gps")]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A runtime folder of one's own; gives where the manager of `big_blue` listens."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return default_socket("big_blue")
+
+
+@contextmanager
+def manager_on(path: Path) -> Iterator[list[OperatorSaid]]:
+    """A manager that does everything it is told; gives what it was told."""
+    heard: list[OperatorSaid] = []
+    stop_read, stop_write = os.pipe()
+
+    def serve(control: ControlSocket) -> None:
+        import select  # noqa: PLC0415
+
+        while stop_read not in select.select([*control.readers(), stop_read], [], [])[0]:
+            for said in control.poll():
+                heard.append(said)
+                control.answer(Reply(said.number, True, "done", {"phase": "glide"}))
+
+    with ControlSocket(path) as control:
+        server = Thread(target=serve, args=(control,))
+        server.start()
+        try:
+            yield heard
+        finally:
+            os.write(stop_write, b"x")
+            server.join()
+            os.close(stop_read)
+            os.close(stop_write)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_an_order_arrives_as_it_was_given_and_is_answered(place: Path, order: Order) -> None:
+    with manager_on(place) as heard:
+        assert call(place, order) == Answer(True, "done", {"phase": "glide"})
+    assert [said.order for said in heard] == [order]
+
+
+def test_the_only_manager_is_found_and_of_two_one_must_be_named(place: Path) -> None:
+    with pytest.raises(ControlError, match="no manager runs here"):
+        find_socket(None)
+    with ControlSocket(place):
+        assert find_socket(None) == place
+        with ControlSocket(default_socket("other")), pytest.raises(ControlError, match="2 managers: big_blue, other"):
+            find_socket(None)
+    assert find_socket("big_blue") == place
+    assert not place.exists()
+
+
+def test_without_a_runtime_folder_one_of_ones_own_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    assert default_folder().name == f"heronry-{os.getuid()}"
+
+
+def test_a_second_manager_is_told_who_listens_there(place: Path) -> None:
+    with (
+        ControlSocket(place),
+        pytest.raises(ControlError, match=rf"process {os.getpid()}\) listens on .*big_blue.sock"),
+    ):
+        ControlSocket(place)
+
+
+def test_a_socket_left_behind_by_a_killed_manager_is_taken_over(place: Path) -> None:
+    script = (
+        "import sys, os, signal; from pathlib import Path; from heronry_manager.control_socket import ControlSocket; "
+        "ControlSocket(Path(sys.argv[1])); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", script, str(place)], check=False)
+    assert place.is_socket()
+    with pytest.raises(ControlError, match="no manager listens on"):
+        call(place, AskStatus())
+    with manager_on(place):
+        assert call(place, AskStatus()).done
+
+
+def test_only_its_owner_can_open_it(place: Path) -> None:
+    with ControlSocket(place):
+        assert place.stat().st_mode & 0o777 == 0o600
+        assert place.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_a_folder_that_others_can_write_and_one_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    with pytest.raises(ControlError, match="can be written by others"):
+        ControlSocket(shared / "a.sock")
+    (tmp_path / "file").touch()
+    with pytest.raises(ControlError, match="name a socket with --socket"):
+        ControlSocket(tmp_path / "file" / "a.sock")
+
+
+def test_a_path_that_is_too_long_or_taken_by_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ControlError, match="longer than 107 bytes"):
+        ControlSocket(tmp_path / ("x" * 120))
+    (tmp_path / "a.sock").mkdir()
+    with pytest.raises(ControlError, match=r"a\.sock"):
+        ControlSocket(tmp_path / "a.sock")
+    (tmp_path / "b.sock.lock").mkdir()
+    with pytest.raises(ControlError, match=r"b\.sock\.lock"):
+        ControlSocket(tmp_path / "b.sock")
+
+
+def caller_of(path: Path) -> socket.socket:
+    caller = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    caller.settimeout(10)
+    caller.connect(str(path))
+    return caller
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        (b"hello\n", "this is no order"),
+        (b"[" * 3000 + b"\n", "this is no order"),
+        (b'{"v": 1, "do": "explode"}\n', "this is no order"),
+        (b'{"v": 1, "do": "fail"}\n', "this is no order"),
+        (b'{"v": 2, "do": "status"}\n', "version 1 of the control protocol, not 2"),
+    ],
+)
+def test_nonsense_is_answered_with_what_to_say_instead(place: Path, line: bytes, sentence: str) -> None:
+    with manager_on(place) as heard, caller_of(place) as caller, caller.makefile("rb") as replies:
+        caller.sendall(line)
+        answer = read_answer(replies.readline())
+        assert answer is not None
+        assert not answer.done
+        assert sentence in answer.sentence
+        caller.sendall(order_line(AskStatus()))
+        assert json.loads(replies.readline())["done"]
+    assert len(heard) == 1
+
+
+def test_who_never_ends_a_line_is_hung_up_on_and_others_are_heard(place: Path) -> None:
+    with manager_on(place), caller_of(place) as caller:
+        caller.sendall(b"x" * 3000)
+        caller.sendall(b"x" * 3000)
+        assert caller.recv(1) == b""
+        assert call(place, AskStatus()).done
+
+
+def test_one_caller_too_many_is_hung_up_on(place: Path) -> None:
+    with manager_on(place):
+        callers = [caller_of(place) for _ in range(MOST_CALLERS)]
+        with caller_of(place) as late:
+            assert late.recv(1) == b""
+        for caller in callers:
+            caller.close()
+
+
+def test_who_hangs_up_before_the_answer_hears_none(place: Path) -> None:
+    with ControlSocket(place) as control:
+        caller = caller_of(place)
+        caller.sendall(order_line(AskStatus()))
+        said = control.poll()
+        while not said:
+            said = control.poll()
+        caller.close()
+        control.answer(Reply(said[0].number, True, "done"))
+        control.answer(Reply(said[0].number, True, "done"))
+        assert control.poll() == []
+
+
+def test_a_manager_that_does_not_answer_and_one_that_is_none(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control_client, "PATIENCE_S", 0.01)
+    with ControlSocket(place), pytest.raises(ControlError, match="does not answer"):
+        call(place, AskStatus())
+    place.parent.mkdir(exist_ok=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
+        other.bind(str(place))
+        other.listen()
+        monkeypatch.setattr(control_client, "PATIENCE_S", 10)
+
+        def hang_up() -> None:
+            with other.accept()[0] as caller:
+                caller.recv(100)
+                caller.sendall(b"{}\n")
+
+        server = Thread(target=hang_up)
+        server.start()
+        with pytest.raises(ControlError, match="is no manager of this version"):
+            call(place, AskStatus())
+        server.join()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_what_is_written_is_read_back(order: Order) -> None:
+    assert read_order(order_line(order)) == order

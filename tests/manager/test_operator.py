@@ -1,0 +1,227 @@
+"""What the operator says to a manager in flight, what PEs ask of it, and what it tells when it is asked."""
+
+from typing import Any
+
+import pytest
+
+from heronry_dg.loader import loads
+from heronry_manager.health import HOLD_DOWN_PERIODS
+from heronry_manager.vocabulary import (
+    AskStatus,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    OperatorSaid,
+    Order,
+    Reply,
+)
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Operation,
+    PeState,
+)
+from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
+
+LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
+PHASES = "phases: {climb: {}, glide: {when: {variable: demand, above: 2.0}}, land: {}}\n"
+HOLD_DOWN_NS = HOLD_DOWN_PERIODS * BEAT_NS
+
+
+@pytest.fixture
+def manager() -> OneManager:
+    flying = OneManager(loads(SPEC_TEXT + PHASES, "phases.dg.yaml"))
+    flying.start()
+    return flying
+
+
+def say(manager: OneManager, order: Order) -> Reply:
+    (reply,) = (action for action in manager.give(OperatorSaid(7, order)) if isinstance(action, Reply))
+    assert reply.number == 7
+    return reply
+
+
+def status(manager: OneManager) -> dict[str, Any]:
+    reply = say(manager, AskStatus())
+    assert reply.status is not None
+    return dict(reply.status)
+
+
+def request(phase: int, detail: int) -> Emergency:
+    return Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, phase, detail)
+
+
+# Phases
+
+
+def test_the_operator_enters_a_phase_and_a_plan_for_it_is_asked_for(manager: OneManager) -> None:
+    assert "it was climb" in say(manager, EnterPhase("land")).sentence
+    assert manager.requests[-1].phase == "land"
+    assert manager.last("phase_changed")["by"] == "the operator"
+    requests = len(manager.requests)
+    assert say(manager, EnterPhase("land")).done
+    assert len(manager.requests) == requests
+    assert status(manager)["phase"] == "land"
+
+
+def test_a_phase_that_there_is_not_is_refused_with_what_there_is(manager: OneManager) -> None:
+    reply = say(manager, EnterPhase("glied"))
+    assert not reply.done
+    assert "did you mean 'glide'" in reply.sentence
+
+
+def test_a_request_is_acknowledged_each_time_and_counts_once(manager: OneManager) -> None:
+    manager.report("left", request(2, 1))
+    say(manager, EnterPhase("climb"))
+    manager.report("left", request(2, 1))
+    told = manager.said(Control)
+    assert [(c.operation, c.a, c.b) for c in told] == [(Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)] * 2
+    assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
+
+
+def test_a_rule_only_leads_on_and_a_module_may_lead_back(manager: OneManager) -> None:
+    manager.report("left", request(2, FORWARD_ONLY | 1))
+    manager.report("left", request(1, FORWARD_ONLY | 2))
+    assert status(manager)["phase"] == "land"
+    manager.report("left", request(1, 3))
+    assert status(manager)["phase"] == "glide"
+
+
+def test_who_is_not_counted_on_is_not_heard_and_may_count_anew_when_it_is(manager: OneManager) -> None:
+    manager.report("left", request(1, 1))
+    manager.reboot("left")
+    manager.commands.clear()
+    manager.report("left", request(2, 1))
+    assert manager.said(Control) == []
+    manager.pass_time(HOLD_DOWN_NS + BEAT_NS)
+    manager.report("left", request(2, 1))
+    assert status(manager)["phase"] == "land"
+
+
+def test_a_phase_that_the_spec_does_not_have_is_no_request(manager: OneManager) -> None:
+    manager.report("left", request(9, 1))
+    assert manager.said(Control) == []
+
+
+# Faults
+
+
+def test_an_element_that_the_operator_fails_is_planned_without_until_he_clears_it(manager: OneManager) -> None:
+    assert say(manager, FailElement("device:servo_left")).done
+    assert manager.requests[-1].down == {"device:servo_left"}
+    assert "already" in say(manager, FailElement("device:servo_left")).sentence
+    assert [one["element"] for one in status(manager)["latched"]] == ["device:servo_left"]
+    assert say(manager, ClearElement("device:servo_left")).done
+    assert manager.requests[-1].down == set()
+    assert manager.said(Control)[-1] == Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
+    assert status(manager)["latched"] == []
+
+
+def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    say(manager, ClearElement("device:servo_left"))
+    manager.report("left", LEFT_SERVO_FAILED)
+    assert len(manager.of("fault_reported")) == 2
+    assert manager.requests[-1].down == {"device:servo_left"}
+
+
+@pytest.mark.parametrize("element", ["device:servo_left", "pe:left", "module:control"])
+def test_what_nothing_is_held_against_cannot_be_cleared(manager: OneManager, element: str) -> None:
+    reply = say(manager, ClearElement(element))
+    assert not reply.done
+    assert "nothing is latched" in reply.sentence
+
+
+def test_an_element_that_there_is_not_is_refused(manager: OneManager) -> None:
+    for order in (FailElement("pe:lefft"), ClearElement("servo")):
+        assert not say(manager, order).done
+    assert len(manager.requests) == 1
+
+
+def test_a_pe_that_the_operator_fails_speaks_in_vain_until_it_is_cleared(manager: OneManager) -> None:
+    say(manager, FailElement("pe:left"))
+    assert manager.requests[-1].down == {"pe:left"}
+    manager.pass_time(10 * HOLD_DOWN_NS)
+    assert 92 not in manager.said(Alive)[-1].nodes
+    pe = status(manager)["pes"]["left"]
+    assert (pe["state"], pe["why"]) == ("down", "failed, reported by the operator")
+    assert "hold-down" in say(manager, ClearElement("pe:left")).sentence
+    manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
+    assert manager.last("pe_joined")["pe"] == "left"
+    assert manager.requests[-1].down == set()
+
+
+def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) -> None:
+    manager.die("left")
+    manager.pass_time(100 * MS)
+    requests = len(manager.requests)
+    assert say(manager, FailElement("pe:left")).done
+    assert len(manager.requests) == requests + 1
+    manager.live("left")
+    manager.pass_time(2 * HOLD_DOWN_NS)
+    assert manager.requests[-1].down == {"pe:left"}
+
+
+def test_clearing_ends_a_quarantine(manager: OneManager) -> None:
+    for _ in range(5):
+        manager.reboot("right")
+        while not manager.of("pe_joined") or manager.last("pe_joined")["t_ns"] < manager.last("pe_heard_again")["t_ns"]:
+            manager.pass_time(HOLD_DOWN_NS)
+    manager.reboot("right")
+    manager.pass_time(2 * BEAT_NS)
+    assert status(manager)["pes"]["right"]["held_down_for_ns"] > 10 * HOLD_DOWN_NS
+    assert say(manager, ClearElement("pe:right")).done
+    manager.pass_time(HOLD_DOWN_NS + BEAT_NS)
+    assert manager.last("pe_joined")["t_ns"] > manager.now_ns - 2 * HOLD_DOWN_NS
+    assert status(manager)["pes"]["right"]["state"] == "up"
+
+
+def test_a_channel_can_be_failed_and_cleared_and_no_pe_is_told(manager: OneManager) -> None:
+    text = SPEC_TEXT.replace("{bitrate: 1000000}", "{bitrate: 1000000, channels: 2}")
+    twice = OneManager(loads(text, "twice.dg.yaml"))
+    twice.start()
+    assert say(twice, FailElement("channel:can0.1")).done
+    assert twice.requests[-1].down == {"channel:can0.1"}
+    assert say(twice, ClearElement("channel:can0.1")).done
+    assert twice.said(Control) == []
+
+
+# Status, and when
+
+
+def test_orders_wait_until_the_manager_reigns_and_a_question_does_not() -> None:
+    manager = OneManager()
+    assert "try again" in say(manager, FailElement("pe:left")).sentence
+    told = status(manager)
+    assert (told["manager"]["state"], told["epoch"], told["buses"]) == ("listening", None, {})
+    assert told["functions"]["elevator"]["why_not"] == "nothing runs yet"
+
+
+def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manager: OneManager) -> None:
+    told = status(manager)
+    assert (told["epoch"], told["stage"], told["next"]) == (1, "done", None)
+    assert told["pes"]["left"] == {
+        "state": "up",
+        "why": None,
+        "epoch": 1,
+        "runs": "ACTIVE",
+        "losses": 0,
+        "held_down_for_ns": None,
+    }
+    assert told["functions"]["elevator"]["served"]
+    assert told["buses"]["can0"]["bits_per_s"] == 0
+    assert told["unwatched"] == []
+    for device in ("device:servo_left", "device:servo_right"):
+        say(manager, FailElement(device))
+    manager.answer()
+    for pe in manager.spec.pes:
+        manager.stage(pe)
+    for pe in manager.spec.pes:
+        manager.take(pe, PeState.ACTIVE)
+    told = status(manager)
+    assert not told["functions"]["elevator"]["served"]
+    assert told["unwatched"] == ["glide"]

@@ -1,0 +1,181 @@
+"""Mission phases in flight: whoever may ask for one is heard, whatever is lost on the way; and the operator's word."""
+
+import pytest
+
+from heronry_agent.module import Inputs, Module, Value
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_dg.shipped import shipped_spec_path
+from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, Reply
+from heronry_tools.simulator.bus import Tampering
+from heronry_tools.simulator.simulation import Simulation
+from heronry_wire.identifiers import Command, emcy_id, management_id
+from scenarios.flights import MS, big_blue, flying, management_frames, two_tails
+
+ESTIMATOR = "  state_estimator: {"
+
+
+def with_phases(phases: str, **images: str) -> Spec:
+    """Figure 3 with phases, and with code of one's own in some modules."""
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    text = text.replace("criticality: D, priority: 20", "criticality: D, priority: {default: 20, land: 0}")
+    for module, image in images.items():
+        assert f"  {module}: {{" in text
+        text = text.replace(f"  {module}: {{", f'  {module}: {{image: "scenarios.test_phases:{image}", ')
+    return loads(text.replace("functions:\n", f"phases: {phases}\nfunctions:\n"), "phases.dg.yaml")
+
+
+class AsksForLanding(Module):
+    """Estimates nothing, and asks for the landing from its fortieth step on, in every step."""
+
+    steps = 0
+
+    def step(self, inputs: Inputs) -> dict[str, Value]:  # noqa: ARG002 - it looks at nothing
+        self.steps += 1
+        if self.steps >= 40:
+            self.ctx.request_phase("land")
+        return {"state_info": 0.0}
+
+
+class Rises(Module):
+    """Estimates a number that rises by one each second, from 0 at its start."""
+
+    steps = 0
+
+    def step(self, inputs: Inputs) -> dict[str, Value]:  # noqa: ARG002 - it looks at nothing
+        self.steps += 1
+        return {"state_info": self.steps / 40}
+
+
+RISING = with_phases(
+    "{climb: {}, land: {when: {variable: state_info, above: 2.0, hold_ms: 300}}}", state_estimator="Rises"
+)
+ASKING = with_phases("{climb: {}, land: {}}", state_estimator="AsksForLanding")
+
+
+def say(simulation: Simulation, order: Order) -> Reply:
+    assert simulation.manager is not None
+    return simulation.manager.say(order)
+
+
+def entered(simulation: Simulation) -> list[tuple[str, str]]:
+    return [(told["phase"], told["by"]) for told in simulation.events_of("phase_changed")]
+
+
+def test_the_operator_changes_the_phase_and_what_is_not_wanted_stops() -> None:
+    simulation = flying(with_phases("{climb: {}, land: {}}"))
+    assert say(simulation, EnterPhase("land")).done
+    assert simulation.settle() == []
+    told = simulation.events_of("reconfigured")[-1]
+    assert told["causes"] == ["phase land, asked for by the operator"]
+    assert told["stopped"] == ["angle_driver", "servo_monitor"]
+
+
+def test_a_module_that_asks_in_every_step_is_heard_once() -> None:
+    simulation = flying(ASKING)
+    simulation.run_for(2_000 * MS)
+    assert [phase for phase, _ in entered(simulation)] == ["land"]
+    assert simulation.settle() == []
+    assert len(simulation.events_of("reconfigured")) == 2
+
+
+def test_a_rule_is_watched_where_its_variable_is_made() -> None:
+    simulation = flying(RISING)
+    simulation.run_for(1_900 * MS)
+    assert entered(simulation) == []
+    simulation.run_for(700 * MS)
+    assert [phase for phase, _ in entered(simulation)] == ["land"]
+    assert simulation.settle() == []
+
+
+def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None:
+    simulation = flying(RISING)
+    simulation.run_for(2_600 * MS)
+    say(simulation, EnterPhase("climb"))
+    simulation.run_for(2_000 * MS)
+    assert simulation.phase == "climb"
+    assert simulation.settle() == []
+
+
+@pytest.mark.parametrize("spec", [RISING, ASKING], ids=["by a rule", "by a module"])
+def test_another_reign_is_asked_again(spec: Spec) -> None:
+    simulation = flying(spec)
+    simulation.run_for(3_000 * MS)
+    assert simulation.phase == "land"
+    simulation.kill_manager()
+    simulation.run_for(100 * MS)
+    simulation.start_manager()
+    assert simulation.settle() == []
+    assert simulation.phase == "land"
+
+
+def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> None:
+    recorded = flying(ASKING, keep_trace=True)
+    started_ns = recorded.now_ns
+    recorded.run_for(1_500 * MS)
+    asked = {emcy_id(pe.node_id) for pe in ASKING.pes.values()}
+    answers = management_id(126, Command.CONTROL)
+    told = [
+        sent
+        for sent in management_frames(recorded.trace, started_ns, recorded.now_ns)
+        if sent.frame.can_id in asked or sent.frame.can_id == answers
+    ]
+    assert len(told) == 2
+    for sent in told:
+        simulation = flying(ASKING)
+        simulation.tamper(sent, Tampering(0))
+        simulation.run_for(1_500 * MS)
+        assert [phase for phase, _ in entered(simulation)] == ["land"]
+        assert simulation.settle() == []
+
+
+def test_big_blue_in_another_phase_loses_a_processor_and_gets_it_back() -> None:
+    simulation = flying(big_blue())
+    say(simulation, EnterPhase("landing"))
+    assert simulation.settle() == []
+    simulation.kill("flight")
+    assert simulation.settle() == []
+    simulation.restore("flight")
+    assert simulation.settle() == []
+    assert simulation.phase == "landing"
+
+
+def test_a_pe_that_the_operator_fails_lets_go_and_comes_back_when_it_is_cleared() -> None:
+    simulation = flying(two_tails())
+    say(simulation, FailElement("pe:tail_pe"))
+    simulation.failed("pe:tail_pe")
+    assert simulation.settle() == []
+    status = say(simulation, AskStatus()).status
+    assert status is not None
+    assert status["pes"]["tail_pe"]["state"] == "down"
+    say(simulation, ClearElement("pe:tail_pe"))
+    simulation.run_for(1_000 * MS)
+    assert simulation.events_of("pe_joined")[-1]["pe"] == "tail_pe"
+    assert simulation.broken() == []
+
+
+def test_a_reign_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
+    simulation = flying(two_tails())
+    simulation.kill("sensor_pe")
+    assert simulation.settle() == []
+    simulation.kill_manager()
+    simulation.start_manager()
+    begun_ns = simulation.now_ns
+    simulation.run_for(300 * MS)
+    (absent,) = [told for told in simulation.events_of("pe_absent") if told["t_ns"] > begun_ns]
+    assert absent["pe"] == "sensor_pe"
+    assert simulation.settle() == []
+
+
+def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
+    simulation = flying(two_tails())
+    reigning = simulation.manager
+    simulation.start_manager(127, advise=True)
+    simulation.run_for(500 * MS)
+    assert simulation.events_of("adopted")[-1]["epoch"] == simulation.events_of("reconfigured")[-1]["epoch"]
+    simulation.kill("tail_pe")
+    assert simulation.settle() == []
+    assert reigning is not None
+    assert reigning.stopped is None
+    assert simulation.events_of("second_manager") == []
+    assert simulation.events_of("advice")[-1]["plan"]["down"] == ["pe:tail_pe"]
