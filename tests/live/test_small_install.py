@@ -1,5 +1,6 @@
 """What is installed where: a node without what the manager needs, and a wheel that knows no checkout."""
 
+import json
 import os
 import subprocess
 import sys
@@ -22,6 +23,7 @@ pytestmark = pytest.mark.live
 ROOT = Path(__file__).resolve().parents[2]
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
 PATIENCE_S = 30.0
+_SHORT = ("--kill", "pe:tail_pe@1", "--for", "4", "--json")
 EXTRAS = ("cantools", "numpy", "ortools", "pydantic", "rich", "yaml")
 
 # Python imports `sitecustomize` at its start: from then on what these name cannot be imported.
@@ -124,12 +126,28 @@ def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], argume
     assert sentence.endswith(' is not installed; add it with: pip install "heronry[manager]"')
 
 
-def test_a_manager_without_its_solver_says_how_to_get_it(tmp_path: Path) -> None:
-    """It has what `heronry check --fast` needs; the solver would be loaded in a process of its own."""
+def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> None:
+    """It has what `heronry check --fast` needs; here it gets as far as to its bus."""
     without = environment(tmp_path, _WITHOUT.format(modules=("ortools",)), os.environ.get("PYTHONPATH", ""))
     done = run("-m", "heronry_tools.cli", "manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock", env=without)
+    said, failed = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == 'heronry: ortools is not installed; add it with: pip install "heronry[manager]"\n'
+    assert said == (
+        "heronry: ortools is not installed, so the greedy planner flies alone; "
+        'add it with: pip install "heronry[manager]"'
+    )
+    assert "/no/such.sock" in failed
+
+
+def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
+    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",)), os.environ.get("PYTHONPATH", ""))
+    done = run("-m", "heronry_tools.cli", "demo", "elevator_and_chute", *_SHORT, env=without)
+    assert done.returncode == 0, done.stderr
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    plans = [event["plan"] for event in events if event["event"] == "plan_ready"]
+    assert [event["event"] for event in events].count("reconfigured") >= 2
+    assert {plan["optimal"] for plan in plans} == {False}
+    assert plans[0]["functions"]["elevator"]["served"]
 
 
 def test_what_needs_the_watch_extra_says_how_to_get_it(small: dict[str, str]) -> None:

@@ -33,7 +33,7 @@ THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as i
 
 def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
-    import_module("ortools")  # used in the planner's process alone, where nobody would read that it is missing
+    has_solver = _has_solver()
     spec = load_spec(arguments.spec)
     table = contingency_table(spec, arguments.contingencies)
     tell = print_event if arguments.json else screen(spec)
@@ -43,8 +43,9 @@ def reign(arguments: argparse.Namespace) -> int:
         with ExitStack() as stack:
             name = f"{spec.name}-advisor" if arguments.advise else spec.name
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
-            planner = stack.enter_context(PlannerClient(spec, file))
-            planner.wait_until_ready()
+            planner = stack.enter_context(PlannerClient(spec, file)) if has_solver else None
+            if planner is not None:
+                planner.wait_until_ready()
 
             def start_thinker() -> PlannerClient:
                 return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
@@ -61,6 +62,19 @@ def reign(arguments: argparse.Namespace) -> int:
     if reason is not None:
         print(f"heronry: {reason}", file=sys.stderr)
     return 0 if reason is None else 1
+
+
+def _has_solver() -> bool:
+    """Tell whether plans can be proven; it is said here, since the planner's process has nobody to say it to."""
+    try:
+        import_module("ortools")
+    except ModuleNotFoundError:
+        how = 'pip install "heronry[manager]"'
+        print(
+            f"heronry: ortools is not installed, so the greedy planner flies alone; add it with: {how}", file=sys.stderr
+        )
+        return False
+    return True
 
 
 def contingency_table(spec: Spec, file: Path | None) -> ContingencyTable | None:
