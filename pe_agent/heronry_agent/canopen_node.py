@@ -5,8 +5,11 @@ Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_man
 and hands on what they say. Nothing of it is needed to fly: what a PE runs is decided elsewhere, and goes on whatever
 happens here.
 
-SDO and NMT are heard on the uplink alone, as all commands are. Each request is answered with one frame at most, and an
-upload by block leaves the bus at least as much time as it takes.
+SDO and NMT are heard on the uplink alone, as all commands are.
+
+SDO outranks some of the data, so it is held back. While this PE runs nothing, an upload by block takes half of the bus;
+once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn, one at
+most: a client that does not wait for its answer is not answered.
 """
 
 from collections.abc import Callable, Iterator
@@ -19,12 +22,12 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id
 from heronry_wire.management import NO_EPOCH
-from heronry_wire.sansio import Received, Send
+from heronry_wire.sansio import NEVER_NS, Received, Send
 from heronry_wire.sdo import MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
 
 _NS_PER_S = 1_000_000_000
-_SHARE = 2  # of the bus: an upload by block takes this part of its time
+_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # of the bus: SDO takes this part of it
 
 
 class CanopenNode:
@@ -37,8 +40,10 @@ class CanopenNode:
         self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
         self._services = NodeServices(index.node, port.heartbeat_ns, self._network)
         objects = PeObjects(parts, self._network, self._services)
-        segment_ns = _SHARE * worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
-        self._sdo = SdoServer(objects.dictionary(), segment_ns)
+        self._frame_ns = worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
+        self._sdo = SdoServer(objects.dictionary(), _DESK_SHARE * self._frame_ns)
+        self._held: bytes | None = None  # a request that waits for its turn
+        self._turn_ns = turn.now_ns  # when that is
         self._sdo_answer_id = sdo_response_id(index.node)
 
     @property
@@ -49,7 +54,8 @@ class CanopenNode:
     @property
     def next_ns(self) -> int:
         """When something is due."""
-        return min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns)
+        held_ns = NEVER_NS if self._held is None else self._turn_ns
+        return min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
         """Give what takes the frames of each identifier."""
@@ -65,7 +71,10 @@ class CanopenNode:
         turn.out += answers
         turn.wants_page_0 |= says_state
         turn.wants_page_1 |= says_state
-        self._say(self._sdo.tick(turn.now_ns))
+        if self._held is not None and turn.now_ns >= self._turn_ns:
+            self._serve(self._held)
+        else:
+            self._say(self._sdo.tick(turn.now_ns))
 
     def _configured(self) -> bool:
         return self._reconfiguration.running.epoch != NO_EPOCH
@@ -87,6 +96,7 @@ class CanopenNode:
             self._turn.note("nmt", f"NMT command {event.frame.data[0]} is obeyed: nothing runs here")
             if heeded is Heeded.RESET:
                 self._sdo.reset()
+                self._held = None
                 self._modules.faults.history.clear()
 
     def _request(self, event: Received) -> None:
@@ -96,8 +106,19 @@ class CanopenNode:
             self._sdo.reset()
         elif len(event.frame.data) != MESSAGE_BYTES:
             self._turn.count("malformed SDO request", event.frame.can_id)
+        elif self._held is not None:
+            self._turn.count("SDO request before the answer to the last", event.frame.can_id)
+        elif self._configured() and self._turn.now_ns < self._turn_ns:
+            self._held = event.frame.data
         else:
-            self._say(self._sdo.request(event.frame.data, self._turn.now_ns))
+            self._serve(event.frame.data)
+
+    def _serve(self, request: bytes) -> None:
+        """Answer a request, and keep the time after it free: twice, since the request took the bus as well."""
+        pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
+        self._held, self._turn_ns = None, self._turn.now_ns + 2 * pause_ns
+        self._sdo.segment_ns = pause_ns
+        self._say(self._sdo.request(request, self._turn.now_ns))
 
     def _asked(self, event: Received) -> None:
         """A CANaerospace node service, on whatever port."""

@@ -33,15 +33,21 @@ class ObjectDictionary:
     def __init__(
         self,
         node: int,
+        *,
         readers: Mapping[Place, Reader],
         arrays: Mapping[int, Elements],
         number_writers: Mapping[Place, NumberWriter],
         bytes_writers: Mapping[Place, BytesWriter],
+        takes_bytes: Callable[[], bool],
     ) -> None:
-        """Give what each object says now (places are index and sub-index), and what takes a value written to it."""
+        """Give what each object says now (places are index and sub-index), and what takes a value written to it.
+
+        takes_bytes: tells whether long values are taken at all, before the first byte of one comes.
+        """
         self._node = node
         self._readers, self._arrays = readers, arrays
         self._number_writers, self._bytes_writers = number_writers, bytes_writers
+        self._takes_bytes = takes_bytes
         given, needed = readers.keys() | arrays.keys(), set(_needed())
         require(given == needed, "objects without a value or values without an object: {}", given ^ needed)
         writers = {*number_writers, *bytes_writers}
@@ -68,6 +74,8 @@ class ObjectDictionary:
         if (index, sub_index) not in self._number_writers and (index, sub_index) not in self._bytes_writers:
             return Abort.UNSUPPORTED
         if variable.type.length is None:
+            if not self._takes_bytes():
+                return Abort.DEVICE_STATE
             return Abort.OUT_OF_MEMORY if length is not None and length > MOST_BYTES else MOST_BYTES
         return Abort.LENGTH if length not in (None, variable.type.length) else variable.type.length
 

@@ -2,8 +2,9 @@
 
 Nothing here is kept or computed ahead, but for the two long texts: the EDS and the table are written out when they are
 first asked for. Two things can be written: the heartbeat time, and 0 to the number of errors, which empties the list.
-The table can be "written" with what it is already, so that a tool that makes sure of it need not look first; any other
-table is refused, since a PE is given its table as a file.
+The table can be "written" with what it is already, by a tool that makes sure of it; any other table is refused, since a
+PE is given its table as a file, and so is every table while the PE is configured: that many bytes have no business on
+the bus then.
 """
 
 from collections.abc import Callable
@@ -38,7 +39,7 @@ from heronry_wire.canopen_objects import (
     TIME,
 )
 from heronry_wire.eds import eds_text
-from heronry_wire.management import PeFlags
+from heronry_wire.management import NO_EPOCH, PeFlags
 from heronry_wire.sdo import Abort
 
 _NOT_WANTED, _RUNNING, _HELD, _FAILED, _NOT_STARTED = range(5)
@@ -98,6 +99,7 @@ class PeObjects:
             },
             number_writers={(HEARTBEAT_TIME, 0): self._set_heartbeat, (ERROR_HISTORY, 0): self._forget_errors},
             bytes_writers={(TABLE, 0): self._take_table},
+            takes_bytes=lambda: self._parts.reconfiguration.running.epoch == NO_EPOCH,
         )
 
     def _state(self, number: int) -> int:

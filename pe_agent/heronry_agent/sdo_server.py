@@ -29,8 +29,8 @@ gap is dropped, and the answer names the last one in order. If the last segment 
 comes after BLOCK_PAUSE_NS. A forged request does what a true one does. Garbage is answered with an abort, or not at
 all; nothing here raises. A restart knows of no transfer, and aborts what is continued.
 
-Slow path: each request is answered with at most one frame; an upload by block sends one segment at a time, and lets
-the bus have as much time again. A block to this node has SEGMENTS_PER_BLOCK segments at most, so that a client does
+Slow path: each request is answered with at most one frame; an upload by block sends one segment at a time, and leaves
+`segment_ns` to the rest of the bus. A block to this node has SEGMENTS_PER_BLOCK segments at most, so that a client does
 not hold the bus for longer: SDO outranks some of the data.
 """
 
@@ -167,9 +167,9 @@ class SdoServer:
     """One server; `next_ns` is when to call `tick` at the latest."""
 
     def __init__(self, objects: Objects, segment_ns: int) -> None:
-        """Serve these objects; `segment_ns` is the pause from one segment of a block upload to the next."""
+        """Serve these objects; `segment_ns` from one segment of a block upload to the next may be changed any time."""
         self._objects = objects
-        self._segment_ns = segment_ns
+        self.segment_ns = segment_ns
         self._transfer: _Transfer | None = None
         self.next_ns = NEVER_NS
         self._limit_ns = NEVER_NS  # when the transfer is given up
@@ -386,7 +386,7 @@ class SdoServer:
             transfer.phase = _Phase.WAITING
         else:
             transfer.phase = _Phase.SENDING
-            self._await(now_ns, now_ns + self._segment_ns)
+            self._await(now_ns, now_ns + self.segment_ns)
         return segment(command, part)
 
     def _acknowledged(self, transfer: _BlockUpload, received: int, size: int, now_ns: int) -> bytes:

@@ -38,6 +38,7 @@ from heronry_wire.sansio import Send
 BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
 SECOND = 1_000 * MS
+FRAME_NS = 135_000  # the longest there is, at 1 Mbit/s
 
 
 @pytest.fixture
@@ -172,6 +173,31 @@ def test_a_table_is_taken_only_if_it_is_the_one_that_is_there(master: Master) ->
         assert stream.read() == TABLE.to_json().encode()
 
 
+def test_a_flying_pe_takes_no_table_and_leaves_the_bus_to_the_data(master: Master) -> None:
+    table = master.sdo["Table of this PE"]
+    master.pe.configure(FLYING, 7)
+    same = TABLE.to_json().encode()
+    assert refusal(lambda: table.open("wb", size=len(same), block_transfer=True)) == 0x0800_0022
+    began_ns = master.pe.now_ns
+    for _ in range(100):
+        master.sdo.upload(0x1000, 0)
+    asked_and_answered_ns = 100 * 2 * FRAME_NS
+    assert master.pe.now_ns - began_ns >= 0.99 * 10 * asked_and_answered_ns
+    began_ns = master.pe.now_ns
+    with table.open("rb", block_transfer=True) as stream:
+        assert stream.read() == same
+    assert master.pe.now_ns - began_ns >= 10 * len(same) // 7 * FRAME_NS
+
+
+def test_a_client_that_does_not_wait_for_its_answer_is_not_answered(master: Master) -> None:
+    master.pe.configure(FLYING, 7)
+    ask = Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))
+    answers = [sent(master.pe.hear(ask), sdo_response_id(NODE)) for _ in range(5)]
+    assert [len(frames) for frames in answers] == [1, 0, 0, 0, 0]
+    assert len(sent(master.pe.pass_time(SECOND), sdo_response_id(NODE))) == 1
+    assert master.pe.core.counts["SDO request before the answer to the last", ask.can_id] == 3
+
+
 def test_what_is_not_understood_is_counted(master: Master) -> None:
     counters = master.sdo["Counters"]
     assert counters[1].raw == 0
@@ -198,7 +224,7 @@ def test_what_a_flying_pe_sends_is_the_same_while_it_is_read() -> None:
         pe.fly(200 * MS, epoch=7, digest=1007)
         sends = [(at_ns, action) for at_ns, action in pe.done if isinstance(action, Send)]
         answers = [at_ns for at_ns, send in sends if send.frame.can_id == answer_id]
-        assert len(answers) == (31 if read else 0)
+        assert len(answers) == (32 if read else 0)
         assert len(set(answers)) == len(answers)  # one at a time
         return [(at_ns, send) for at_ns, send in sends if send.frame.can_id != answer_id]
 

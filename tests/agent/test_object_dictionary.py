@@ -29,6 +29,7 @@ def dictionary(**other: Any) -> ObjectDictionary:
         "arrays": {index: lambda: ["a name"] * 300 for index in ARRAYS},
         "number_writers": {(HEARTBEAT_TIME, 0): lambda _: None, (ERROR_HISTORY, 0): lambda _: None},
         "bytes_writers": {(TABLE, 0): lambda _: None},
+        "takes_bytes": lambda: True,
     }
     return ObjectDictionary(NODE, **{**given, **other})
 
@@ -78,6 +79,12 @@ def test_an_array_shows_as_many_elements_as_sub_indices_can_name() -> None:
 )
 def test_how_much_may_be_written(place: tuple[int, int], length: int | None, answer: int | Abort) -> None:
     assert dictionary().room(*place, length) == answer
+
+
+def test_long_values_can_be_refused_before_they_come() -> None:
+    busy = dictionary(takes_bytes=lambda: False)
+    assert busy.room(TABLE, 0, 100) is Abort.DEVICE_STATE
+    assert busy.room(HEARTBEAT_TIME, 0, 2) == 2
 
 
 def test_a_number_of_another_length_or_beyond_its_limits_is_refused() -> None:
