@@ -23,6 +23,8 @@ from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_dg.transition import Transitions
 from heronry_manager.compilation import CompiledConfiguration, Compiler
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Health
@@ -69,6 +71,7 @@ class Deployment:
         self._bitrate = spec.buses[spec.manager.bus].bitrate
         self._compiler = Compiler(spec)
         self._wired = reached_by_wire(spec)
+        self._transitions = Transitions(spec)
         self._observed = {pe: Observed() for pe in spec.pes}
         self._before = Configuration()  # what ran before the current epoch
         self._highest_epoch = (term - 1) * EPOCHS_PER_TERM  # the numbers of older reigns are not used again
@@ -284,15 +287,38 @@ class Deployment:
         )
 
     def _activate(self, epoch: Reconfiguration) -> None:
-        must_break = self._exclusion.must_break(epoch.placed, self._health.counted_on())
+        assert self._next_plan is not None
+        must_break = self._must_break(epoch, self._next_plan.now)
         self._free(epoch)
         self._exclusion.activated(epoch.placed)
         self._before = self.current.configuration if self.current is not None else Configuration()
         self.current, self.next = epoch, None
-        assert self._next_plan is not None
         self._remember(epoch, self._next_plan)
         epoch.activate(must_break, self._turn.now_ns)
         self._emit_step(epoch)
+
+    def _must_break(self, epoch: Reconfiguration, now: Situation) -> set[str]:
+        """PEs that must be BROKEN before anybody goes: they give up something exclusive, or make room on a bus.
+
+        Who runs what this reign has not given it is waited for too, unless it is beyond a radio.
+        """
+        counted_on = self._health.counted_on()
+        may_run = {pe: self._may_run(pe) for pe in counted_on}
+        strangers = {pe for pe, known in may_run.items() if known is None and pe in self._wired}
+        exclusive = self._exclusion.must_break(epoch.placed, counted_on) | strangers
+        known = {pe: configurations or () for pe, configurations in may_run.items()}
+        return set(self._transitions.must_break(known, epoch.configuration, now, exclusive))
+
+    def _may_run(self, pe: str) -> list[Configuration] | None:
+        """What a PE may be running, as far as it has been seen; None: nobody knows."""
+        seen, current = self._observed[pe], self.current
+        if seen.state is PeState.UNCONFIGURED:
+            return []
+        known = self._epochs.get(seen.epoch)
+        if known is None or known.compiled.digest != seen.digest:
+            return None
+        late = [current.configuration] if current is not None and current is not known else []
+        return [known.configuration, *late]
 
     def _remember(self, epoch: Reconfiguration, plan: Plan) -> None:
         self._epochs[epoch.epoch], self._plans[epoch.epoch] = epoch, plan
