@@ -25,6 +25,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "rules_command": ("rules", "explain", "schema"),
     "render_command": ("render",),
     "diff_command": ("diff",),
+    "bench_command": ("bench",),
     "bus_command": ("bus",),
     "bound_command": ("bound",),
     "contingencies_command": ("contingencies",),

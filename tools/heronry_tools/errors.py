@@ -9,6 +9,7 @@ _EXTRAS: Final = {
     **dict.fromkeys(("numpy", "ortools", "pydantic", "yaml"), "manager"),
     **dict.fromkeys(("cantools", "rich"), "watch"),
     "distributed": "cluster",
+    "highspy": "dev",
 }
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")

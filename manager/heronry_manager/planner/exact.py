@@ -55,12 +55,25 @@ class Planner:
         effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the
         same on every machine.
         """
-        first = self._greedy.plan(now, running).configuration
-        search = Search(candidates(self.spec, now), running, self._times, effort, first)
+        search = self._search(now, running, effort)
         search.run()
         bounds = search.bounds()
         optimal = bounds == search.objective.key()
         return make_plan(self.spec, now, search.best, search.objective, optimal=optimal, bounds=bounds)
+
+    def at_once(self, now: Situation, running: Placement | None = None) -> Plan:
+        """Find a legal configuration without a search."""
+        return self._greedy.plan(now, running)
+
+    def serve(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
+        """Search levels 1 and 2 alone: critical functions and utility."""
+        search = self._search(now, running, effort)
+        search.serve()
+        return search
+
+    def _search(self, now: Situation, running: Placement | None, effort: float) -> "Search":
+        first = self.at_once(now, running).configuration
+        return Search(candidates(self.spec, now), running, self._times, effort, first)
 
 
 def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
@@ -110,6 +123,10 @@ class Search:
                 self._maximise(open_levels)
                 for level in open_levels:
                     self._fix(level)
+
+    def serve(self) -> None:
+        """Solve levels 1 and 2 alone."""
+        self.run(sum(group[0].kind is Kind.SERVING for group in self._groups))
 
     def bounds(self) -> tuple[int, ...]:
         """Give what each integer of the key cannot exceed, with those before it no worse than they are."""
