@@ -24,6 +24,7 @@ from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
 PLAN_AGAIN_NS = 1_000_000_000
+_AT_LEISURE = "a better plan"  # cause of what follows from being asked at leisure
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
@@ -42,6 +43,8 @@ class Planning:
         self, down: frozenset[str], phase: str | None, running: Placement | None, *, at_leisure: bool = False
     ) -> None:
         """Ask for a plan in this situation."""
+        if not at_leisure:
+            self.causes = [cause for cause in self.causes if cause.what != _AT_LEISURE]
         self._request += 1
         self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
         self._turn.ask(RequestPlan(self._request, down, phase, running, at_leisure))
@@ -86,7 +89,7 @@ class Planning:
 
     def ask_at_leisure(self, down: frozenset[str], phase: str | None, running: Placement) -> None:
         """Ask for the best plan, in place of one that was made at once and runs now."""
-        self.causes.append(Cause("a better plan", self._turn.now_ns, self._turn.now_ns))
+        self.causes.append(Cause(_AT_LEISURE, self._turn.now_ns, self._turn.now_ns))
         self.ask(down, phase, running, at_leisure=True)
 
     def done(self, causes: tuple[Cause, ...]) -> None:

@@ -93,6 +93,7 @@ def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
     late, answer = manager.requests[-1], best(manager)
     manager.report("left", LEFT_SERVO_FAILED)
     assert not manager.requests[-1].at_leisure
+    assert manager.last("plan_requested")["causes"] == ["device:servo_left failed, reported by left"]
     manager.give(PlanReady(late.request, answer))
     assert len(manager.of("epoch_prepared")) == 1
     fly(manager, as_good(manager))

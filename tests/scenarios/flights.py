@@ -6,6 +6,7 @@ from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
 from heronry_wire.identifiers import Use, classify
 
@@ -34,9 +35,16 @@ def two_tails() -> Spec:
     return loads(apart, "two_tails.dg.yaml")
 
 
-def flying(spec: Spec, seed: int = 0, *, keep_trace: bool = False, decide_ns: int = DEFAULT_DECIDE_NS) -> Simulation:
+def flying(
+    spec: Spec,
+    seed: int = 0,
+    *,
+    keep_trace: bool = False,
+    decide_ns: int = DEFAULT_DECIDE_NS,
+    planners: Planners = Planners.BEST,
+) -> Simulation:
     """A flight after its start, as soon as all is well."""
-    simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns)
+    simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns, planners=planners)
     while not simulation.events_of("reconfigured") or simulation.unsettled():
         simulation.run_for(50 * MS)
         assert simulation.now_ns < LONGEST_START_NS, simulation.unsettled()

@@ -37,7 +37,7 @@ from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
-from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.planning import Planners, best_plan, plan_at_once
 from heronry_tools.simulator.world import Window
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
@@ -48,6 +48,7 @@ _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule))
 _VALIDATED_EVERY = 16
 
+_AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
 OVERRUN_NS = 30_000_000
 
 
@@ -246,10 +247,11 @@ class SimulatedManager(Node):
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
+        planners: Planners = Planners.BEST,
     ) -> None:
         """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
         super().__init__(clock, time)
-        self._spec, self._bus = spec, bus
+        self._spec, self._bus, self._planners = spec, bus, planners
         self._decide_ns, self._tell = decide_ns, tell
         self._ready: list[PlanReady] = []
         self._replies: list[Reply] = []
@@ -295,9 +297,7 @@ class SimulatedManager(Node):
             case Send(_, frame):
                 self._bus.offer(self._station, frame)
             case RequestPlan():
-                now = Situation(action.down, {}, action.phase)
-                ready = PlanReady(action.request, best_plan(self._spec, now, action.running))
-                self._clock.at(self._clock.now_ns + self._decide_ns(), lambda: self._planned(ready))
+                self._plan(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
             case Reply():
@@ -305,6 +305,13 @@ class SimulatedManager(Node):
             case Stop(reason):
                 self.stopped = reason
                 self.stop()
+
+    def _plan(self, asked: RequestPlan) -> None:
+        now, at_once = Situation(asked.down, {}, asked.phase), self._planners.are_at_once(asked)
+        plan = plan_at_once if at_once else best_plan
+        ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
+        after_ns = _AT_ONCE_NS if at_once else self._decide_ns()
+        self._clock.at(self._clock.now_ns + after_ns, lambda: self._planned(ready))
 
     def _planned(self, ready: PlanReady) -> None:
         """The planner, a process of its own, has answered."""

@@ -3,7 +3,12 @@
 Thousands of runs ask few different questions, so an answer is kept for as long as the process lives. A plan depends on
 the spec, the situation and what runs, and on nothing else; keeping it changes no run. Every plan has passed the judge,
 as it has in flight.
+
+Who plans: by default every answer is the best plan, as if all had been foreseen. `AT_ONCE` is what happens to what was
+not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver.
 """
+
+from enum import Enum
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
@@ -11,10 +16,26 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import plan
+from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.vocabulary import RequestPlan
 from heronry_wire.sansio import require
 
 _Key = tuple[str, frozenset[str], str | None, frozenset[tuple[str, tuple[str, str]]] | None]
 _KNOWN: dict[_Key, Plan] = {}
+_GREEDY: dict[str, Greedy] = {}  # by digest of the spec
+
+
+class Planners(Enum):
+    """Who answers a manager."""
+
+    BEST = "the exact planner"
+    AT_ONCE = "the greedy planner, and at leisure the exact one"
+    GREEDY = "the greedy planner"
+
+    def are_at_once(self, asked: RequestPlan) -> bool:
+        """Tell whether a question is for the greedy planner."""
+        has_time = asked.at_leisure or asked.running is None
+        return self is Planners.GREEDY or (self is Planners.AT_ONCE and not has_time)
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
@@ -27,6 +48,16 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
         require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
         _KNOWN[key] = known
     return known
+
+
+def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
+    """Give the greedy plan; raises InvariantError where the judge refuses it."""
+    if spec.digest not in _GREEDY:
+        _GREEDY[spec.digest] = Greedy(spec)
+    found = _GREEDY[spec.digest].plan(now, running)
+    refusals = verify(spec, now, found.configuration)
+    require(not refusals, "the greedy plan for {} is not legal: {}", sorted(now.down), refusals)
+    return found
 
 
 def plans_known() -> int:

@@ -23,6 +23,7 @@ from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
+from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
@@ -56,6 +57,7 @@ class Simulation:
         faults: Faults = PERFECT,
         decide_ns: int = DEFAULT_DECIDE_NS,
         skew_ppm: int = DEFAULT_SKEW_PPM,
+        planners: Planners = Planners.BEST,
         keep_trace: bool = False,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
@@ -76,7 +78,7 @@ class Simulation:
         self.pes: dict[str, SimulatedPe] = {}
         self.manager: SimulatedManager | None = None
         self._random = Random(seed)
-        self._decide_ns, self._skew_ppm = decide_ns, skew_ppm
+        self._decide_ns, self._skew_ppm, self._planners = decide_ns, skew_ppm, planners
         self._down: set[str] = set()
         self._cut: set[str] = set()
         self._incarnations = dict.fromkeys(spec.pes, 0)
@@ -249,6 +251,7 @@ class Simulation:
             node=node,
             term=self._terms,
             advise=advise,
+            planners=self._planners,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=self._tell,
         )
