@@ -6,7 +6,15 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
-from heronry_manager.health import HOLD_DOWN_PERIODS, Change, Health, HealthChange, Standing
+from heronry_manager.health import (
+    FORGIVEN_AFTER_NS,
+    HOLD_DOWN_PERIODS,
+    LONGEST_HOLD_DOWN_NS,
+    Change,
+    Health,
+    HealthChange,
+    Standing,
+)
 
 MS = 1_000_000
 PERIOD = 20 * MS
@@ -110,3 +118,47 @@ def test_a_pe_behind_a_slow_bus_is_given_its_own_period() -> None:
     health = Health(spec, 0, 1000 * MS)
     assert health.period_ns("ground") == 200 * MS
     assert health.period_ns("comms") == PERIOD
+
+
+def test_a_long_hold_down_does_not_forgive_itself_and_a_good_minute_does(spec: Spec) -> None:
+    health, now = everybody_up(spec), 0
+    held = []
+    for _ in range(14):
+        health.fail("tail_pe", "it does not acknowledge", now)
+        now += PERIOD
+        health.heard("tail_pe", 1, now)
+        held.append(health.held_down_for_ns("tail_pe", now))
+        while not health.is_counted_on("tail_pe"):
+            now += PERIOD
+            health.heard("tail_pe", 1, now)
+            health.tick(now)
+    assert held[-4:] == [LONGEST_HOLD_DOWN_NS] * 4
+    beat_until(health, ["tail_pe"], now, now + FORGIVEN_AFTER_NS + PERIOD)
+    health.fail("tail_pe", "it does not acknowledge", now + FORGIVEN_AFTER_NS + PERIOD)
+    assert health.losses("tail_pe") == 1
+
+
+def test_in_flight_nobody_is_waited_for_longer_than_a_silence_may_last(spec: Spec) -> None:
+    health = Health(spec, 0, 5_000 * MS)
+    health.heard("tail_pe", 1, 0)
+    health.in_flight(0)
+    health.heard("sensor_pe", 1, 10 * MS)
+    health.in_flight(10 * MS)
+    assert (Change.ABSENT in {change for _, change in changes(health.tick(79 * MS))}) is False
+    assert ("control_pe", Change.ABSENT) in changes(health.tick(80 * MS))
+    assert health.cause("control_pe") == "not heard in the start-up window"
+    health.in_flight(90 * MS)
+    assert not health.starting()
+    assert changes(health.heard("control_pe", 1, 90 * MS)) == [("control_pe", Change.HEARD_AGAIN)]
+
+
+def test_a_pe_that_is_barred_before_it_was_heard_is_not_waited_for(spec: Spec) -> None:
+    health = Health(spec, 0, 5_000 * MS)
+    for pe in ("tail_pe", "sensor_pe"):
+        health.heard(pe, 1, 0)
+    assert health.bar("control_pe", "the operator says so", 0) == []
+    assert not health.starting()
+    assert health.heard("control_pe", 1, 20 * MS) == []
+    assert health.forgive("control_pe")
+    assert not health.forgive("control_pe")
+    assert changes(health.heard("control_pe", 1, 40 * MS)) == [("control_pe", Change.HEARD_AGAIN)]

@@ -215,6 +215,29 @@ def test_waiting_silence_and_what_went_wrong_are_told() -> None:
     assert texts[-1] == "two drivers at once: servo_driver_1 and servo_driver_2"
 
 
+def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() -> None:
+    whole = plan_after(None)
+    events = [
+        event("plan_ready", 1, request=1, plan=whole.document(), decide_ns=0),
+        event("adopted", 1, epoch=7, digest="0000AB"),
+        event("plan_unchanged", 1, request=1),
+        event("phase_changed", 2, phase="land", before="climb", by="tail_pe"),
+        event("fault_cleared", 3, element="device:gps", by="the operator"),
+        event("advice", 4, plan=whole.document(), moved=["a"], started=["b", "c"], stopped=[]),
+        event("advice", 5, plan=whole.document(), moved=[], started=[], stopped=[]),
+        event("process", 6, pe="tail_pe", pid=41, what="killed"),
+    ]
+    lines = [line.text.removeprefix("[ start  ] ") for line in told(Story(ELEVATOR), events)]
+    assert lines[:-1] == [
+        "epoch 7 runs already, and is what would be planned: it stays as it is",
+        "PHASE land (was climb), asked for by tail_pe",
+        "device:gps is taken for well again, says the operator",
+        "it would start b, c; move a",
+        "it would only change modes and wires",
+    ]
+    assert "it ran state_estimator" in lines[-1]
+
+
 def test_every_sentence_names_fields_that_its_event_has() -> None:
     for kind, (sentence, _) in _SENTENCES.items():
         assert set(re.findall(r"{(\w+)", sentence)) <= set(re.findall(r"\w+", KINDS[kind]))

@@ -25,7 +25,6 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "fault_cleared": ("{element} is taken for well again, says {by}", "good"),
     "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
     "adopted": ("epoch {epoch} runs already, and is what would be planned: it stays as it is", "good"),
-    "advice": ("would start {started}, stop {stopped}, move {moved}", "plain"),
 }
 
 
@@ -73,6 +72,8 @@ class Story:
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
                 yield from self._reconfigured(event)
+            case "advice":
+                yield Line(_advice(event))
             case "outage":
                 yield from self._outage(event)
             case "summary":
@@ -157,6 +158,12 @@ class Story:
                 yield Line(f"not served: {name}: {function['why_not']}")
         for rivals in event["rivals"]:
             yield Line(f"two drivers at once: {rivals}", "bad")
+
+
+def _advice(event: Mapping[str, Any]) -> str:
+    moves = (("start", event["started"]), ("stop", event["stopped"]), ("move", event["moved"]))
+    named = [f"{verb} {', '.join(modules)}" for verb, modules in moves if modules]
+    return f"it would {'; '.join(named) or 'only change modes and wires'}"
 
 
 def _why(causes: list[str]) -> str:

@@ -1,0 +1,72 @@
+"""What the operator's commands print, and how they end; the manager here is its core and its socket, in a thread."""
+
+import json
+import os
+import select
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from heronry_manager.control_place import default_socket
+from heronry_manager.control_socket import ControlSocket
+from heronry_manager.vocabulary import Reply
+from heronry_tools.cli import main
+from manager.one_manager import OneManager
+
+
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OneManager]:
+    """A manager that reigns and listens to the operator."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    flying = OneManager()
+    flying.start()
+    stop_read, stop_write = os.pipe()
+
+    def serve(control: ControlSocket) -> None:
+        while stop_read not in select.select([*control.readers(), stop_read], [], [])[0]:
+            for said in control.poll():
+                for action in flying.give(said):
+                    if isinstance(action, Reply):
+                        control.answer(action)
+
+    with ControlSocket(default_socket("two_tails")) as control:
+        server = Thread(target=serve, args=(control,))
+        server.start()
+        yield flying
+        os.write(stop_write, b"x")
+        server.join()
+    os.close(stop_read)
+    os.close(stop_write)
+
+
+def test_an_order_prints_what_is_done(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fail", "device:servo_left"]) == 0
+    assert main(["clear", "device:servo_left", "--of", "two_tails"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.splitlines() == [
+        "device:servo_left counts as failed until it is cleared; a plan without it is on its way",
+        "device:servo_left is taken for well again; a plan with it is on its way",
+    ]
+    assert printed.err == ""
+
+
+def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["phase", "glide"]) == 1
+    assert capsys.readouterr().err == "heronry: no phase is named 'glide'; there is none\n"
+
+
+def test_the_status_is_for_people_or_for_programs(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["status"]) == 0
+    assert capsys.readouterr().out.startswith("two_tails: manager 126 is reigning")
+    assert main(["status", "--json", "--socket", str(default_socket("two_tails"))]) == 0
+    assert json.loads(capsys.readouterr().out)["epoch"] == 1
+
+
+def test_where_nobody_listens_one_sentence_says_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert main(["status"]) == 2
+    assert "start one with 'heronry manager SPEC'" in capsys.readouterr().err

@@ -1,0 +1,56 @@
+"""The status of a manager in lines for people: what is wrong first."""
+
+from typing import Any
+
+import pytest
+
+from heronry_manager.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
+from heronry_tools.status_report import report
+from manager.one_manager import MS, OneManager
+
+
+def told(manager: OneManager, *orders: Order) -> list[str]:
+    """What the manager reports after these orders."""
+    replies: list[Reply] = []
+    for order in (*orders, AskStatus()):
+        replies += [action for action in manager.give(OperatorSaid(1, order)) if isinstance(action, Reply)]
+    status: Any = replies[-1].status
+    return list(report(status))
+
+
+@pytest.fixture
+def manager() -> OneManager:
+    flying = OneManager()
+    flying.start()
+    return flying
+
+
+def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
+    assert told(manager) == [
+        "two_tails: manager 126 is reigning, term 1",
+        "no phases; epoch 1 is done",
+        "PEs",
+        "  left         up         ACTIVE in epoch 1",
+        "  middle       up         ACTIVE in epoch 1",
+        "  right        up         ACTIVE in epoch 1",
+        "functions",
+        "  elevator         A  served, only, value 100",
+        "buses, as planned",
+        "  can0         0 bit/s, 0.0 %",
+    ]
+
+
+def test_what_is_wrong_comes_first(manager: OneManager) -> None:
+    manager.reboot("right")
+    manager.pass_time(100 * MS)
+    lines = told(manager, FailElement("device:servo_left"))
+    assert lines[1] == "no phases; epoch 1 is done; a plan is awaited"
+    assert lines[2] == "! device:servo_left counts as failed, says the operator (0 s ago)"
+    assert lines[6].startswith("  right        returning  UNCONFIGURED: it rebooted (incarnation 2); it joins in 0.")
+
+
+def test_before_anything_runs_nothing_is_served() -> None:
+    lines = told(OneManager())
+    assert lines[0].endswith("is listening, term 1")
+    assert "no epoch yet" in lines[1]
+    assert lines[-1] == "  elevator         A  NOT SERVED: nothing runs yet"
