@@ -48,7 +48,7 @@ def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (code, err) == (0, "")
     assert f"{made}: {made.stat().st_size} bytes, bound to elevator_and_chute" in out
     assert "301 plans: up to 2 faults of 24 elements, and safe modes" in out
-    assert re.search(r"\d+ searched, 7\d\.\d% pruned: \d+ by a plan that lives on, \d+ by a twin", out)
+    assert re.search(r"\d+ searched, [78]\d\.\d% pruned: \d+ by a plan that lives on, \d+ by a twin", out)
     assert "0 plans not proven to be the best" in out
     assert re.search(r"pe tail_pe: \d+ configurations on board, \d+ of 4096 bytes", out)
     assert list(tmp_path.iterdir()) == [made], "no journal is left, and no draft"

@@ -6,8 +6,8 @@ set is settled without a search
     by a plan    the best plan for the set less one element lives on: it is the best here, too (`heronry_dg.losses` has
                  the proof). What such a plan is worth is inherited with it, and so is a proof that is missing: what
                  bounds the worth with fewer faults bounds it with more.
-    by a twin    another set leaves the planner exactly the same choice: the same PEs for each module, capacities and
-                 routes. A device and its only driver are the usual pair.
+    by a twin    another set leaves the planner exactly the same choice: the same PEs for each mode that may run and
+                 has a purpose, and the same routes between them. A device and its only driver are the usual pair.
 
 So a device on a dead PE, a PE behind a dead gateway and everything that a plan leaves idle cost nothing. Pruning is
 exact in what plans are worth. Between plans worth the same at all seven levels it may choose another one than the
@@ -28,6 +28,7 @@ from heronry_dg.losses import lost_of, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, placement
 from heronry_dg.situation import Situation, Survivors, survivors
+from heronry_manager.planner.candidates import Candidates, candidates
 
 Phase = str | None
 FaultSet = frozenset[str]
@@ -129,15 +130,15 @@ class Sweep:
         for down in self._scope.of_size(size):
             left = survivors(self._spec, Situation(down))
             lost = lost_of(left)
-            choice: object = None
+            rest: object = None
             for phase in self._scope.phases:
                 inherited = self._inherited(phase, down, lost) if self._prune else None
                 if inherited is not None:
                     self.tally.by_plan += 1
                     self._settle(phase, down, inherited)
                     continue
-                choice = choice or choice_of(left)
-                twin = self._twins.setdefault((phase, choice), down) if self._prune else down
+                rest = rest or what_is_left(left)
+                twin = self._twin(phase, down, rest) if self._prune else down
                 if twin is down:
                     self.tally.asked += 1
                     questions.append(Question(phase, down, running[phase]))
@@ -145,6 +146,14 @@ class Sweep:
                     self.tally.by_twin += 1
                     twins.append((phase, down, twin))
         return questions, twins
+
+    def _twin(self, phase: Phase, down: FaultSet, rest: object) -> FaultSet:
+        """Give the first set that leaves the same choice: the coarse comparison first, since it is cheap."""
+        twin = self._twins.get((phase, rest))
+        if twin is None:
+            choice = choice_of(candidates(self._spec, Situation(down, {}, phase)))
+            twin = self._twins[phase, rest] = self._twins.setdefault((phase, choice), down)
+        return twin
 
     def _inherited(self, phase: Phase, down: FaultSet, lost: frozenset[str]) -> Outcome | None:
         """Outcome of a set with one fault less that lives on: the first one in the order of the elements."""
@@ -160,11 +169,23 @@ class Sweep:
             self._used[id(outcome)] = used_elements(self._spec, outcome.configuration)
 
 
-def choice_of(left: Survivors) -> object:
-    """All that the best plan depends on, beside phase and what runs."""
+def what_is_left(left: Survivors) -> object:
+    """All that matters of what is left: with the same left, every phase has the same best plan."""
     return (
         tuple(left.hosts(module) for module in left.spec.modules.values()),
         tuple(left.pe_cpu_millis.items()),
         tuple(left.bus_mbit_per_s.items()),
         frozenset(left.routes.items()),
+    )
+
+
+def choice_of(possible: Candidates) -> object:
+    """All that the best plan of a phase depends on, while nothing has shrunk: what may run where, and how it connects.
+
+    PEs on which nothing may run, and routes to them, make no difference: no legal configuration uses them.
+    """
+    pes = {pe for candidate in possible.modules.values() for pe in candidate.pes()}
+    return (
+        tuple((name, tuple(candidate.hosts.items())) for name, candidate in possible.modules.items()),
+        frozenset((ends, route) for ends, route in possible.left.routes.items() if pes.issuperset(ends)),
     )

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.situation import Situation, survivors
-from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope, choice_of
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope, what_is_left
 from heronry_tools.campaign.minimal import minimal
 from heronry_tools.check.servable import Planning, without_limits
 from heronry_tools.errors import UserError
@@ -60,20 +60,20 @@ class Servable:
 
     def __init__(self, spec: Spec, function: str) -> None:
         self._planning, self._function = Planning(spec), function
-        self._by_choice: dict[object, bool] = {}
+        self._by_rest: dict[object, bool] = {}
 
     def after(self, down: FaultSet) -> bool:
         """Tell whether some legal configuration serves it; raises UserError where that cannot be found out."""
         if self._planning.survives((self._function,), down):
             return True
-        choice = choice_of(survivors(self._planning.spec, Situation(down)))
-        if choice not in self._by_choice:
+        rest = what_is_left(survivors(self._planning.spec, Situation(down)))
+        if rest not in self._by_rest:
             answer = self._planning.all_at_once((self._function,), down)
             if not answer.proven:
                 lost = ", ".join(sorted(down))
                 raise UserError(f"with {lost} down it was not found out whether {self._function} can be served")
-            self._by_choice[choice] = answer.configuration is not None
-        return self._by_choice[choice]
+            self._by_rest[rest] = answer.configuration is not None
+        return self._by_rest[rest]
 
 
 def given_up(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, elements, survivors
-from heronry_manager.planner.sweep import choice_of
+from heronry_manager.planner.sweep import what_is_left
 from heronry_tools.check.servable import Planning
 from heronry_tools.check.wanted import Phase, critical_functions, phases
 
@@ -34,10 +34,10 @@ def losses(planning: Planning) -> Iterator[Loss]:
     """Every element with which something critical is lost; no module with which the same goes as with its device."""
     spec = planning.spec
     critical = _fitting(planning)
-    known: dict[object, Lost] = {choice_of(survivors(spec, Situation())): {}}
+    known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
     lost: dict[str, Lost] = {}
     for element in _single(spec):
-        left = choice_of(survivors(spec, Situation(frozenset({element}))))
+        left = what_is_left(survivors(spec, Situation(frozenset({element}))))
         if left not in known:
             known[left] = _lost(planning, critical, frozenset({element}))
         lost[element] = known[left]
