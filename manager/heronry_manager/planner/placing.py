@@ -42,6 +42,7 @@ class Placing:
             self._add_module(name, candidate)
         self._one_branch()
         self._capacities()
+        self._capacity_in_all()
         self._separate()
         self._together()
 
@@ -107,6 +108,16 @@ class Placing:
             self._at_most([(literal, mode.ram) for mode, literal in modes], pe.ram)
             stored = [(literal, spec.modules[m].flash) for (m, host), literal in self.at.items() if host == name]
             self._at_most(stored, pe.flash)
+
+    def _capacity_in_all(self) -> None:
+        """State what follows: all PEs together carry no more than they have. It bounds what cannot be served."""
+        spec, left = self.possible.spec, self.possible.left
+        modes = [(spec.modules[module].modes[mode], literal) for (module, mode), literal in self.on.items()]
+        pes = [spec.pes[pe] for pe in left.pe_cpu_millis]
+        self._at_most([(literal, mode.cpu_millis) for mode, literal in modes], sum(left.pe_cpu_millis.values()))
+        self._at_most([(literal, mode.ram) for mode, literal in modes], sum(pe.ram for pe in pes))
+        stored = [(literal, spec.modules[module].flash) for module, literal in self.runs.items()]
+        self._at_most(stored, sum(pe.flash for pe in pes))
 
     def _at_most(self, terms: Terms, capacity: int) -> None:
         if sum(weight for _, weight in terms) > capacity:
