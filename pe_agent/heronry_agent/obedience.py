@@ -117,8 +117,7 @@ class Obedience:
         if fields is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, fields[0], event):
-            self.permission.named(bool(fields[3] >> self.index.node - FIRST_PE & 1))
-            self.permission.heard(self.turn.arrived_ns)
+            self.permission.named(bool(fields[3] >> self.index.node - FIRST_PE & 1), self.turn.arrived_ns)
             meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 

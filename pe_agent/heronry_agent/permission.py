@@ -14,6 +14,11 @@ while all three hold, asked before every output with the time of that moment, so
         that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
         does a LEASE that names the very one that runs here.
 
+Hearing somebody again after a silence is no such proof. A PE that has restarted runs nothing, and one that was cut off
+as well runs what was given to it before: neither could tell. So after a silence that was too long for (b) this PE is in
+*doubt*, and holds back until an ALIVE names it again, or, where no manager is left to say so, until it has heard others
+for T_lease: whoever took its place is among those, and tells its newer epoch every period.
+
 For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
 does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
 quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided.
@@ -36,29 +41,43 @@ class Permission:
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
         self._heard_ns: int | None = None
+        self._doubted_ns: int | None = None  # since when it hears others again, after a silence longer than T_lease
+        self._identifiers_doubted_ns: int | None = None  # the same, longer than two periods
         self._overtaken = False
 
     def allows(self, now_ns: int) -> bool:
         """Tell whether an exclusive output may be driven at this moment."""
         if not self._named or self._overtaken or self._heard_ns is None:
             return False
-        return now_ns - self._heard_ns <= self._lease_ns
+        return now_ns - self._heard_ns <= self._lease_ns and self._is_past(self._doubted_ns, now_ns)
 
     def identifiers_until_ns(self, now_ns: int) -> int | None:
         """Until when frames may be sent that another PE could send as well; None: not now."""
-        if not self.allows(now_ns) or self._heard_ns is None:
+        if not self.allows(now_ns) or self._heard_ns is None or not self._is_past(self._identifiers_doubted_ns, now_ns):
             return None
         until_ns = self._heard_ns + self._identifier_ns
         return until_ns if now_ns <= until_ns else None
 
     def heard(self, arrived_ns: int) -> None:
         """Another node, or a manager, was heard on the uplink."""
-        if self._heard_ns is None or arrived_ns > self._heard_ns:
+        last_ns = self._heard_ns
+        if last_ns is None or arrived_ns > last_ns:
             self._heard_ns = arrived_ns
+            if last_ns is None or arrived_ns - last_ns > self._identifier_ns:
+                self._identifiers_doubted_ns = arrived_ns
+                if last_ns is None or arrived_ns - last_ns > self._lease_ns:
+                    self._doubted_ns = arrived_ns
 
-    def named(self, is_named: bool) -> None:
-        """ALIVE of the reigning manager counts on this PE, or does not."""
+    def named(self, is_named: bool, arrived_ns: int) -> None:
+        """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame."""
+        self.heard(arrived_ns)
         self._named = is_named
+        if is_named:
+            self._doubted_ns = self._identifiers_doubted_ns = None
+
+    def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
+        """Tell whether there is no doubt, or no more."""
+        return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
 
     def saw_epoch(self, epoch: int, running: int) -> None:
         """Another node runs, or a manager has activated, an epoch."""

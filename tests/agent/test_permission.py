@@ -109,6 +109,8 @@ def test_what_others_could_send_too_is_sent_for_two_periods_and_not_later() -> N
     assert steps(actions)
     assert not sent(actions, DEMAND_ID)
     pe.hear(neighbour_state(7))
+    assert not sent(pe.pass_time(2 * BEAT_NS), DEMAND_ID)
+    pe.command(Alive(1, 1, EVERYBODY))
     assert drives(pe.pass_time(2 * BEAT_NS))
 
 
@@ -145,8 +147,38 @@ def test_after_a_pause_a_frame_without_an_epoch_is_not_enough() -> None:
     pe.hear(Frame(heartbeat_id(NEIGHBOUR), b"\x05"))
     pe.hear(rate_frame(1.0))
     assert not drives(pe.pass_time(50 * MS))
-    pe.hear(neighbour_state(7))
+    pe.command(Alive(1, 1, EVERYBODY))
     assert drives(pe.pass_time(50 * MS))
+
+
+@pytest.mark.parametrize("epoch", [0, 7])
+def test_after_a_silence_who_has_restarted_or_was_cut_off_as_well_proves_nothing(epoch: int) -> None:
+    pe = flying()
+    pe.pass_time(2 * LEASE_NS)
+    pe.hear(neighbour_state(epoch))
+    assert not drives(pe.pass_time(50 * MS))
+    assert PeFlags.OUTPUT_HELD in pe.ask()[0].flags
+    pe.command(Alive(1, 1, EVERYBODY))
+    assert drives(pe.pass_time(50 * MS))
+
+
+def test_after_a_silence_without_a_manager_it_is_enough_to_hear_others_for_the_lease() -> None:
+    pe = flying()
+    pe.pass_time(2 * LEASE_NS)
+    held_ns = 0
+    while not drives(pe.give(Received(0, neighbour_state(7))) + pe.pass_time(BEAT_NS)):
+        held_ns += BEAT_NS
+    assert LEASE_NS - BEAT_NS <= held_ns <= LEASE_NS + BEAT_NS
+
+
+def test_after_a_silence_a_newer_epoch_is_seen_before_the_lease_is_over() -> None:
+    pe = flying()
+    pe.pass_time(2 * LEASE_NS)
+    pe.hear(neighbour_state(7))
+    pe.hear(neighbour_state(8))
+    for _ in range(20):
+        pe.hear(neighbour_state(7))
+        assert not drives(pe.pass_time(BEAT_NS))
 
 
 def test_a_neighbour_on_a_newer_epoch_shows_that_we_were_overtaken() -> None:
@@ -215,6 +247,8 @@ def test_old_frames_taken_after_a_pause_prove_nothing_even_when_a_deadline_passe
         pe.give(Received(0, frame, age_ns=9 * LEASE_NS))
     assert not drives(pe.pass_time(50 * MS))
     pe.hear(neighbour_state(7))
+    assert not drives(pe.pass_time(50 * MS))
+    pe.command(Alive(1, 1, EVERYBODY))
     assert drives(pe.pass_time(50 * MS))
 
 

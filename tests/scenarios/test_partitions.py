@@ -33,6 +33,21 @@ def test_a_pe_of_big_blue_is_cut_off_and_mended(pe: str, cut_ms: int) -> None:
     assert simulation.settle() == []
 
 
+def test_a_driver_that_was_cut_off_does_not_take_the_word_of_one_that_has_restarted() -> None:
+    """Its DEMUX has been given away when its wire is mended, and the first it hears is a PE that runs nothing yet."""
+    for mended_ms in range(4, 20, 2):
+        simulation = flying(two_tails(), 36, decide_ns=2 * MS)
+        simulation.cut("tail_pe")
+        simulation.run_for(30 * MS)
+        simulation.kill("sensor_pe")
+        simulation.run_for(170 * MS)
+        simulation.restore("sensor_pe")
+        simulation.run_for(mended_ms * MS)
+        simulation.mend("tail_pe")
+        simulation.run_for(1 * MS)
+        assert simulation.settle() == [], mended_ms
+
+
 def servo_sticks(simulation: Simulation) -> None:
     """The elevator is driven from the tail, and from `control_pe` as soon as the monitor has noticed."""
     simulation.fail_device("elevator_servo_1", "stuck")
