@@ -2,6 +2,8 @@
 
 - Every healthy PE says that it is ACTIVE, all of one epoch, within its heartbeat. Healthy are those that run and can
   reach the manager's bus.
+- The configuration that was activated last is worth, in its first three levels (what is critical, utility, inputs), no
+  less than the best plan for the true situation.
 - Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
   for the true situation serves.
 
@@ -9,12 +11,14 @@ Both are asked again and again while a run settles, and count at its end.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from heronry_dg.model import Spec
-from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_tools.simulator.check_epochs import LastState
+from heronry_tools.simulator.commanded import Epoch
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import PATIENCE_PERIODS, Witness
@@ -22,13 +26,25 @@ from heronry_wire.identifiers import state_id
 from heronry_wire.management import PeState
 
 _PATIENCE_BEATS = 3
+_JUDGED_LEVELS = 6  # classes A to D, utility, inputs
 
 
-def end_state(
-    spec: Spec, truth: Situation, now_ns: int, last: dict[tuple[str, int], LastState], witness: Witness
-) -> list[Violation]:
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What was seen of the aircraft: its PEs' last states, its outputs, and the epoch that was activated last."""
+
+    last: dict[tuple[str, int], LastState]
+    witness: Witness
+    current: Epoch | None
+
+
+def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
     """Give what is wrong now; nothing is, once a run has settled."""
-    stories = [*_unsettled(spec, truth, now_ns, last), *_unserved(spec, truth, now_ns, witness)]
+    stories = [
+        *_unsettled(spec, truth, now_ns, seen.last),
+        *_worse(spec, truth, seen.current),
+        *_unserved(spec, truth, now_ns, seen.witness),
+    ]
     return [Violation(now_ns, rule, story) for rule, story in stories]
 
 
@@ -55,6 +71,15 @@ def _unsettled(
             epochs.add(seen.page.epoch)
     if len(epochs) > 1:
         yield "active", f"the healthy PEs are in epochs {sorted(epochs)}"
+
+
+def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tuple[str, str]]:
+    if current is None or current.configuration is None:
+        return
+    is_worth = score(spec, truth, current.configuration, None).key()[:_JUDGED_LEVELS]
+    could_be = best_plan(spec, truth, None).objective.key()[:_JUDGED_LEVELS]
+    if is_worth < could_be:
+        yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
 
 
 def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> Iterator[tuple[str, str]]:

@@ -1,0 +1,159 @@
+"""Faults of nodes: what a pause, a hung module or a clock that jumps does, and that it ends when it should."""
+
+import pytest
+
+from heronry_tools.simulator.act import KINDS, Act, possible_targets, read_act
+from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.local_clock import LocalClock
+from heronry_tools.simulator.protocol_state import STATES, ProtocolState
+from heronry_tools.simulator.scenario import Outcome, Scenario, play
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
+
+
+def struck(simulation: Simulation, *texts: str) -> Strikes:
+    """Acts done to a flight from now on."""
+    acts = tuple(read_act(simulation.spec, text) for text in texts)
+    return Strikes(simulation, acts, simulation.now_ns)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_fault_strikes_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
+    spec = big_blue() if KINDS[kind].strikes in ("gateway", "far_bus") else two_tails()
+    target = possible_targets(spec, kind)[-1]
+    lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
+    level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""
+    act = read_act(spec, f"0.1 {kind} {target}{lasts}{level}")
+    outcome = play(spec, Scenario(1, 1.0, (act,)))
+    assert outcome.violations == ()
+    assert sum(outcome.hits.values()) == 1
+
+
+def test_an_act_reads_as_it_writes() -> None:
+    for seed in range(20):
+        for act in drawn_acts(big_blue(), seed, 30.0):
+            assert read_act(big_blue(), str(act)) == act
+
+
+def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> None:
+    swarms = [{act.kind for act in drawn_acts(big_blue(), seed, 60.0)} for seed in range(10)]
+    assert len(set(map(frozenset, swarms))) == 10
+    assert all(len(swarm) < len(KINDS) for swarm in swarms)
+    pauses = drawn_acts(big_blue(), 1, 60.0, ["pause"])
+    assert {act.kind for act in pauses} <= {"pause", "crash", "cut", "reboot"}
+    assert "forge" not in set().union(*swarms)
+
+
+def test_the_same_acts_give_the_same_flight_and_one_act_less_leaves_the_others_as_they_are() -> None:
+    acts = tuple(
+        read_act(two_tails(), text) for text in ("0.1 loss bus:can0 for 0.2 level 100", "0.5 slow pe:tail_pe for 0.2")
+    )
+
+    def digest(*some: Act) -> Outcome:
+        return play(two_tails(), Scenario(3, 1.0, some))
+
+    assert digest(*acts).digest == digest(*acts).digest
+    assert digest(*acts).digest != digest(acts[1]).digest
+
+
+def test_a_paused_pe_is_silent_but_for_its_mailbox_and_catches_up_with_what_it_missed() -> None:
+    simulation = flying(two_tails(), keep_trace=True)
+    begun_ns = simulation.now_ns
+    struck(simulation, "0 pause pe:tail_pe for 0.2")
+    simulation.run_for(190 * MS)
+    said = [sent for sent in simulation.trace if sent.sender == "tail_pe" and sent.end_ns > begun_ns]
+    assert len(said) <= 1
+    assert simulation.settle() == []
+    assert "silent for 3 heartbeat periods" in simulation.events_of("pe_lost")[-1]["cause"]
+
+
+def test_a_pause_within_a_longer_one_changes_nothing() -> None:
+    simulation = flying(two_tails())
+    struck(simulation, "0 pause pe:tail_pe for 0.2", "0.05 pause pe:tail_pe for 0.01")
+    simulation.run_for(150 * MS)
+    assert not simulation.pes["tail_pe"].is_awake
+    simulation.run_for(60 * MS)
+    assert simulation.pes["tail_pe"].is_awake
+
+
+def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:
+    simulation = flying(elevator_and_chute())
+    struck(simulation, "0 stuck pe:tail_pe for 1.5")
+    simulation.run_for(1_000 * MS)
+    assert not simulation.witness.served("elevator", simulation.now_ns)
+    assert simulation.events_of("pe_lost") == []
+    assert simulation.settle() == []
+
+
+def test_a_manager_that_stands_still_blames_nobody_for_its_own_pause() -> None:
+    simulation = flying(big_blue())
+    struck(simulation, "0 manager_pause manager for 0.5")
+    assert simulation.settle() == []
+    assert simulation.events_of("pe_lost") == []
+    assert simulation.witness.outages(simulation.now_ns) == []
+
+
+def test_a_clock_is_fast_or_slow_and_jumps() -> None:
+    clock = Clock()
+    fast, slow = LocalClock(clock, 1_000, 500), LocalClock(clock, 0, -500)
+    clock.run_until(10_000_000)
+    assert (fast.now_ns(), slow.now_ns()) == (10_006_000, 9_995_000)
+    for local in (fast, slow):
+        due_ns = local.now_ns() + 12_345
+        clock.run_until(local.when_ns(due_ns) - 1)
+        assert local.now_ns() < due_ns
+        clock.run_until(clock.now_ns + 1)
+        assert local.now_ns() >= due_ns
+    fast.jump(50)
+    assert fast.now_ns() - clock.now_ns > 6_050 - 50
+
+
+def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> None:
+    simulation = flying(two_tails())
+    strikes = struck(
+        simulation, "0 pause pe:control_pe for 0.01 in planning", "0 doubled bus:can0 for 0.1 in preparing level 1"
+    )
+    simulation.run_for(1_000 * MS)
+    assert sum(strikes.hits.values()) == 0
+    simulation.kill("sensor_pe")
+    simulation.run_for(1_500 * MS)
+    assert strikes.hits == {("pause", "planning"): 1, ("doubled", "preparing"): 1}
+    late = struck(simulation, "0 pause pe:control_pe for 0.01 in activating")
+    simulation.run_for(3_000 * MS)
+    assert late.hits == {("pause", "idle"): 1}
+
+
+def test_what_is_dead_cannot_be_struck_and_what_is_healed_strikes_no_more() -> None:
+    simulation = flying(two_tails())
+    strikes = struck(simulation, "0 crash pe:tail_pe", "0.1 pause pe:tail_pe for 0.1", "0.5 crash pe:sensor_pe")
+    simulation.run_for(200 * MS)
+    strikes.heal()
+    simulation.run_for(500 * MS)
+    assert strikes.hits == {("crash", "idle"): 1}
+    assert set(simulation.pes) == {"sensor_pe", "control_pe"}
+
+
+def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
+    clock = Clock()
+    protocol, seen = ProtocolState(clock), []
+    for event in (
+        {"event": "pe_suspected", "pe": "a"},
+        {"event": "plan_requested"},
+        {"event": "epoch_prepared"},
+        {"event": "epoch_step", "step": "BREAK"},
+        {"event": "epoch_step", "step": "GO_ALL"},
+        {"event": "reconfigured"},
+        {"event": "pe_lost", "pe": "a"},
+        {"event": "pe_heard_again", "pe": "a"},
+    ):
+        protocol.take(event)
+        seen.append(protocol.now)
+    assert seen == ["suspect", "planning", "preparing", "activating", "going", "suspect", "idle", "rejoining"]
+    assert set(seen) == set(STATES)
+    clock.run_until(3_000 * MS)
+    assert protocol.now == "idle"
+    protocol.take({"event": "plan_requested"})
+    protocol.take({"event": "manager_started"})
+    assert protocol.now == "idle"

@@ -1,0 +1,133 @@
+"""What the managers have commanded, read back from the frames: configurations by epoch.
+
+PREPARE opens an epoch, SLICE heads say who takes part and how long each slice is, bodies bring the bytes, or the digest
+of a head names bytes that were sent before. From the first ACTIVATE of the epoch on the slices become a configuration
+again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may come later. Nothing here
+asks a manager: a slice that was never on the bus cannot be put together.
+"""
+
+from dataclasses import dataclass, field
+
+from heronry_dg.configuration import Configuration, Running, Wire
+from heronry_dg.model import Spec
+from heronry_manager.topology import reached_by_wire
+from heronry_wire.configuration_slice import Slice, SliceError, configuration_digest, decode_slice, slice_digest
+from heronry_wire.management import (
+    SLICE_BYTES_PER_FRAME,
+    Activate,
+    Lease,
+    ManagementMessage,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    StatePage1,
+    Step,
+)
+
+
+@dataclass(slots=True)
+class Epoch:
+    """One epoch as it was heard; `configuration` once it has been activated and put together."""
+
+    number: int
+    digest: int
+    prepared_ns: int
+    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who takes part
+    bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
+    staged: set[int] = field(default_factory=set)  # nodes that have said so
+    configuration: Configuration | None = None
+    flaw: str | None = None  # why there is none, and will not be
+
+
+class Commanded:
+    """Follows the commands on the managers' bus."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._modules = list(spec.modules.values())
+        self._sources = list(spec.sources())
+        self._leaves = {
+            (i, j): len(list(mode.leaves()))
+            for i, module in enumerate(self._modules)
+            for j, mode in enumerate(module.modes.values())
+        }
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
+        self._bytes: dict[int, bytes] = {slice_digest(spec.digest, b""): b""}  # by digest of the slice
+        self._preparing: Epoch | None = None
+        self.epochs: dict[int, Epoch] = {}  # activated ones
+        self.current: Epoch | None = None
+
+    def take(self, t_ns: int, message: ManagementMessage) -> Epoch | None:
+        """Follow a command; gives an epoch once, when it has been activated and put together, or cannot be."""
+        epoch = self._preparing
+        match message:
+            case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
+                self._preparing = Epoch(message.epoch, message.digest, t_ns)
+            case SliceHead() if epoch is not None and message.epoch_low == epoch.number & 0xFF:
+                epoch.heads[message.node] = message
+            case SliceBody() if epoch is not None and message.epoch_low == epoch.number & 0xFF:
+                epoch.bodies.setdefault(message.node, {})[message.index] = message.body
+                self._keep(epoch.heads.get(message.node), epoch.bodies[message.node])
+            case Activate() | Lease() if message.step is not Step.PREPARED and epoch is not None:
+                if (epoch.number, epoch.digest) == (message.epoch, message.digest):
+                    self.epochs[epoch.number] = self.current = epoch
+        if epoch is None or epoch.number not in self.epochs or epoch.configuration is not None or epoch.flaw:
+            return None
+        return self._put_together(epoch)
+
+    def staged(self, node: int, page: StatePage1) -> None:
+        """A PE says what it has staged."""
+        epoch = self._preparing
+        if epoch is not None and (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
+            epoch.staged.add(node)
+
+    def _put_together(self, epoch: Epoch) -> Epoch | None:
+        """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""
+        slices = {pe.node_id: b"" for pe in self._spec.pes.values()}
+        for node, head in epoch.heads.items():
+            if head.digest in self._bytes:
+                slices[node] = self._bytes[head.digest]
+            elif node not in self._wired:
+                return None
+            else:
+                epoch.flaw = f"it was activated before the slice of node {node} was sent"
+        is_whole = configuration_digest(self._spec.digest, slices) == epoch.digest
+        if not is_whole and slices.keys() - epoch.heads.keys() - self._wired:
+            return None  # a PE beyond a radio may take part that has not had its head yet
+        try:
+            if epoch.flaw is None and not is_whole:
+                epoch.flaw = "the slices that were sent are not those of the digest that was announced"
+            if epoch.flaw is None:
+                decoded = {node: decode_slice(body, self._leaves) for node, body in slices.items()}
+                epoch.configuration = self._configuration(decoded)
+        except (SliceError, LookupError) as error:
+            epoch.flaw = f"its slices make no configuration: {error}"
+        return epoch
+
+    def _keep(self, head: SliceHead | None, frames: dict[int, bytes]) -> None:
+        """Remember the bytes of a slice once all of them have been sent."""
+        count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
+        if head is not None and all(index in frames for index in range(1, count + 1)):
+            body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]
+            if slice_digest(self._spec.digest, body) == head.digest:
+                self._bytes[head.digest] = body
+
+    def _configuration(self, slices: dict[int, Slice]) -> Configuration:
+        modes = {
+            self._modules[one.module].name: list(self._modules[one.module].modes.values())[one.mode]
+            for part in slices.values()
+            for one in part.modules
+        }
+        running = {}
+        for node, part in slices.items():
+            for one in part.modules:
+                module = self._modules[one.module]
+                mode = modes[module.name]
+                inputs = {}
+                for (path, _), source in zip(mode.leaves(), one.sources, strict=True):
+                    if source is not None:
+                        producer, variable = self._sources[source]
+                        inputs[path] = Wire(producer, variable, modes[producer].gives[variable])
+                running[module.name] = Running(self._pe_of_node[node], mode.name, inputs)
+        return Configuration({name: running[name] for name in self._spec.modules if name in running})
