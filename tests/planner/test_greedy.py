@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.loader import load
+from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.objective import placement, score
 from heronry_dg.plan import Plan, read_plan
@@ -182,3 +182,22 @@ def test_deadlines_are_judged_as_the_judge_does() -> None:
 def test_no_solver_is_loaded() -> None:
     program = "import sys, heronry_manager.planner.greedy.planner; sys.exit('ortools' in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_chain_as_long_as_the_aircraft_is_kept_and_a_longer_one_ends_in_no_crash() -> None:
+    for length, is_kept in ((100, True), (200, False)):
+        links = "".join(
+            f"  m{i}: {{needs: v{i - 1}, gives: {{v{i}: 1}}, cpu: 0.001, ram: 1, rate_hz: 1}}\n"
+            for i in range(1, length)
+        )
+        spec = loads(
+            "dg: 1\nname: chain\nbuses: {can0: {bitrate: 1000000}}\n"
+            "pes: {one: {node_id: 92, buses: [can0], cpu: 1, ram: 1KiB, flash: 1KiB}}\n"
+            f"variables: {{{', '.join(f'v{i}: {{type: FLOAT}}' for i in range(length))}}}\n"
+            f"modules:\n  m0: {{gives: {{v0: 1}}, cpu: 0.001, ram: 1, rate_hz: 1}}\n{links}"
+            f"functions: {{last: {{output: m{length - 1}}}}}\n",
+            "chain.dg.yaml",
+        )
+        running = {f"m{i}": ("only", "one") for i in range(length)}
+        found = planned(Case(spec, situation(spec), running))
+        assert found.functions["last"].served == is_kept

@@ -5,9 +5,9 @@ and starts a producer where it must: first one that ran before, then the cheapes
 does not serve is put into one that does, if those that read from it can take that as well (`switch`). Where no PE has
 room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
 
-Whatever returns False has left the draft as it was. A module whose inputs are being seen to is *busy*: it counts as
-running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by `fuel`, a count of tries, so
-that a plan takes no longer on a full aircraft, and is the same on every machine.
+Whatever returns False has left the draft as it was, but for `hold`. A module whose inputs are being seen to is *busy*:
+it counts as running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by `fuel`, a count
+of tries, so that a plan takes no longer on a full aircraft, and is the same on every machine.
 
 *Adopting* is the same with less freedom: nothing but what ran, in its mode and place.
 """
@@ -20,6 +20,7 @@ from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.tables import ALL, LEAF, Goal, Node, Tables, Wanted
 
 FUEL: Final = 40  # modules tried for one function
+_DEEPEST: Final = 120  # modules in a chain: Python gives up not far beyond
 
 Before = Sequence[tuple[int, int]]
 """Mode and PE of each module before; -1 for what did not run, and for a PE that is gone."""
@@ -73,7 +74,7 @@ class Server:
 
     def run(self, module: int, mode: int, pe: int = -1) -> bool:
         """Start a module and see to its needs; on `pe` alone, if one is given."""
-        if self.fuel <= 0 or not self._scene.possible >> mode & 1:
+        if self.fuel <= 0 or not self._scene.possible >> mode & 1 or self.busy.bit_count() > _DEEPEST:
             return False
         self.fuel -= 1
         draft, needs = self.draft, self._tables.needs[mode]
@@ -193,7 +194,10 @@ class Server:
         if kind == LEAF:
             return self.feed(number, consumer, may_start=may_start)
         if kind == ALL:
-            return all(self.hold(one, consumer, may_start=may_start) for one in inputs)
+            for one in inputs:  # noqa: SIM110 - a chain of modules is as deep as its calls: no generators between
+                if not self.hold(one, consumer, may_start=may_start):
+                    return False
+            return True
         if self.adopting:
             return len(self._held(inputs, number, consumer, may_start=True)) == number
         held = self._held(inputs, number, consumer, may_start=False)
@@ -217,18 +221,20 @@ class Server:
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
         """Wire a leaf to what runs, or to what is started for it."""
-        before, mode_of, tables = self._before, self.draft.mode, self._tables
-        if self.adopting:
-            return any(self.feed_from(leaf, consumer, *giver) for giver in tables.dearest[leaf])
-        for mode, module in tables.dearest[leaf]:
-            if mode_of[module] == mode and self.draft.wire(leaf, consumer, module):
+        before, mode_of, givers = self._before, self.draft.mode, self._tables.dearest[leaf]
+        if not self.adopting:
+            for mode, module in givers:
+                if mode_of[module] == mode and self.draft.wire(leaf, consumer, module):
+                    return True
+            if not may_start:
+                return False
+            givers = [giver for giver in self._tables.cheapest[leaf] if mode_of[giver[1]] != giver[0]]
+            if len(givers) > 1:
+                givers.sort(key=lambda giver: before[giver[1]][0] != giver[0])
+        for mode, module in givers:  # noqa: SIM110 - as above
+            if self.feed_from(leaf, consumer, mode, module):
                 return True
-        if not may_start:
-            return False
-        givers = [giver for giver in tables.cheapest[leaf] if mode_of[giver[1]] != giver[0]]
-        if len(givers) > 1:
-            givers.sort(key=lambda giver: before[giver[1]][0] != giver[0])
-        return any(self.feed_from(leaf, consumer, *giver) for giver in givers)
+        return False
 
     def feed_from(self, leaf: int, consumer: int, mode: int, module: int) -> bool:
         """Wire a leaf to a module in a mode, into which it is put or in which it is started if need be."""
@@ -242,7 +248,9 @@ class Server:
         draft.undo(mark)
         near = draft.pe[consumer]  # where nothing needs to be sent
         if now < 0 and draft.refused and not self.adopting and self.run(module, mode, near):
-            return draft.wire(leaf, consumer, module)
+            if draft.wire(leaf, consumer, module):
+                return True
+            draft.undo(mark)
         return False
 
     def _gets_into(self, module: int, mode: int) -> bool:
