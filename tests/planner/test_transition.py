@@ -193,6 +193,69 @@ def test_waiting_for_fewer_would_not_do() -> None:
     assert min(seen.values()) > 8, seen
 
 
+def test_the_judge_accepts_the_same_where_it_can_play_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("heronry_dg.verify_transition.MOST_MIXTURES", 1)
+    refused = 0
+    for seed in range(60):
+        spec, before, after, now = squeezed(random.Random(seed), buses=3)
+        way = transition(spec, before, after, now)
+        assert verify_transition(spec, before, after, now, way) == [], seed
+        refused += bool(way.wait_for) and bool(verify_transition(spec, before, after, now, direct(way)))
+    assert refused > 10
+
+
+def test_who_is_not_needed_once_others_wait_is_not_waited_for() -> None:
+    lines = ["dg: 1", "name: two", "buses: {b0: {bitrate: 1000000}, b1: {bitrate: 1000000}}", "manager: {bus: b0}"]
+    places = {"both": "b0, b1", "old0": "b0", "new0": "b0", "read0": "b0", "old1": "b1", "new1": "b1", "read1": "b1"}
+    lines += ["pes:"]
+    lines += [
+        f"  {pe}: {{node_id: {92 + i}, buses: [{on}], cpu: 1, ram: 1MiB, flash: 1MiB}}"
+        for i, (pe, on) in enumerate(places.items())
+    ]
+    rates = {"both": 300, "old0": 400, "old1": 400, "new0": 400, "new1": 400}
+    reads = {
+        "r0": ("read0", "both"), "r1": ("read1", "both"), "r2": ("read0", "old0"),
+        "r3": ("read1", "old1"), "r4": ("read0", "new0"), "r5": ("read1", "new1"),
+    }  # fmt: skip
+    lines += ["variables:", *(f"  v_{pe}: {{type: FLOAT}}" for pe in rates), "modules:"]
+    lines += [
+        f"  m_{pe}: {{runs_on: [{pe}], gives: {{v_{pe}: 1}}, cpu: 0.1, ram: 1KiB, rate_hz: {rate}}}"
+        for pe, rate in rates.items()
+    ]
+    lines += [
+        f"  {name}: {{needs: v_{what}, runs_on: [{pe}], cpu: 0.1, ram: 1KiB, rate_hz: 1}}"
+        for name, (pe, what) in reads.items()
+    ]
+    lines += ["functions:", *(f"  f_{name}: {{output: {name}}}" for name in reads)]
+    spec = loads("\n".join(lines) + "\n", "two.dg.yaml")
+
+    def running(*names: str) -> Configuration:
+        sources = {f"m_{reads[name][1]}": Running(reads[name][1], "only") for name in names}
+        readers = {
+            name: Running(reads[name][0], "only", {"": Wire(f"m_{reads[name][1]}", f"v_{reads[name][1]}", 1)})
+            for name in names
+        }
+        return Configuration(sources | readers)
+
+    before, after = running("r0", "r1", "r2", "r3"), running("r4", "r5")
+    just = {name: replace(bus, bitrate=1 + 700 * 135 * 10 // 7) for name, bus in spec.buses.items()}
+    spec = replace(spec, buses=just)
+    way = transition(spec, before, after, situation(spec))
+    assert way.wait_for.keys() == {"old0", "old1"}  # what is on both buses helps most at first, and is not needed then
+    assert verify_transition(spec, before, after, situation(spec), way) == []
+
+
+def test_the_judge_looks_at_the_pes_and_at_the_steps_themselves() -> None:
+    spec = load(shipped_spec_path("elevator_and_chute"))
+    after, now = plan(spec, situation(spec)).configuration, situation(spec, [], ["pe:tail_pe=1%"])
+    way = transition(spec, {}, after, now)
+    assert {v.rule for v in verify_transition(spec, {}, after, now, way)} == {"t.cpu"}
+    assert verify_transition(spec, after, after, now, transition(spec, after, after, now)) == []
+    broken = replace(way, steps=(Step.BREAK, Step.GO_ALL))
+    assert "t.wait" in {v.rule for v in verify_transition(spec, {}, after, now, broken)}
+    assert "t.steps" in {v.rule for v in verify_transition(spec, {}, after, now, replace(way, steps=()))}
+
+
 def squeezed(rng: random.Random, *, buses: int = 1) -> tuple[Spec, Configuration, Configuration, Situation]:
     """Two configurations of sensors and readers on a chain of buses that just carry either; few of them move."""
     pes = {f"p{i}": [f"b{rng.randrange(buses)}"] for i in range(rng.randint(2, 4))}
@@ -277,6 +340,11 @@ def test_where_the_wires_are_not_known_everything_given_may_be_on_the_bus(
         "unlock": ("only", "-"),
     }
     assert transition(spec, strangers, after, now) == blind
+    of_nobody = {"": Wire("look_left", "view_right", 1), "0": Wire("nobody", "view_left", 1)}
+    misread = Configuration({**before.modules, "nobody": Running("left", "only", of_nobody)})
+    misread = Configuration({**misread.modules, "unlock": Running("key", "only", of_nobody)})
+    assert transition(spec, misread, after, now) == transition(spec, before, after, now)
+    assert verify_transition(spec, misread, after, now, transition(spec, misread, after, now)) == []
 
 
 def test_a_silent_pe_keeps_its_demux_until_it_has_certainly_stopped() -> None:

@@ -12,12 +12,17 @@ from heronry_tools.cli import main
 SPLIT = """
 dg: 1
 name: split
-buses: {can0: {bitrate: 1000000}, can1: {bitrate: 1000000}, spare: {bitrate: 1000000}}
+buses:
+  can0: {bitrate: 1000000}
+  can1: {bitrate: 1000000}
+  spare: {bitrate: 1000000}
+  islet: {bitrate: 1000000}
 manager: {bus: can0}
 pes:
   near: {node_id: 92, buses: [can0, spare], cpu: 1, ram: 1MiB, flash: 1MiB}
   gate: {node_id: 93, buses: [can0, can1], cpu: 1, ram: 1MiB, flash: 1MiB}
   far:  {node_id: 94, buses: [can1], cpu: 1, ram: 1MiB, flash: 1MiB}
+  castaway: {node_id: 95, buses: [islet], cpu: 1, ram: 1MiB, flash: 1MiB}
 devices:
   left: {kind: actuator, pe: near}
   right: {kind: actuator, pe: gate}
@@ -101,6 +106,7 @@ def test_who_falls_silent_with_a_gateway_is_counted_with_it(capsys: pytest.Captu
     }
     assert faults["PE returns", "pe:gate"]["steps"] == ["BREAK", "GO_ALL"]
     assert faults["bus or gateway lost", "bus:spare"]["note"] == "nobody falls silent: it is not noticed"
+    assert ("PE lost", "pe:castaway") not in faults
 
 
 def test_a_bus_that_management_alone_fills_has_no_bound(capsys: pytest.CaptureFixture[str], split: Path) -> None:

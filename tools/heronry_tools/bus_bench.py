@@ -80,7 +80,8 @@ def run_bus(
             priority, due = heapq.heappop(waiting)
             now += streams[priority].length
             longest[priority] = max(longest[priority], now - due)
-        elif below is not None:
+        else:
+            assert below is not None
             now += below[1]
             below = next(lower, None)
     return longest
