@@ -241,7 +241,7 @@ OBJECTS: tuple[Entry, ...] = (
     _per_module(MODULE_IMAGES, "Module image", _TEXT, "the code"),
     _per_module(MODULE_STATES, "Module state", _U8, "0 not wanted, 1 running, 2 held, 3 failed, 4 not started yet"),
     _per_module(MODULE_MODES, "Module mode", _TEXT, "the mode that runs, or nothing"),
-    _var(TABLE, Variable("Table of this PE", Type.DOMAIN, _RW, meaning="JSON text, as heronry table writes it")),
+    _var(TABLE, Variable("Table of this PE", Type.DOMAIN, _RW, meaning="JSON text, as `heronry table` writes it")),
     Entry(
         COUNTERS,
         "Counters",

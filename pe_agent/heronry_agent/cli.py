@@ -8,8 +8,8 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from can.cli import add_bus_arguments
@@ -20,13 +20,17 @@ from heronry_agent.driver import AgentDriver, hears_own_id
 from heronry_agent.host import ModuleHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.ports import bus_configs
+from heronry_agent.table_waiting import Waiting, WaitingCore
 from heronry_agent.vocabulary import Note
-from heronry_wire.bus_arguments import BusArgumentError
+from heronry_wire.bus_arguments import BusArgumentError, flagged_bus
 from heronry_wire.errors import HeronryError
+from heronry_wire.identifiers import PE_NODES
 from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
 
 _LISTEN_PERIODS = 2
+_LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
+_USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
 
 _EPILOG = """\
 examples:
@@ -34,6 +38,7 @@ examples:
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
+  pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
 can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTERM; a PE that just vanishes is no harm.
@@ -60,7 +65,11 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--table", type=Path, required=True, metavar="FILE", help="what 'heronry table' wrote for it")
+    table = parser.add_mutually_exclusive_group(required=True)
+    table.add_argument("--table", type=Path, metavar="FILE", help="what 'heronry table' wrote for it")
+    table.add_argument(
+        "--node", type=_node, metavar="ID", help="wait as this node (92 to 125) for 'heronry send-table', over the bus"
+    )
     parser.add_argument(
         "--bus",
         action="append",
@@ -85,10 +94,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _node(text: str) -> int:
+    if text.isascii() and text.isdecimal() and int(text) in PE_NODES:
+        return int(text)
+    raise argparse.ArgumentTypeError(f"{text} is not the node-ID of a PE; use {PE_NODES[0]} to {PE_NODES[-1]}")
+
+
 def _run(arguments: argparse.Namespace) -> int:
-    table = _read_table(arguments.table)
-    configs = bus_configs(table, arguments, arguments.bus)
     tell = _silent if arguments.quiet else _print_note
+    table = _wait_for_table(arguments, tell) if arguments.table is None else _read_table(arguments.table)
+    if table is None:
+        return 0
+    configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     host = ModuleHost(table, Bench(origin_ns))
     for image, reason in host.missing_images.items():
@@ -110,6 +127,20 @@ def _run(arguments: argparse.Namespace) -> int:
         if arguments.verbose:
             _print_counts(core, links, table)
     return 0
+
+
+def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None]) -> PeTable | None:
+    """Be a node without a table until there is one; None if it was stopped before."""
+    flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
+    bitrate = flags.get("bitrate", _USUAL_BITRATE)
+    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns())
+    with closing(Link(flags)) as link:
+        if hears_own_id([link], arguments.node, _LISTEN_NS):
+            raise HeronryError(f"another node on the bus has node-ID {arguments.node}; give one of them another")
+        waiting = Waiting(core, link, tell)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: waiting.stop())
+        return waiting.run(until_eof=arguments.until_eof)
 
 
 def _read_table(file: Path) -> PeTable:

@@ -2,9 +2,9 @@
 
 Nothing here is kept or computed ahead, but for the two long texts: the EDS and the table are written out when they are
 first asked for. Two things can be written: the heartbeat time, and 0 to the number of errors, which empties the list.
-The table can be "written" with what it is already, by a tool that makes sure of it; any other table is refused, since a
-PE is given its table as a file, and so is every table while the PE is configured: that many bytes have no business on
-the bus then.
+The table can be "written" with what it is already, by a tool that makes sure of it. Any other is taken by a PE that
+waits for one (`table_waiting`), and refused by a PE that has one. While a PE is configured it takes none: that many
+bytes have no business on the bus then.
 """
 
 from collections.abc import Callable
@@ -48,7 +48,11 @@ _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Parts of an agent that tell what it is and does; `facts` gives what the state frames tell now."""
+    """Parts of an agent that tell what it is and does.
+
+    facts: gives what the state frames tell now.
+    take_table: takes another table than the present one, or says why not; None where no other is taken.
+    """
 
     turn: Turn
     index: TableIndex
@@ -57,6 +61,7 @@ class Parts:
     reconfiguration: Reconfiguration
     modules: RunningModules
     facts: Callable[[], Facts]
+    take_table: Callable[[bytes], Abort | None] | None = None
 
 
 class PeObjects:
@@ -143,4 +148,7 @@ class PeObjects:
         self._parts.modules.faults.history.clear()
 
     def _take_table(self, text: bytes) -> Abort | None:
-        return None if text.strip() == self._table() else Abort.DEVICE_STATE
+        if text.strip() == self._table():
+            return None
+        take = self._parts.take_table
+        return Abort.DEVICE_STATE if take is None else take(text)

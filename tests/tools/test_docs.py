@@ -54,7 +54,7 @@ RULES = [
     Rule(r"make( help)?", How.RUN, in_checkout=True),
     Rule(r"(heronry|pe-agent|tools/with-vcan)( \w+)? --help", How.RUN),
     Rule(r"heronry .*\bmy\.dg\.yaml.*", How.EXEMPT, "test_tutorial.py runs it, on what is written by then"),
-    Rule(r".*(heronry manager|heronry demo|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
+    Rule(r".*(heronry (manager|demo|send-table)|pe-agent) .*-c can\d.*", How.HARDWARE, "a CAN interface named can0"),
     Rule(r"heronry demo\b.*", How.LIVE),
     Rule(r"heronry (plan|verify|table|dbc|eds|sim|check|render|diff)\b.*", How.RUN),
     Rule(r"heronry (contingencies|campaign|cutsets|why)\b.*", How.RUN),

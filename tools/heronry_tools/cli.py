@@ -18,6 +18,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "manager_command": ("manager",),
     "operator_command": ("status", "phase", "fail", "clear"),
     "table_command": ("table",),
+    "send_table_command": ("send-table",),
     "sim_command": ("sim",),
     "dbc_command": ("dbc",),
     "eds_command": ("eds",),
