@@ -41,6 +41,8 @@ examples:
   heronry plan big_blue --down pe:flight         the best configuration without the flight computer
   heronry plan big_blue --json >plan.json        ... as JSON
   heronry verify big_blue plan.json              is that plan legal?
+  heronry bus big_blue                           every message on its buses, with its worst case
+  heronry bound big_blue                         how long a reconfiguration takes at most
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
