@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_agent.bench import Bench
 from heronry_agent.module import Inputs, Module, Value
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
@@ -179,3 +180,13 @@ def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
     assert reigning.stopped is None
     assert simulation.events_of("second_manager") == []
     assert simulation.events_of("advice")[-1]["plan"]["down"] == ["pe:tail_pe"]
+
+
+def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:
+    simulation = Simulation(big_blue())
+    simulation.world = Bench(-85_000 * MS)  # high up, on its line, with its wings out
+    simulation.run_until(18_000 * MS)
+    assert [phase for phase, _ in entered(simulation)] == ["deployment", "glide"]
+    assert simulation.settle() == []
+    (glide,) = [told for told in simulation.events_of("reconfigured") if "phase glide" in told["causes"][0]]
+    assert "cutdown_logic" in glide["stopped"]  # nothing left to cut

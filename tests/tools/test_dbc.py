@@ -11,7 +11,16 @@ from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.dbc_writer import dbc_text
 from heronry_wire import management
-from heronry_wire.canaerospace import DataType, Datum, Status, Validity, encode_data, pack_status
+from heronry_wire.canaerospace import (
+    DataType,
+    Datum,
+    ErrorReport,
+    Status,
+    Validity,
+    encode_data,
+    encode_emergency_event,
+    pack_status,
+)
 from heronry_wire.identifiers import Command, actuator_echo_id, emcy_id, heartbeat_id, management_id, state_id
 from heronry_wire.layout import Layout
 from heronry_wire.management import (
@@ -92,6 +101,9 @@ def test_faults_heartbeats_and_echoes_are_read(database: Database) -> None:
     fault = Emergency(FaultCode.REPORTED, 1, ElementKind.DEVICE, 3, 44).encode()
     read = database.decode_message(emcy_id(94), fault)
     assert (read["code_high"] << 8 | read["code_low"], read["kind"], read["index"]) == (0xFF03, "DEVICE", 3)
+    event = encode_emergency_event(94, ErrorReport(FaultCode.REPORTED - 0x10000, ElementKind.DEVICE, 3))
+    read = database.decode_message(event.can_id, event.data)
+    assert (read["node_id"], read["error_code"], read["operation_id"], read["location_id"]) == (94, -253, "DEVICE", 3)
     for node in (94, 126, 127):
         assert database.decode_message(heartbeat_id(node), b"\x05") == {"canopen_state": "OPERATIONAL"}
     echo = encode_data(actuator_echo_id(94), Datum(94, DataType.FLOAT, 3, 1, -2.5))

@@ -25,6 +25,7 @@ from heronry_wire.identifiers import (
     Command,
     actuator_echo_id,
     emcy_id,
+    emergency_event_id,
     heartbeat_id,
     management_id,
     state_id,
@@ -42,6 +43,7 @@ from heronry_wire.management import (
     SLICE_HEAD,
     STATE_0,
     STATE_1,
+    ElementKind,
 )
 
 _TYPE_NAMES = {data_type.value: data_type.name for data_type in DataType}
@@ -122,6 +124,7 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
     for node, name in nodes.items():
         yield _message(state_id(node), f"STATE_{name}", 8, list(_state()), name)
         yield _message(emcy_id(node), f"EMCY_{name}", EMCY.length, list(_signals(EMCY)), name)
+        yield _message(emergency_event_id(node), f"EMERGENCY_{name}", 8, list(_emergency_event()), name)
         yield _heartbeat(node, name)
         yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo(spec)), name)
 
@@ -151,6 +154,17 @@ def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
     yield _signal("data_type", 8, 8, _TYPE_NAMES)
     yield from service
     yield _signal("message_code", 24, 8)
+
+
+def _emergency_event() -> Iterator[Signal]:
+    """CANaerospace emergency event of a fault: what EMCY says, in CANaerospace's words."""
+    yield from _header((_signal("service_code", 16, 8),))
+    yield _signal("error_code", 32, 16, signed=True)
+    yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
+    yield _signal("location_id", 56, 8, signed=True)
+
+
+_ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
 
 
 def _echo(spec: Spec | None) -> Iterator[Signal]:
