@@ -13,6 +13,7 @@ most: a client that does not wait for its answer is not answered.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 from heronry_agent.network_management import Heeded, NetworkManagement, NmtState
 from heronry_agent.node_services import NodeServices
@@ -44,6 +45,7 @@ class CanopenNode:
         self._sdo = SdoServer(objects.dictionary(), _DESK_SHARE * self._frame_ns)
         self._held: bytes | None = None  # a request that waits for its turn
         self._turn_ns = turn.now_ns  # when that is
+        self.next_ns = turn.now_ns
         self._sdo_answer_id = sdo_response_id(index.node)
 
     @property
@@ -51,17 +53,11 @@ class CanopenNode:
         """Tell whether boot-up has been said."""
         return self._network.booted
 
-    @property
-    def next_ns(self) -> int:
-        """When something is due."""
-        held_ns = NEVER_NS if self._held is None else self._turn_ns
-        return min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
-
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
         """Give what takes the frames of each identifier."""
-        yield NMT_ID, self._nmt
-        yield sdo_request_id(self._index.node), self._request
-        yield REQUEST_ID, self._asked
+        yield NMT_ID, partial(self._take, self._nmt)
+        yield sdo_request_id(self._index.node), partial(self._take, self._request)
+        yield REQUEST_ID, partial(self._take, self._asked)
 
     def tick(self) -> None:
         """Say what is due."""
@@ -75,6 +71,15 @@ class CanopenNode:
             self._serve(self._held)
         else:
             self._say(self._sdo.tick(turn.now_ns))
+        self._find_next()
+
+    def _take(self, handle: Callable[[Received], None], event: Received) -> None:
+        handle(event)
+        self._find_next()
+
+    def _find_next(self) -> None:
+        held_ns = NEVER_NS if self._held is None else self._turn_ns
+        self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
 
     def _configured(self) -> bool:
         return self._reconfiguration.running.epoch != NO_EPOCH

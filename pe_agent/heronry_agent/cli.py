@@ -138,9 +138,13 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None])
         if hears_own_id([link], arguments.node, _LISTEN_NS):
             raise HeronryError(f"another node on the bus has node-ID {arguments.node}; give one of them another")
         waiting = Waiting(core, link, tell)
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: waiting.stop())
-        return waiting.run(until_eof=arguments.until_eof)
+        numbers = (signal.SIGTERM, signal.SIGINT)
+        before = {number: signal.signal(number, lambda *_: waiting.stop()) for number in numbers}
+        try:
+            return waiting.run(until_eof=arguments.until_eof)
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 def _read_table(file: Path) -> PeTable:
