@@ -15,7 +15,7 @@ what runs are not known, every variable that is given is taken to go everywhere.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 
@@ -152,21 +152,31 @@ def _flash(case: _Way, there: Mapping[str, Mode]) -> int:
 
 
 def _exclusives(case: _Way, way: Transition, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:
-    """Look at every pair of PEs, each in every state that it could be in."""
+    """Look for what a PE could begin to drive while another one could drive it too."""
     could: dict[str, set[str]] = {}  # what is exclusive -> the PEs that could drive it
+    begins: dict[str, set[str]] = {}  # ... those of them that do not drive it now
     for pe, states in stage.items():
-        for module in {module for state in states for module in case.modules(pe, state)}:
-            could.setdefault(f"module {module}", set()).add(pe)
-            if module in case.demux_of:
-                could.setdefault(f"demux {case.demux_of[module]}", set()).add(pe)
+        driven_now = set(_driven(case, case.modules(pe, BEFORE)))
+        for thing in {thing for state in states for thing in _driven(case, case.modules(pe, state))}:
+            could.setdefault(thing, set()).add(pe)
+            if thing not in driven_now:
+                begins.setdefault(thing, set()).add(pe)
     waited = way.hold if Step.GO in way.steps and any(AFTER in states for states in stage.values()) else ()
     for module, (_, pe) in case.now_runs.items():
         demux = case.demux_of.get(module)
         if demux is not None and pe not in stage and demux not in waited:
             could.setdefault(f"demux {demux}", set()).add(pe)  # silent, and nobody knows whether it is dead
-    for thing, pes in could.items():
-        if len(pes) > 1:
-            yield Violation("t.exclusive", thing, f"it could be driven by {' and '.join(sorted(pes))} at once")
+    for thing in begins:
+        if len(could[thing]) > 1:
+            yield Violation("t.exclusive", thing, f"{' and '.join(sorted(could[thing]))} could drive it at once")
+
+
+def _driven(case: _Way, modules: Iterable[str]) -> Iterator[str]:
+    """Name what is exclusive about some modules: they themselves, and the DEMUXes whose branches they are."""
+    for module in modules:
+        yield f"module {module}"
+        if module in case.demux_of:
+            yield f"demux {case.demux_of[module]}"
 
 
 def _bus_budgets(case: _Way, stage: Mapping[str, Sequence[str]]) -> Iterator[Violation]:

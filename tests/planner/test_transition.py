@@ -28,7 +28,7 @@ from heronry_manager.planner.exact import plan
 from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.management import Step
 from planner.comparison import crossing_case
-from planner.random_specs import random_case, random_situation
+from planner.random_specs import random_case, random_running, random_situation
 
 # Two sensors that do not fit on the bus together; which one is read is decided on `sink`, and nothing moves.
 SWAP = """
@@ -176,6 +176,18 @@ def test_what_is_chosen_is_accepted_and_the_agents_exceed_nothing(rng: random.Ra
     assert verify_transition(spec, placement(before), after, now, blind) == []
     assert verify_transition(spec, before, after, now, blind) == []
     assert len(blind.steps) >= len(way.steps)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_from_anything_that_a_user_says_runs_there_is_a_way_that_the_judge_accepts(rng: random.Random) -> None:
+    case = random_case(rng, modules=6)
+    before, after = random_running(rng, case.spec) or {}, plan(case.spec, case.now, case.running).configuration
+    way = transition(case.spec, before, after, case.now)
+    assert verify_transition(case.spec, before, after, case.now, way) == []
+    configured = Configuration({name: Running(pe, mode) for name, (mode, pe) in before.items()})
+    way = transition(case.spec, configured, after, case.now)
+    assert verify_transition(case.spec, configured, after, case.now, way) == []
 
 
 def test_waiting_for_fewer_would_not_do() -> None:

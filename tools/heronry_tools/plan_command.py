@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from heronry_dg.objective import Placement
     from heronry_dg.plan import Plan
     from heronry_dg.situation import Situation
+    from heronry_dg.transition import Transition
 
 _SITUATIONS = """\
 An element that can be down is pe:NAME, device:NAME, module:NAME, bus:NAME or channel:BUS.1 (of a replicated bus).
@@ -98,7 +99,6 @@ def run_plan(arguments: argparse.Namespace) -> int:
     """Plan and show or write the plan; returns the exit code."""
     from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
     from heronry_dg.situation import situation  # noqa: PLC0415
-    from heronry_dg.transition import transition  # noqa: PLC0415
     from heronry_tools.plan_report import print_plan  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
@@ -107,7 +107,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     text = read_text(arguments.running) if arguments.running else None
     running = read_running(text) if text is not None else None
     found = _greedy(spec, now, running) if arguments.planner == "greedy" else _best(spec, now, running)
-    way = transition(spec, _as_known(text), found.configuration, now) if text is not None else None
+    way = _way(spec, text, found, now) if text is not None else None
     if not arguments.json:
         print_plan(spec, found, arguments.planner, way)
     elif way is None:
@@ -134,6 +134,19 @@ def _best(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan"
         how = 'add it with: pip install "heronry[manager]", or use --planner greedy'
         raise UserError(f"ortools is not installed; {how}") from error
     return explained(spec, plan(spec, now, running))
+
+
+def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
+    """The way from what runs to a plan, as the judge accepts it."""
+    from heronry_dg.transition import transition  # noqa: PLC0415
+    from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
+    from heronry_wire.sansio import require  # noqa: PLC0415
+
+    before, after = _as_known(text), found.configuration
+    way = transition(spec, before, after, now)
+    refusals = verify_transition(spec, before, after, now, way)
+    require(not refusals, "the way to this plan is none that may be gone: {}", refusals)
+    return way
 
 
 def _as_known(text: str) -> "Configuration | Placement":
