@@ -18,8 +18,8 @@ from agent.one_pe import (
     sent,
 )
 from heronry_agent.faults import QUIET_NS
-from heronry_agent.schedule import OVERRUNS_IN_A_ROW
-from heronry_agent.vocabulary import Action, Note, StepModule, Stepped
+from heronry_agent.schedule import OVERRUNS_IN_A_ROW, Schedule
+from heronry_agent.vocabulary import Action, Note, Stepped
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
@@ -100,34 +100,31 @@ class Slow(OnePe):
         return super().answer(module, release)
 
 
-def steps_until_stopped(pe: OnePe, most: int) -> int:
-    steps = 0
-    while CONTROL in pe.running and steps < most:
-        pe.now_ns = max(pe.now_ns, pe.core.next_deadline_ns())
-        steps += sum(1 for action in pe.pass_time(0) if isinstance(action, StepModule) and action.module == CONTROL)
-    return steps
-
-
 def test_a_module_that_takes_longer_than_its_period_again_and_again_is_stopped_and_told() -> None:
     pe = Slow()
     pe.configure(replace(FLYING, modules=FLYING.modules[:1]), 7)
     pe.took_ns = 26 * MS
-    assert steps_until_stopped(pe, 20) == OVERRUNS_IN_A_ROW
+    pe.pass_time(20 * MS)
+    assert CONTROL not in pe.running
+    assert len(pe.steps[CONTROL]) == OVERRUNS_IN_A_ROW
     told = [e for e in emergencies([action for _, action in pe.done]) if e.code is FaultCode.MODULE_OVERRUN]
     assert {(e.kind, e.index) for e in told} == {(ElementKind.MODULE, CONTROL)}
     assert any("longer than its period" in action.text for _, action in pe.done if isinstance(action, Note))
 
 
 def test_a_step_in_time_forgives_those_before_it() -> None:
-    pe = Slow()
-    pe.configure(replace(FLYING, modules=FLYING.modules[:1]), 7)
-    slow = 0
-    while slow < 3 * OVERRUNS_IN_A_ROW:
-        pe.took_ns = 26 * MS
-        slow += steps_until_stopped(pe, OVERRUNS_IN_A_ROW // 2)
-        pe.took_ns = 25 * MS
-        steps_until_stopped(pe, 1)
-    assert CONTROL in pe.running
+    schedule = Schedule()
+    schedule.start(CONTROL, 40_000, 0)
+
+    def step(took_ns: int) -> bool:
+        release = schedule.begin(CONTROL, 0)
+        assert schedule.end(CONTROL, release, took_ns)
+        return schedule.overruns_now(CONTROL)
+
+    for _ in range(3):
+        assert not any(step(26 * MS) for _ in range(OVERRUNS_IN_A_ROW - 1))
+        assert not step(25 * MS)
+    assert [step(26 * MS) for _ in range(OVERRUNS_IN_A_ROW)] == [False] * (OVERRUNS_IN_A_ROW - 1) + [True]
 
 
 def test_a_late_answer_of_a_module_that_was_stopped_is_no_overrun() -> None:
