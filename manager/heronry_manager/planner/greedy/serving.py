@@ -6,8 +6,9 @@ does not serve is put into one that does, if those that read from it can take th
 room for a module, others are moved out of its way, from one PE, as long as they find another one (`_clear`).
 
 Whatever returns False has left the draft as it was, but for `hold`. A module whose inputs are being seen to is *busy*:
-it counts as running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by `fuel`, a count
-of tries, so that a plan takes no longer on a full aircraft, and is the same on every machine.
+it counts as running, so that feedback closes upon it, and its mode stays what it is. Work is bounded by counts of tries
+(`fuel` for a function, a budget for all), so that a plan takes no longer on a full aircraft, and is the same on every
+machine.
 
 *Adopting* is the same with less freedom: nothing but what ran, in its mode and place.
 """
@@ -19,7 +20,8 @@ from heronry_manager.planner.greedy.draft import Draft
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.tables import ALL, LEAF, Goal, Node, Tables, Wanted
 
-FUEL: Final = 40  # modules tried for one function
+_FUEL: Final = 40  # modules tried for one function
+_BUDGET: Final = 800  # modules tried or moved for all of them, beside what is adopted
 _DEEPEST: Final = 120  # modules in a chain: Python gives up not far beyond
 
 Before = Sequence[tuple[int, int]]
@@ -32,7 +34,8 @@ class Server:
     def __init__(self, tables: Tables, wanted: Wanted, scene: Scene, draft: Draft, before: Before) -> None:
         """Nothing is served yet."""
         self.draft = draft
-        self.fuel = FUEL
+        self.fuel = _FUEL
+        self._budget = _BUDGET
         self.short = 0  # PEs on which a module found no room, since this was last cleared
         self.busy = 0  # modules whose mode must stay
         self.moving = True  # others may be moved out of a module's way
@@ -56,7 +59,7 @@ class Server:
 
     def serve_in(self, modes: Iterable[int]) -> bool:
         """Run the first of some modes of outputs that works."""
-        self.fuel = FUEL
+        self.fuel = _FUEL
         return any(self.run(self._tables.module_of[mode], mode) for mode in modes)
 
     def adopt(self, goals: Iterable[Goal]) -> None:
@@ -74,9 +77,12 @@ class Server:
 
     def run(self, module: int, mode: int, pe: int = -1) -> bool:
         """Start a module and see to its needs; on `pe` alone, if one is given."""
-        if self.fuel <= 0 or not self._scene.possible >> mode & 1 or self.busy.bit_count() > _DEEPEST:
+        if min(self.fuel, self._budget) <= 0 or not self._scene.possible >> mode & 1:
+            return False
+        if self.busy.bit_count() > _DEEPEST:
             return False
         self.fuel -= 1
+        self._budget -= not self.adopting
         draft, needs = self.draft, self._tables.needs[mode]
         mark = draft.mark()
         for place in self.places(module, mode) if pe < 0 else self._there(module, mode, pe):
@@ -145,6 +151,7 @@ class Server:
         return tables.cpu[mode] >= cpu and tables.ram[mode] >= ram and tables.flash[module] >= flash
 
     def _move_away(self, module: int, pe: int) -> bool:
+        self._budget -= 1
         draft, mode = self.draft, self.draft.mode[module]
         hosts = self._tables.hosts[mode] & self._scene.pes & ~(1 << pe)
         cpu, need = draft.cpu, self._tables.cpu[mode]
