@@ -1,21 +1,39 @@
 """The judges of a simulated run see what they are for, and nothing else."""
 
+from dataclasses import replace
+
+from heronry_agent.module import Datum
+from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
+from heronry_manager.compilation import Compiler
+from heronry_tools.simulator.act import MANAGER, Act
 from heronry_tools.simulator.bus import Clash, Sent
+from heronry_tools.simulator.check_silence import stopped_by_silence
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.witness import Outage
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
+    SLICE_BYTES_PER_FRAME,
     Activate,
+    Control,
     ElementKind,
     Emergency,
     FaultCode,
+    Operation,
     PeFlags,
     PeState,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
     StatePage0,
+    StatePage1,
     Step,
 )
 
@@ -38,6 +56,123 @@ def state(epoch: int, digest: int, incarnation: int = 1, state: PeState = PeStat
 
 def rules(checks: Checks, truth: Situation = WELL) -> list[str]:
     return [violation.rule for violation in checks.broken(truth, [])]
+
+
+def commands(
+    configuration: Configuration,
+    *,
+    absent: frozenset[str] = frozenset(),
+    unstaged: frozenset[str] = frozenset(),
+    digest: int | None = None,
+    bodies: bool = True,
+) -> list[Sent]:
+    """A configuration on its way, as frames: PREPARE, slices, what the PEs say, ACTIVATE."""
+    compiled = Compiler(SPEC).configuration(configuration)
+    announced = compiled.digest if digest is None else digest
+    frames = [Frame(management_id(126, Command.PREPARE), Prepare(1, 1, announced).encode())]
+    slices = management_id(126, Command.SLICE)
+    for pe in SPEC.pes.values():
+        if pe.name not in absent:
+            body = compiled.slices[pe.node_id]
+            frames.append(
+                Frame(slices, SliceHead(pe.node_id, 1, len(body), compiled.slice_digests[pe.node_id]).encode())
+            )
+            parts = [body[i : i + SLICE_BYTES_PER_FRAME] for i in range(0, len(body), SLICE_BYTES_PER_FRAME)]
+            for index, part in enumerate(parts if bodies else [], start=1):
+                frames.append(Frame(slices, SliceBody(pe.node_id, 1, index, part).encode()))
+            if pe.name not in unstaged:
+                said = StatePage1(PeState.ACTIVE, PeFlags(0), 1, announced, Reason.NONE, 0)
+                frames.append(Frame(state_id(pe.node_id), said.encode()))
+    frames.append(Frame(management_id(126, Command.ACTIVATE), Activate(1, 1, Step.GO_ALL, announced).encode()))
+    return [sent(frame, "whoever") for frame in frames]
+
+
+def judged(frames: list[Sent]) -> list[str]:
+    checks = Checks(SPEC)
+    for frame in frames:
+        checks.see(frame)
+    return [f"{violation.rule}: {violation.story}" for violation in checks.broken(WELL, [])]
+
+
+BEST = best_plan(SPEC, WELL, None).configuration
+
+
+def test_the_best_plan_staged_by_everybody_is_in_order() -> None:
+    assert judged(commands(BEST)) == []
+
+
+def test_a_configuration_that_breaks_a_rule_of_the_graph_is_seen() -> None:
+    unwired = {
+        name: replace(running, inputs={}) if name == "servo_driver_1" else running
+        for name, running in BEST.modules.items()
+    }
+    (story, *_) = judged(commands(Configuration(unwired)))
+    assert story.startswith("configuration: epoch 1: rule ")
+
+
+def test_nobody_is_activated_who_has_not_staged() -> None:
+    stories = judged(commands(BEST, unstaged=frozenset({"tail_pe"})))
+    assert stories == ["configuration: epoch 1 is activated, and tail_pe has not staged it"]
+
+
+def test_what_could_be_served_is_not_dropped() -> None:
+    (story,) = judged(commands(Configuration({})))
+    assert story.startswith("service: epoch 1 serves (0, 0, 0, 0) by criticality")
+
+
+def test_what_cannot_be_served_without_those_who_are_absent_may_be_dropped() -> None:
+    left = best_plan(SPEC, Situation(frozenset({"pe:tail_pe"})), None).configuration
+    assert judged(commands(left, absent=frozenset({"tail_pe"}))) == []
+    assert any(story.startswith("service: ") for story in judged(commands(left)))
+
+
+def test_what_was_reported_and_acknowledged_counts_as_failed() -> None:
+    left = best_plan(SPEC, Situation(frozenset({"module:chute_driver"})), None).configuration
+    position = list(SPEC.modules).index("chute_driver")
+    heard = Control(1, TAIL, Operation.ACKNOWLEDGE, ElementKind.MODULE, position)
+    acknowledged = sent(Frame(management_id(126, Command.CONTROL), heard.encode()), "manager 126")
+    assert judged([acknowledged, *commands(left)]) == []
+    assert any(story.startswith("service: ") for story in judged(commands(left)))
+
+
+def test_slices_that_were_not_sent_or_are_not_what_was_announced_are_seen() -> None:
+    assert "it was activated before the slice of node" in judged(commands(BEST, bodies=False))[0]
+    assert "are not those of the digest that was announced" in judged(commands(BEST, digest=77))[0]
+
+
+def test_a_branch_that_is_driven_by_what_was_heard_long_ago_is_seen() -> None:
+    simulation = Simulation(load(shipped_spec_path("big_blue")))
+    simulation.run_for(2_000_000_000)
+    modules = simulation.events_of("plan_ready")[-1]["plan"]["modules"]
+    branches = [branch for demux in simulation.spec.demuxes.values() for branch in demux.branches if branch in modules]
+    branch, path, wire = next(
+        (branch, path, wire)
+        for branch in branches
+        for path, wire in modules[branch]["inputs"].items()
+        if modules[wire["producer"]]["pe"] != modules[branch]["pe"]
+    )
+    inputs = {path: (wire["variable"], Datum(0.0, 1, 0))}
+    driven = Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs)
+    simulation.checks.driven(driven)
+    assert simulation.broken() == []
+    simulation.checks.driven(driven._replace(t_ns=simulation.now_ns + 500_000_000))
+    (violation,) = simulation.broken()
+    assert (violation.rule, "last heard 5" in violation.story) == ("freshness", True)
+
+
+def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
+    checks = Checks(SPEC)
+    for i in range(8_000):
+        checks.see(sent(Frame(1536, bytes(8)), t_ns=i * 124_000))
+    checks.see(sent(Frame(1536, bytes(8)), t_ns=2_000_000_000))
+    assert rules(checks) == ["load"]
+
+
+def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
+    outages = [Outage("elevator", 5, 9), Outage("parachute", 3, None)]
+    alone = (Act(1, "manager_crash", MANAGER, 500), Act(2, "manager_pause", MANAGER, 5))
+    assert [v.story.split()[0] for v in stopped_by_silence(alone, outages, 4)] == ["elevator"]
+    assert stopped_by_silence((*alone, Act(1, "crash", "pe:tail_pe")), outages, 4) == []
 
 
 def drive(checks: Checks, *modules: str) -> None:

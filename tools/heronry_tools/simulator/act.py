@@ -18,6 +18,8 @@ What is not promised, and why:
   either, since nobody is heard, and that is promised.
 - `rogue`: a stranger that sends under an identifier of ours collides with its owner, down to bus-off. The clash with it
   is nobody's fault; the rest is promised.
+- `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
+  the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
 - `stuck`: a PE whose modules hang while its heart beats is not served; that must end when it does.
 """

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from random import Random
 
 from heronry_dg.model import Spec
-from heronry_tools.simulator.act import KINDS, Act, possible_targets
+from heronry_tools.simulator.act import KINDS, MANAGER, Act, possible_targets
 from heronry_tools.simulator.protocol_state import STATES
 
 ACTS_PER_S = 0.25
@@ -19,6 +19,7 @@ _FEWEST_ACTS = 3
 _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
 _WAITS_FOR_STATE = 0.6
+_MANAGERS_ALONE = 0.05  # of the seeds: their silence must stop nobody
 _LAST = 0.9  # of the chaos: what strikes later would be healed at once
 
 
@@ -27,6 +28,9 @@ def drawn_acts(spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = ())
     random = Random(f"acts of {seed}")
     there = {name: targets for name in KINDS if (targets := possible_targets(spec, name))}
     swarm = [name for name in there if _takes_part(name, kinds, random)] or ["crash"]
+    alone = not kinds and random.random() < _MANAGERS_ALONE
+    if alone:
+        swarm = [name for name in there if KINDS[name].strikes == MANAGER]
     weights = [random.choice((1, 1, 2, 5)) for _ in swarm]
     acts: set[Act] = set()
     for_good = 0
@@ -37,7 +41,7 @@ def drawn_acts(spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = ())
             if for_good > _MOST_FOR_GOOD:
                 continue
         acts.add(act)
-        if act.during not in ("", "idle"):
+        if act.during not in ("", "idle") and not alone:
             acts.add(_leading_there(random, spec, act.at_ms))
     return tuple(sorted(acts))
 

@@ -12,6 +12,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, Act
 from heronry_tools.simulator.bus import Faults
+from heronry_tools.simulator.check_silence import stopped_by_silence
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
@@ -76,4 +77,6 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     strikes.hits = hits
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
     strikes.heal()
-    return simulation.settle()
+    violations = simulation.settle()
+    outages = simulation.witness.outages(simulation.now_ns)
+    return violations + stopped_by_silence(scenario.acts, outages, start_ns)

@@ -304,6 +304,9 @@ def _stop_altering(bus: SimulatedBus) -> None:
 def _module(simulation: Simulation, act: Act, _: Random) -> End:
     simulation.broken_modules[act.name] = act.kind
     simulation.excusable.add(act.target)
+    device = simulation.spec.modules[act.name].device
+    if device is not None:  # a servo that nobody drives any more looks like one that is stuck
+        simulation.excusable.add(f"device:{device}")
 
     def end() -> None:
         simulation.broken_modules.pop(act.name, None)
