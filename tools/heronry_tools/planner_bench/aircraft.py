@@ -10,8 +10,8 @@ Two buses are joined by one gateway. PEs come in three kinds, so that many are e
 PEs; programs run where there is room (some ask for a feature, or are bound to a few PEs).
 
 CPU and memory are drawn as weights and scaled at the end. CPU adds up to `work` times what there is, over all modules
-in their best modes: at 1.05 not everything runs in its best mode, at 1.5 much cannot run. RAM and flash add up to three
-quarters of what there is. The buses could carry two thirds of all data, and a heartbeat is as long as it takes for what
+in their best modes: at 1.05 not everything runs in its best mode, at 1.5 much cannot run. RAM and flash add up to
+half of what there is. The buses could carry two thirds of all data, and a heartbeat is as long as it takes for what
 manages the buses to fit into its reserve; still a few data cannot be in time wherever they are wanted.
 """
 
@@ -25,7 +25,7 @@ Fields = dict[str, object]
 Needs = str | Fields | None
 
 PHASES: Final = ("cruise", "survey")
-_MEMORY_SHARE: Final = 0.75
+_MEMORY_SHARE: Final = 0.5
 _BITRATES: Final = (250_000, 500_000, 1_000_000)
 _FRAME_BITS: Final = 135  # at most
 _DATA_SHARE: Final = 0.7  # of a bit rate
@@ -45,9 +45,9 @@ class _Kind:
 
 
 _KINDS: Final = (
-    _Kind(400, 32 << 10, 128 << 10, ()),
-    _Kind(600, 64 << 10, 256 << 10, ("fpu",)),
-    _Kind(1000, 128 << 10, 512 << 10, ("fpu", "vector")),
+    _Kind(600, 48 << 10, 192 << 10, ()),
+    _Kind(800, 64 << 10, 256 << 10, ("fpu",)),
+    _Kind(1000, 96 << 10, 384 << 10, ("fpu", "vector")),
 )
 
 
@@ -181,7 +181,7 @@ class Aircraft:
         fused: Needs = {"and": [f"{raw}@1", _optional(others)]} if others else f"{raw}@1"
         self._modules[f"{name}_estimator"] = _Module(
             [
-                _Mode(fused, {state: 1}, self.rng.uniform(4, 7), rate),
+                _Mode(fused, {state: 1}, self.rng.uniform(3, 5), rate),
                 _Mode(raw, {state: 2}, self.rng.uniform(2, 3), rate),
             ],
             requires=self.rng.choice(((), ("fpu",))),
@@ -192,7 +192,7 @@ class Aircraft:
                 _Mode(
                     {"and": [state, _optional([feedback, *beside])]},
                     {demand: 1},
-                    self.rng.uniform(4, 6),
+                    self.rng.uniform(3, 4),
                     rate,
                 ),
                 _Mode(
@@ -235,8 +235,8 @@ class Aircraft:
         where = self._some_states(3)
         self._modules[f"{name}_program"] = _Module(
             [
-                _Mode({"and": [frame, *where[:1]]}, {product: 1}, self.rng.uniform(6, 7), rate),
-                _Mode({"and": [frame, _optional(where)]}, {product: 2}, self.rng.uniform(3, 5), rate),
+                _Mode({"and": [frame, *where[:1]]}, {product: 1}, self.rng.uniform(4, 6), rate),
+                _Mode({"and": [frame, _optional(where)]}, {product: 2}, self.rng.uniform(2, 4), rate),
                 _Mode(frame, {product: 3}, self.rng.uniform(1, 2), rate // 2),
             ],
             requires=self.rng.choice(((), ("fpu",), ("vector",))),
