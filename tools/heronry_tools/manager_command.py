@@ -40,10 +40,15 @@ def add_parsers(subparsers: Any) -> None:
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"
     )
     parser.add_argument(
-        "--advise", action="store_true", help="say what it would do, and nothing on the bus: it may sit beside a manager"
+        "--advise",
+        action="store_true",
+        help="say what it would do, and nothing on the bus: it may sit beside a manager",
     )
     parser.add_argument(
-        "--socket", type=Path, metavar="PATH", help="where it listens to 'heronry status' and the like (default: by SPEC)"
+        "--socket",
+        type=Path,
+        metavar="PATH",
+        help="where it listens to 'heronry status' and the like (default: by SPEC)",
     )
     parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
