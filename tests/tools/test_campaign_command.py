@@ -1,7 +1,9 @@
 """`heronry campaign`: what survives, requirements for CI, and a page that stands by itself."""
 
+import io
 import json
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -13,12 +15,15 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.exact import plan
-from heronry_manager.planner.sweep import FaultSet, Outcome, Phase
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_tools.campaign.minimal import minimal
 from heronry_tools.campaign.rates import Likelihood, likelihood, rate_of
+from heronry_tools.campaign.report import text_report
 from heronry_tools.campaign.requirements import Offence, offences, read_requirement
+from heronry_tools.campaign.survey import survey
 from heronry_tools.cli import main
 from heronry_tools.errors import UserError
+from heronry_tools.progress import Progress
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 BIG_BLUE = load(shipped_spec_path("big_blue"))
@@ -149,3 +154,32 @@ def test_likelihoods_are_products_and_sums_of_rates() -> None:
     assert likelihood(BIG_BLUE, [frozenset({flight}), frozenset({screen})]) == Likelihood(0.0002, complete=False)
     assert likelihood(BIG_BLUE, [frozenset({flight, screen})]) is None
     assert str(Likelihood(0.002, complete=False)) == "at least 2.0e-03 per hour"
+
+
+def test_a_long_list_is_cut_short_and_missing_proofs_are_told() -> None:
+    scope = Scope(elements(CHUTE), 1, (None,))
+    healthy = Outcome(plan(CHUTE, Situation()).configuration, plan(CHUTE, Situation()).objective, optimal=False)
+    nothing = Outcome(Configuration(), plan(CHUTE, Situation(frozenset({"bus:can0"}))).objective, optimal=True)
+    outcomes: dict[tuple[Phase, FaultSet], Outcome] = {
+        (None, down): nothing if down else healthy for down in scope.fault_sets()
+    }
+    required = read_requirement(CHUTE, "A after 1")
+    text = text_report(CHUTE, scope, survey(CHUTE, scope, outcomes), [(required, offences(CHUTE, required, outcomes))])
+    assert "1 plans are legal, but not proven to be the best" in text
+    assert text.endswith("  and 4 more (--json lists all)\n")
+
+
+def test_progress_is_one_line_that_is_written_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with Progress() as progress:
+        progress.begin("plans", 2)
+        progress.step()
+    shown = terminal.getvalue()
+    assert shown.startswith("\r\x1b[Kplans: 0 of 2")
+    assert shown.endswith("\r\x1b[K"), "nothing is left of it"
+    assert "\n" not in shown

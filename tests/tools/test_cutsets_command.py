@@ -19,7 +19,7 @@ from heronry_tools.campaign.cut_sets import CutSets, cut_sets, given_up
 from heronry_tools.campaign.exhaustive import main as compare_with_enumeration
 from heronry_tools.campaign.exhaustive import shipped
 from heronry_tools.campaign.sweeping import sweep
-from heronry_tools.check.servable import without_deadlines
+from heronry_tools.check.servable import Answer, Planning, without_deadlines
 from heronry_tools.cli import main
 from planner.comparison import crossing_case
 from planner.enumerator import Enumerator, TooManyError
@@ -138,3 +138,20 @@ def test_a_function_that_is_lost_anyway_says_so(
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["cutsets", *arguments]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_enumeration_finds_cut_sets_that_are_wrong(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "heronry_tools.campaign.exhaustive.cut_sets", lambda _, function, *__: CutSets(function, 1, (), ())
+    )
+    assert compare_with_enumeration(["elevator_and_chute", "--order", "1", "--jobs", "2"]) == 1
+    out = capsys.readouterr().out
+    assert "elevator_and_chute: elevator, logical: it is lost with pe:tail_pe\n" in out
+
+
+def test_what_cannot_be_found_out_says_so(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Planning, "all_at_once", lambda *_: Answer(None, proven=False))
+    assert main(["cutsets", "elevator_and_chute", "elevator"]) == 2
+    assert "with nothing down it was not found out whether elevator can be served" in capsys.readouterr().err

@@ -70,7 +70,7 @@ class Servable:
         if rest not in self._by_rest:
             answer = self._planning.all_at_once((self._function,), down)
             if not answer.proven:
-                lost = ", ".join(sorted(down))
+                lost = ", ".join(sorted(down)) or "nothing"
                 raise UserError(f"with {lost} down it was not found out whether {self._function} can be served")
             self._by_rest[rest] = answer.configuration is not None
         return self._by_rest[rest]
