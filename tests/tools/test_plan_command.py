@@ -217,3 +217,24 @@ def test_without_a_solver_there_is_the_greedy_planner(
     assert "ortools is not installed; add it with" in err
     assert "use --planner greedy" in err
     assert run(capsys, "plan", "elevator_and_chute", "--planner", "greedy")[0] == 0
+
+
+def test_a_search_cut_short_says_what_is_proven_and_how_good_the_rest_could_be(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, out, _ = run(capsys, "plan", "big_blue", "--phase", "glide", "--effort", "0")
+    proof = out.splitlines()[2]
+    assert code == 0
+    assert proof.startswith("proven: ")
+    assert re.search(r"not proven: .*cpu_millis \d+ \(bound \d+\)", proof)
+    _, text, _ = run(capsys, "plan", "big_blue", "--phase", "glide", "--effort", "0", "--json")
+    levels = {one["level"]: one for one in json.loads(text)["levels"]}
+    assert levels["cpu_millis"]["bound"] <= levels["cpu_millis"]["value"]
+    assert not levels["cpu_millis"]["proven"]
+
+
+@pytest.mark.parametrize("effort", ["-1", "inf", "nan", "much"])
+def test_an_effort_that_is_none_is_one_sentence(capsys: pytest.CaptureFixture[str], effort: str) -> None:
+    with pytest.raises(SystemExit):
+        main(["plan", "big_blue", "--effort", effort])
+    assert "--effort" in capsys.readouterr().err

@@ -69,6 +69,12 @@ def add_parsers(subparsers: Any) -> None:
         default="exact",
         help="exact: the best plan, with proof (default); greedy: a legal one at once, which flies until that is known",
     )
+    plan.add_argument(
+        "--effort",
+        type=_effort,
+        metavar="E",
+        help="limit on the search by the solver's count of its work, near seconds, the same on every computer (60)",
+    )
     plan.add_argument("--json", action="store_true", help="write the plan as JSON")
     plan.set_defaults(run=run_plan)
 
@@ -106,7 +112,10 @@ def run_plan(arguments: argparse.Namespace) -> int:
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
     text = read_text(arguments.running) if arguments.running else None
     running = read_running(text) if text is not None else None
-    found = _greedy(spec, now, running) if arguments.planner == "greedy" else _best(spec, now, running)
+    if arguments.planner == "greedy":
+        found = _greedy(spec, now, running)
+    else:
+        found = _best(spec, now, running, arguments.effort)
     way = _way(spec, text, found, now) if text is not None else None
     if not arguments.json:
         print_plan(spec, found, arguments.planner, way)
@@ -118,22 +127,29 @@ def run_plan(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _effort(text: str) -> float:
+    effort = float(text)
+    if not 0 <= effort < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is no limit; write a number from 0")
+    return effort
+
+
 def _greedy(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan":
     from heronry_manager.planner.greedy.planner import Greedy  # noqa: PLC0415
 
     return Greedy(spec).plan(now, running)
 
 
-def _best(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan":
+def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: float | None) -> "Plan":
     try:
-        from heronry_manager.planner.exact import plan  # noqa: PLC0415
+        from heronry_manager.planner.exact import DEFAULT_EFFORT, plan  # noqa: PLC0415
         from heronry_manager.planner.explain import explained  # noqa: PLC0415
     except ModuleNotFoundError as error:
         if str(error.name).partition(".")[0] != "ortools":
             raise
         how = 'add it with: pip install "heronry[manager]", or use --planner greedy'
         raise UserError(f"ortools is not installed; {how}") from error
-    return explained(spec, plan(spec, now, running))
+    return explained(spec, plan(spec, now, running, effort=DEFAULT_EFFORT if effort is None else effort))
 
 
 def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":

@@ -30,7 +30,17 @@ def _headline(spec: Spec, plan: Plan, planner: str) -> str:
         f"{spec.name}{phase}{down}{limits}\n"
         f"{proof}: critical {classes}; utility {served.utility}; inputs {served.inputs}; changes {served.changes}; "
         f"branches {served.branches}; {served.bus_bits_per_s} bit/s; CPU {served.cpu_millis / 1000:.3f}"
+        f"{_proof(plan)}"
     )
+
+
+def _proof(plan: Plan) -> str:
+    """Say of a plan that is not proven to be the best how good each level could be: a line, or nothing."""
+    if plan.optimal or all(one.bound is None for one in plan.levels):
+        return ""
+    proven = ", ".join(one.level for one in plan.levels if one.proven)
+    open_levels = ", ".join(f"{one.level} {one.value} (bound {one.bound})" for one in plan.levels if not one.proven)
+    return f"\nproven: {proven or 'nothing'}; not proven: {open_levels}"
 
 
 def _tables(spec: Spec, plan: Plan) -> Iterator[Table]:
