@@ -67,7 +67,7 @@ def test_an_entry_that_is_wrong_is_named(file: Path, capsys: pytest.CaptureFixtu
         swept = sweep(CHUTE, scope, nobody)
     swept.outcomes[None, frozenset({"pe:tail_pe"})] = swept.outcomes[None, frozenset()]
     file.write_bytes(written(scope, swept))
-    code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "2")
+    code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
     assert code == 1
     assert "pe:tail_pe: rule 1.pe_down, module servo_driver_1" in out
 

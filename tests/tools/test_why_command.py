@@ -194,7 +194,7 @@ def test_only_capacities_have_an_amount() -> None:
 # What makes reasons irreducible, and repairs smallest
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.randoms(use_true_random=False), st.data())
 def test_each_reason_is_needed_and_each_repair_is_least(rng: random.Random, data: st.DataObject) -> None:
     spec = random_spec(rng, modules=5)

@@ -43,6 +43,10 @@ examples:
   heronry verify big_blue plan.json              is that plan legal?
   heronry bus big_blue                           every message on its buses, with its worst case
   heronry bound big_blue                         how long a reconfiguration takes at most
+  heronry campaign big_blue --faults 1           what survives any single fault
+  heronry cutsets big_blue elevator              what it takes to lose a function
+  heronry why big_blue guidance --down device:gps --phase glide
+  heronry contingencies big_blue -o big_blue.contingencies      every plan ahead, for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
