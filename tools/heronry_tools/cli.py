@@ -20,6 +20,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "table_command": ("table",),
     "send_table_command": ("send-table",),
     "sim_command": ("sim",),
+    "scenario_command": ("scenario",),
     "dbc_command": ("dbc",),
     "eds_command": ("eds",),
     "check_command": ("check",),

@@ -1,0 +1,49 @@
+"""The same scenario files with real processes on software buses of their own, and nothing left behind."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.live
+SCENARIOS = Path("tests/scenarios")
+HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+
+
+def scenario(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*HERONRY, "scenario", *arguments], capture_output=True, text=True, timeout=120, check=False)
+
+
+def flown(name: str) -> dict[str, Any]:
+    ran = scenario(str(SCENARIOS / f"{name}.scenario"), "-i", "softbus", "--json")
+    told: dict[str, Any] = json.loads(ran.stdout)
+    assert ran.returncode == 0, ran.stdout
+    assert list(Path("/tmp").glob("heronry-demo-*")) == []
+    return told
+
+
+def test_two_computers_die_and_one_comes_back() -> None:
+    told = flown("both_computers_die")
+    assert told["where"].startswith("can0: softbus")
+    assert [one["holds"] for one in told["expectations"]] == [True] * 4
+    assert told["trace"].index("--- at 1s kill pe:left") < told["trace"].index("--- at 4s restore pe:right")
+
+
+def test_a_phase_is_entered_and_one_who_was_not_there_comes() -> None:
+    flown("the_operator_enters_a_phase")
+    flown("a_servo_s_computer_comes_very_late")
+
+
+def test_what_is_not_heard_fails(tmp_path: Path) -> None:
+    file = tmp_path / "wrong.scenario"
+    file.write_text(
+        "# It expects what cannot be: nobody serves when the only one who can is dead.\n"
+        f"spec {Path('dg_specs/examples/phases.dg.yaml').absolute()}\nat 0.5s kill pe:flight\n"
+        "expect function:balloon_release served within 400ms\nend 1.5s\n"
+    )
+    ran = scenario(str(file), "-i", "softbus")
+    assert ran.returncode == 1
+    assert "expected function:balloon_release served within 400ms; at 1.500 s it was not so" in ran.stdout

@@ -1,0 +1,266 @@
+"""`heronry scenario` as its user meets it: what cannot be read, what does not hold, and what was decided otherwise."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from junitparser import JUnitXml
+
+from heronry_tools.cli import main
+from heronry_tools.errors import UserError
+from heronry_tools.scenario.judgement import holds_since
+from heronry_tools.scenario.script import read_script
+from heronry_tools.scenario.trace import golden_file
+
+DEMUX = Path("dg_specs/examples/demux_actuators.dg.yaml").absolute()
+HEAD = f"# A scenario of a test, which exists for that test alone.\nspec {DEMUX}\nseed 3\n"
+HOLDS = "at 1s kill pe:tail_a\nexpect function:elevator served by servo_driver_2 within 300ms\nend 2s\n"
+FAILS = "at 1s kill pe:tail_a\nexpect function:elevator served within 20ms\nend 2s\n"
+
+
+def written(tmp_path: Path, body: str, head: str = HEAD) -> Path:
+    file = tmp_path / "some.scenario"
+    file.write_text(head + body)
+    return file
+
+
+def test_what_holds_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, HOLDS)
+    assert main(["scenario", str(file)]) == 0
+    assert capsys.readouterr().out == f"{file}: holds (2 s in the simulator, 1 expected)\n"
+
+
+def test_what_does_not_hold_is_said_with_what_was_seen_and_when(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, FAILS)
+    assert main(["scenario", str(file), str(written(tmp_path, FAILS))]) == 1
+    head, story, *_, last = capsys.readouterr().out.splitlines()
+    assert head == f"{file}: FAILS (2 s in the simulator, 1 expected)"
+    assert story.startswith(
+        f"  {file}:5: from 1 s on: expected function:elevator served within 20ms; it was so from 1.1"
+    )
+    assert story.endswith("ms after 1.000 s")
+    assert last == "2 scenarios, 2 failed"
+
+
+@pytest.mark.parametrize(
+    ("expectation", "holds", "seen"),
+    [
+        ("function:elevator served throughout", False, "it was so from"),
+        ("function:elevator served by servo_driver_1 within 0.9s", False, "heard last was servo_driver_2, at 1.9"),
+        ("function:elevator silent within 0.5s", False, "it was heard, last at"),
+        ("variable:elevator_demand heard throughout", True, "it was so all the time"),
+        ("variable:elevator_demand silent within 0s", False, "it was heard, last at"),
+        ("variable:horizon_contrast silent within 0s", True, "nothing to the contrary"),  # it stays on one PE
+        ("variable:horizon_contrast heard within 0.5s", False, "heard last was nothing"),
+        ("pe:tail_a active within 0.5s", False, "heard last was active, at 0.9"),
+        ("pe:tail_a silent within 0s", True, "nothing to the contrary"),
+        ("pe:flight silent within 0s", False, "it was heard, last at"),
+        ("pe:tail_b unconfigured throughout", False, "heard last was active"),
+        ("pe:tail_b active within 0.3s", True, "it was so from 1."),
+        ("pe:tail_b reported within 0.5s", False, "nobody said so"),
+        ("manager heard throughout", True, "it was so all the time"),
+        ("manager silent within 0.1s", False, "it was heard, last at"),
+        ("epoch new within 0.3s", True, "it was so from 1."),
+        ("epoch unchanged", False, "another epoch was named, last at"),
+        ("nothing reported", True, "nothing to the contrary"),
+    ],
+)
+def test_each_expectation_is_judged_by_what_was_heard(
+    expectation: str, holds: bool, seen: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, f"at 1s kill pe:tail_a\nexpect {expectation}\nend 2s\n")
+    assert main(["scenario", str(file), "--json"]) == (0 if holds else 1)
+    (told,) = json.loads(capsys.readouterr().out)["expectations"]
+    assert (told["expected"], told["holds"], told["line"], told["from_ns"]) == (expectation, holds, 5, 10**9)
+    assert seen in told["seen"]
+
+
+@pytest.mark.parametrize(
+    ("deeds", "seen"),
+    [
+        ("at 1s kill manager\nexpect manager silent within 0s\nexpect manager heard within 0.5s\n", "LEASE, at 0.9"),
+        ("at 1s kill manager\nat 1.5s restore manager\nexpect epoch new within 0.4s\n", "heard last was epoch 1"),
+    ],
+)
+def test_a_manager_s_silence_is_judged(
+    deeds: str, seen: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", str(written(tmp_path, f"{deeds}end 2s\n"))]) == 1
+    assert seen in capsys.readouterr().out
+
+
+def test_a_report_is_heard_and_nothing_reported_then_fails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    body = (
+        "at 1s raise module:horizon_attitude\nexpect module:horizon_attitude reported within 300ms\n"
+        "expect nothing reported\nend 2s\n"
+    )
+    assert main(["scenario", str(written(tmp_path, body)), "--json"]) == 1
+    reported, nothing = json.loads(capsys.readouterr().out)["expectations"]
+    assert reported["holds"]
+    assert nothing["seen"].startswith("module:horizon_attitude was reported, last at 1.")
+
+
+def test_decisions_are_kept_and_another_decision_is_a_difference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, HOLDS)
+    assert main(["scenario", str(file), "--rewrite"]) == 0
+    kept = golden_file(file).read_text()
+    assert "--- at 1s kill pe:tail_a\ntail_a is lost: silent for 3 heartbeat periods\n" in kept
+    assert main(["scenario", str(file)]) == 0
+    golden_file(file).write_text(kept.replace("tail_a is lost", "tail_b is lost"))
+    capsys.readouterr()
+    assert main(["scenario", str(file)]) == 1
+    out = capsys.readouterr().out
+    assert "    -tail_b is lost: silent for 3 heartbeat periods\n    +tail_a is lost" in out
+    assert "--rewrite" in out
+    assert main(["scenario", str(file), "--rewrite"]) == 0
+    assert golden_file(file).read_text() == kept
+
+
+def test_junit_has_a_case_for_each_expectation_and_two_for_what_always_counts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = tmp_path / "results.xml"
+    assert main(["scenario", str(written(tmp_path, FAILS)), "--junit", str(results)]) == 1
+    (suite,) = JUnitXml.fromfile(str(results))
+    assert (suite.tests, suite.failures) == (3, 1)
+    assert [case.name for case in suite] == [
+        "5: function:elevator served within 20ms",
+        "what must never be",
+        "decided as before",
+    ]
+
+
+def test_a_fault_that_does_not_strike_as_it_is_written_fails(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body = "at 1s pause pe:tail_a for 10ms in preparing\nexpect epoch unchanged\nend 6s\n"
+    assert main(["scenario", str(written(tmp_path, body))]) == 1
+    assert "did not strike so (what did: pause in idle); try another seed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "sentence"),
+    [
+        ("at soon kill pe:tail_a", 4, "'soon' is no time; write it as 2.5s or 80ms"),
+        ("at 1s explode pe:tail_a", 4, "'explode pe:tail_a' cannot be done; what can be done is kill"),
+        ("at 1s kil pe:tail_a", 4, "did you mean 'kill'?"),
+        ("at 1s kill pe:tail", 4, "did you mean 'tail_b'?"),
+        ("at 1s kill tail_a", 4, "'tail_a' is no PE; write pe:NAME"),
+        ("at 1s restore pe:tail_a", 4, "pe:tail_a runs then; kill and restore in turn"),
+        ("at 1s kill pe:flight\nat 2s kill pe:flight", 5, "pe:flight does not run then"),
+        ("without pe:tail_a\nat 1s kill pe:tail_a", 5, "pe:tail_a does not run then"),
+        ("at 1s restore manager", 4, "manager runs then"),
+        ("at 1s phase landing", 4, "no phase is named 'landing'"),
+        ("at 1s fail device:gps", 4, "no device is named 'gps'"),
+        ("at 1s pause bus:can0", 4, "pause cannot strike bus:can0"),
+        ("at 1s pause pe:tail_a for ever", 4, "'ever' is no time"),
+        ("at 2s kill pe:tail_a\nat 1s kill pe:tail_b", 5, "1s is before 2s; write lines in order of time"),
+        ("at 2s kill pe:tail_a\nend 1s", 5, "1s is before 2s"),
+        ("expect function:rudder served within 1s", 4, "no function is named 'rudder'"),
+        ("expect function:elevator served by horizon_driver within 1s", 4, "horizon_driver is no output of elevator"),
+        ("expect variable:elevator_deman heard within 1s", 4, "did you mean 'elevator_demand'?"),
+        ("expect function:elevator silent by servo_driver_1 within 1s", 4, "only a function is served by a module"),
+        ("expect pe:tail_a happy within 1s", 4, "write for example 'expect pe:NAME active within 1s'"),
+        ("expect pe:tail_c active within 1s", 4, "no pe is named 'tail_c'"),
+        ("expect manager soon", 4, "write for example 'expect manager heard within 1s'"),
+        ("expect bus:can0 reported throughout", 4, "cannot be read; write for example"),
+        ("expect device:gps reported within 1s", 4, "no device is named 'gps'"),
+        ("expect epoch new within 2s\nend 1s", 4, "before that time is up; let that come later, or expect it sooner"),
+        (
+            "at 1s kill pe:tail_a\nexpect epoch new within 1s\nat 1.5s kill pe:tail_b\nend 9s",
+            5,
+            "at 1.5s something else",
+        ),
+        ("expect epoch unchanged\nend 1s\nat 2s kill pe:tail_a", 6, "nothing comes after 'end'"),
+        ("expect epoch unchanged", 4, "it does not say when it ends"),
+        ("end 1s", 4, "it expects nothing"),
+        ("spec big_blue", 4, "there is one spec in a scenario"),
+        ("at 1s kill pe:tail_a\nwithout pe:tail_b", 5, "'without pe:NAME' (before anything is done)"),
+        ("seed x", 4, "cannot be read"),
+        ("expect", 4, "cannot be read"),
+    ],
+)
+def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
+    body: str, line: int, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, f"{body}\n")
+    assert main(["scenario", str(file)]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"heronry: {file}:{line}: ")
+    assert sentence in told
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
+        ("# Why.\nseed 1\n", "the first line names the spec"),
+        ("# Why.\n", "it names no spec"),
+        ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),
+    ],
+)
+def test_a_scenario_begins_with_its_reason_and_its_spec(text: str, sentence: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=sentence):
+        read_script(written(tmp_path, "", head=text))
+
+
+def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "bytes.scenario"
+    file.write_bytes(b"\xff\xfe")
+    assert main(["scenario", str(file)]) == 2
+    assert "not text in UTF-8" in capsys.readouterr().err
+    assert main(["scenario", str(tmp_path / "none.scenario")]) == 2
+    assert "No such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("deeds", "sentence"),
+    [
+        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "there is no manager then that could hear it"),
+        ("at 1s fail channel:can0.1\n", "no channel is named"),
+    ],
+)
+def test_an_order_that_nobody_can_obey_is_refused(
+    deeds: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scenario", str(written(tmp_path, f"{deeds}expect epoch unchanged\nend 3s\n"))]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["-i", "softbus", "--rewrite"], "only the simulator decides the same each time"),
+        (["-i", "softbus"], "4: 'pause pe:tail_a for 10ms' can be done in the simulator alone"),
+    ],
+)
+def test_real_processes_do_not_do_everything(
+    words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, "at 1s pause pe:tail_a for 10ms\nexpect epoch unchanged\nend 2s\n")
+    assert main(["scenario", str(file), *words]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_an_interface_needs_a_channel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenario", str(written(tmp_path, HOLDS)), "-i", "virtual"]) == 2
+    assert "-i virtual needs a channel" in capsys.readouterr().err
+
+
+@given(st.lists(st.tuples(st.integers(0, 100), st.booleans()), max_size=12).map(sorted), st.integers(1, 20))
+def test_something_holds_since_the_first_of_an_unbroken_chain(marks: list[tuple[int, bool]], patience_ns: int) -> None:
+    until_ns = 100
+    since_ns = holds_since(marks, patience_ns, until_ns)
+    if since_ns is None:
+        quiet = not any(says and until_ns - t <= patience_ns for t, says in marks)
+        assert quiet or not marks[-1][1]
+        return
+    times = [t for t, says in marks if t >= since_ns]
+    assert all(later - t <= patience_ns for t, later in zip(times, [*times[1:], until_ns], strict=True))
+    assert all(says for t, says in marks if t > since_ns)

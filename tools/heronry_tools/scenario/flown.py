@@ -1,0 +1,24 @@
+"""What a flight of a script gave, wherever it was flown."""
+
+from dataclasses import dataclass
+
+from heronry_tools.scenario.judgement import Verdict
+from heronry_tools.scenario.script import Script
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """Verdicts on what was expected, what must never have been and was, and what was decided."""
+
+    script: Script
+    where: str
+    seconds: float
+    verdicts: tuple[Verdict, ...]
+    violations: tuple[str, ...]
+    trace: tuple[str, ...]
+    differences: tuple[str, ...] = ()  # from the golden trace
+
+    @property
+    def holds(self) -> bool:
+        """Tell whether all is as it was expected, and as it was before."""
+        return not (self.violations or self.differences) and all(verdict.holds for verdict in self.verdicts)

@@ -1,0 +1,146 @@
+"""A script flown in the simulator: virtual time, the flight cores, everything from the script's seed.
+
+Beside what the script expects, all that the simulator's checkers know is judged: what must never be, during the whole
+flight, and, once whatever can be ended has been ended after the script's end, that all comes right again.
+"""
+
+from collections.abc import Callable, Iterator
+
+from heronry_dg.model import Spec
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Order
+from heronry_tools.errors import UserError
+from heronry_tools.scenario.flown import Flown
+from heronry_tools.scenario.judgement import Judgement
+from heronry_tools.scenario.observations import Observations
+from heronry_tools.scenario.script import MANAGER, Deed, Script
+from heronry_tools.scenario.trace import deed_line, differences, event_line
+from heronry_tools.simulator.act import KINDS
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.simulation import MS, Simulation
+from heronry_tools.simulator.strike import Strikes
+
+_LONGEST_START_NS = 20_000 * MS
+_ORDERS: dict[str, Callable[[str], Order]] = {"phase": EnterPhase, "fail": FailElement, "clear": ClearElement}
+
+
+class _Flight(Simulation):
+    """A simulation that can leave PEs at home, and knows what the operator said."""
+
+    def __init__(self, spec: Spec, seed: int, absent: frozenset[str]) -> None:
+        self._absent = set(absent)
+        super().__init__(spec, seed)
+
+    def restore(self, pe: str) -> None:
+        """Start a PE, unless it is not there yet."""
+        if f"pe:{pe}" not in self._absent:
+            super().restore(pe)
+
+    def arrive(self, pe: str) -> None:
+        """Start a PE, also one that has not been there yet."""
+        self._absent.discard(f"pe:{pe}")
+        self.restore(pe)
+
+    def say(self, deed: Deed) -> None:
+        """Let the operator give an order; what he says counts as the truth."""
+        if self.manager is None or not self.manager.is_awake:
+            raise UserError(f"'{deed.text}': there is no manager then that could hear it; say it at another time")
+        reply = self.manager.say(_ORDERS[deed.what](deed.target))
+        if not reply.done:
+            raise UserError(f"'{deed.text}': {reply.sentence}")
+        if deed.what == "fail":
+            self.failed(deed.target)
+        elif deed.what == "clear":
+            self._down.discard(deed.target)
+
+
+def fly(script: Script) -> Flown:
+    """Fly a script; raises UserError where something cannot be done at its time."""
+    flight = _Flight(script.spec, script.seed, script.without)
+    heard = Observations(script.spec)
+    manager_bus = script.spec.manager.bus
+    flight.buses[manager_bus].taps.append(lambda sent: _see(heard, sent))
+    start_ns = _begin(flight, script)
+    trace: list[tuple[int, str]] = []  # how many events there were before, line
+    strikes = Strikes(flight, tuple(deed.fault for deed in script.deeds if deed.fault is not None), start_ns)
+    for deed in script.deeds:
+        flight.run_until(start_ns + deed.at_ns)
+        trace.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
+        _do(flight, script, deed)
+    flight.run_until(start_ns + script.end_ns)
+    lines = _decided(flight, trace)
+    judgement = Judgement(script.spec, heard, start_ns)
+    verdicts = tuple(judgement.verdict(one) for one in script.expectations)
+    strikes.heal()
+    unpromised = frozenset[str]().union(*(KINDS[deed.fault.kind].unpromised for deed in script.deeds if deed.fault))
+    violations = [*_missed(script, strikes), *(str(v) for v in flight.settle() if v.rule not in unpromised)]
+    return Flown(
+        script,
+        "the simulator",
+        script.end_ns / 1e9,
+        verdicts,
+        tuple(violations),
+        lines,
+        tuple(differences(script.file, lines)),
+    )
+
+
+def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
+    """Say which faults have struck nothing, or not in the state that the script names."""
+    hits = strikes.hits.copy()
+    for deed in script.deeds:
+        if deed.fault is None:
+            continue
+        kind, state = deed.fault.kind, deed.fault.during
+        found = next((hit for hit in hits if hit[0] == kind and state in ("", hit[1]) and hits[hit] > 0), None)
+        if found is None:
+            struck = ", ".join(f"{hit} in {now}" for hit, now in strikes.hits) or "nothing"
+            yield f"{script.file}:{deed.line}: '{deed.text}' did not strike so (what did: {struck}); try another seed"
+        else:
+            hits[found] -= 1
+
+
+def _see(heard: Observations, sent: Sent) -> None:
+    heard.see(sent.end_ns, sent.frame)
+
+
+def _begin(flight: Simulation, script: Script) -> int:
+    """Give the moment at which the first configuration runs."""
+    while not flight.events_of("reconfigured"):
+        flight.run_for(MS)
+        if flight.now_ns > _LONGEST_START_NS:
+            raise UserError(f"{script.file}: no configuration has run within {_LONGEST_START_NS // 10**9} s")
+    start_ns: int = flight.events_of("reconfigured")[0]["t_ns"]
+    return start_ns
+
+
+def _do(flight: _Flight, script: Script, deed: Deed) -> None:
+    try:
+        match deed.what, deed.target:
+            case "fault", _:
+                pass  # the strikes see to it
+            case "stick", device:
+                flight.fail_device(device.removeprefix("device:"), "stuck")
+            case "kill", target if target == MANAGER:
+                flight.kill_manager()
+            case "restore", target if target == MANAGER:
+                flight.start_manager()
+            case "kill", pe:
+                flight.kill(pe.removeprefix("pe:"))
+            case "restore", pe:
+                flight.arrive(pe.removeprefix("pe:"))
+            case _:
+                flight.say(deed)
+    except UserError as error:
+        raise UserError(f"{script.file}:{deed.line}: {error}") from None
+
+
+def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:
+    """Put what was done among what was decided."""
+    lines, waiting = [], list(deeds)
+    for number, event in enumerate(flight.events):
+        while waiting and waiting[0][0] <= number:
+            lines.append(waiting.pop(0)[1])
+        line = event_line(event)
+        if line is not None:
+            lines.append(line)
+    return (*lines, *(line for _, line in waiting))

@@ -1,0 +1,155 @@
+"""A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
+
+Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, and no
+golden trace is compared. Kill, restore and phase can be done to processes; faults of wires, clocks and controllers can
+be made in the simulator alone.
+
+The flight ends with everything that it has started, whichever way it ends (`Fleet`).
+"""
+
+import argparse
+import json
+import select
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import IO, Any
+
+import can
+
+from heronry_tools.demo.buses import BusChoice, choose
+from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.errors import UserError
+from heronry_tools.scenario.flown import Flown
+from heronry_tools.scenario.judgement import Judgement
+from heronry_tools.scenario.observations import Observations
+from heronry_tools.scenario.script import MANAGER, Deed, Script
+from heronry_tools.scenario.trace import deed_line, event_line
+from heronry_wire.frame import Frame
+from heronry_wire.link import open_bus
+
+SLACK_NS = 100_000_000
+_LONGEST_START_S = 60.0
+_LONGEST_WAIT_S = 0.1
+
+
+def check(script: Script) -> None:
+    """Refuse what cannot be done to processes; raises UserError."""
+    for deed in script.deeds:
+        if deed.what not in ("kill", "restore", "phase") or deed.target == MANAGER:
+            raise UserError(
+                f"{script.file}:{deed.line}: '{deed.text}' can be done in the simulator alone; leave -i and -c out"
+            )
+
+
+def fly(script: Script, arguments: argparse.Namespace) -> Flown:
+    """Fly a script with real processes, on the bus that python-can's flags name."""
+    spec = script.spec
+    with ExitStack() as stack:
+        folder = run_folder()
+        fleet = stack.enter_context(Fleet(spec, script.spec_file, folder))
+        choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
+        fleet.start_buses(choices)
+        bus = stack.enter_context(_open(choices[spec.manager.bus]))
+        return _Show(script, fleet, bus).run(choices[spec.manager.bus].describe())
+
+
+def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
+    """What python-can's flags say of the manager's bus; None for a software bus of our own."""
+    interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
+    if channel is not None:
+        return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
+    if interface != "softbus":
+        raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
+    return None
+
+
+class _Show:
+    """One flight in real time."""
+
+    def __init__(self, script: Script, fleet: Fleet, bus: can.BusABC) -> None:
+        self._script, self._fleet, self._bus = script, fleet, bus
+        self._heard = Observations(script.spec)
+        self._deeds = list(script.deeds)
+        self._start_ns: int | None = None
+        self._trace: list[str] = []
+        self._unread = b""
+        self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
+
+    def run(self, where: str) -> Flown:
+        """Fly to the end of the script."""
+        stream = self._fleet.start_manager()
+        for pe in self._script.spec.pes:
+            if f"pe:{pe}" not in self._script.without:
+                self._fleet.start_pe(pe)
+        readers: list[IO[bytes] | can.BusABC] = [stream, self._bus]
+        begun_s = time.monotonic()
+        while self._elapsed_ns() < self._script.end_ns:
+            select.select(readers, [], [], self._wait_s())
+            self._take_events(stream)
+            self._take_frames()
+            self._act()
+            words = self._fleet.ended()
+            if words is None and self._start_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
+                words = f"no configuration ran within {_LONGEST_START_S:.0f} s"
+            if words is not None:
+                raise UserError(f"{self._script.file}: {words}")
+        assert self._start_ns is not None
+        judgement = Judgement(self._script.spec, self._heard, self._start_ns, SLACK_NS)
+        return Flown(
+            self._script,
+            where,
+            self._script.end_ns / 1e9,
+            tuple(judgement.verdict(one) for one in self._script.expectations),
+            tuple(f"two drivers at once: {a.module} and {b.module}" for a, b in self._heard.witness.rivals),
+            tuple(self._trace),
+        )
+
+    def _elapsed_ns(self) -> int:
+        return -1 if self._start_ns is None else time.monotonic_ns() - self._start_ns
+
+    def _wait_s(self) -> float:
+        if self._start_ns is None:
+            return _LONGEST_WAIT_S
+        next_ns = min([self._script.end_ns, *(deed.at_ns for deed in self._deeds)])
+        return max(0.0, min(_LONGEST_WAIT_S, (next_ns - self._elapsed_ns()) / 1e9))
+
+    def _take_events(self, stream: IO[bytes]) -> None:
+        if not select.select([stream], [], [], 0)[0]:
+            return
+        chunk = stream.read1(65536)  # type: ignore[attr-defined]  # a pipe of subprocess is buffered
+        *lines, self._unread = (self._unread + chunk).split(b"\n")
+        for line in lines:
+            self._follow(json.loads(line))
+
+    def _follow(self, event: Mapping[str, Any]) -> None:
+        line = event_line(event)
+        if line is not None:
+            self._trace.append(line)
+        if event["event"] == "reconfigured" and self._start_ns is None:
+            self._start_ns = event["t_ns"]
+
+    def _take_frames(self) -> None:
+        while (message := self._bus.recv(0)) is not None:
+            frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame)
+            self._heard.see(int(message.timestamp * 1e9) + self._wall_to_monotonic_ns, frame)
+
+    def _act(self) -> None:
+        while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():
+            deed = self._deeds.pop(0)
+            self._trace.append(deed_line(deed.at_ns / 1e9, deed.text))
+            self._do(deed)
+
+    def _do(self, deed: Deed) -> None:
+        match deed.what:
+            case "kill":
+                self._fleet.kill_pe(deed.target.removeprefix("pe:"))
+            case "restore":
+                self._fleet.start_pe(deed.target.removeprefix("pe:"))
+            case _:
+                self._fleet.enter_phase(deed.target)
+
+
+def _open(choice: BusChoice) -> can.BusABC:
+    config = {"interface": choice.interface, "channel": choice.channel}
+    return open_bus(config if choice.bitrate is None else {**config, "bitrate": choice.bitrate})[0]

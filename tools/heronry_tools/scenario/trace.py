@@ -1,0 +1,69 @@
+"""The decision trace: what was done, and what the manager decided upon it, one line each, to be read as a diff.
+
+No times and no plans stand in it: it changes when a decision does, and not when a frame gets a byte longer. (Whether
+decisions came in time is for expectations.) Suspicions are left out, since most suspects answer.
+
+The golden trace of FILE.scenario is FILE.scenario.golden beside it.
+"""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+_LINES: Mapping[str, str] = {
+    "manager_started": "manager {node} starts, term {term}",
+    "second_manager": "manager {node} reigns too, term {term}",
+    "pe_lost": "{pe} is lost: {cause}",
+    "pe_absent": "{pe} is absent: {cause}",
+    "pe_heard_again": "{pe} is heard again: {cause}",
+    "pe_joined": "{pe} joins: {cause}",
+    "fault_reported": "{element} has failed, says {by}",
+    "fault_cleared": "{element} is well again, says {by}",
+    "phase_changed": "phase {phase}, asked for by {by}",
+    "adopted": "epoch {epoch} is adopted as it runs",
+    "plan_failed": "no plan: {reason}",
+    "plan_unchanged": "everything runs as planned",
+    "plan_kept": "what runs is left alone",
+    "epoch_abandoned": "epoch {epoch} is given up: {reason}",
+    "epoch_step": "epoch {epoch}: {step}",
+    "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
+    "stopped": "the manager ends: {reason}",
+}
+
+
+def deed_line(seconds: float, text: str) -> str:
+    """Line for something that is done."""
+    return f"--- at {seconds:g}s {text}"
+
+
+def event_line(event: Mapping[str, Any]) -> str | None:
+    """Line for an event of the manager; None where it is no decision."""
+    kind = event["event"]
+    if kind == "reconfigured":
+        changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
+        return f"epoch {event['epoch']} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
+    template = _LINES.get(kind)
+    return None if template is None else template.format_map(event)
+
+
+_CHANGES = (("start ", "started"), ("stop ", "stopped"), ("move ", "moved"))
+
+
+def golden_file(file: Path) -> Path:
+    """Where the golden trace of a scenario file is kept."""
+    return file.with_name(f"{file.name}.golden")
+
+
+def differences(file: Path, trace: Iterable[str]) -> list[str]:
+    """Lines of a diff between a scenario's golden trace and this one; empty where they agree or none is kept."""
+    golden = golden_file(file)
+    if not golden.exists():
+        return []
+    kept = golden.read_text(encoding="utf-8").splitlines()
+    return list(difflib.unified_diff(kept, list(trace), golden.name, "this flight", n=1, lineterm=""))
+
+
+def keep(file: Path, trace: Iterable[str]) -> None:
+    """Make a trace the golden one."""
+    golden_file(file).write_text("".join(f"{line}\n" for line in trace), encoding="utf-8")
