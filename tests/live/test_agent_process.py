@@ -179,7 +179,7 @@ def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
     assert PeFlags.OUTPUT_HELD in page.flags
     assert page.state is PeState.ACTIVE
 
-    ground.say(neighbour_state(7))
+    ground.say(neighbour_state(7), command_frame(Alive(1, 2, EVERYBODY)))
     ground.hear(lambda frame: frame.can_id == DEMAND_ID)
 
 
