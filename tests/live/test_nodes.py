@@ -12,6 +12,7 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any, Self
 
@@ -104,9 +105,12 @@ class Aircraft:
         self.bus = can.Bus(interface="softbus", channel=str(folder / "can0.sock"))
         self._tables = write_tables(Compiler(self.spec), tuple(self.spec.pes), folder)
         self._started: list[Process] = []
+        self._managers = count()
 
     def start_manager(self, *more: str) -> Process:
         arguments = [str(self.spec_file), *self.bus_flags, "--json", "--until-eof"]
+        own_socket = self.folder / f"manager-{next(self._managers)}.sock"  # two of them are no rivals for that
+        arguments += ["--socket", str(own_socket)]
         return self._start(*MANAGER, *arguments, "--state-dir", str(self.folder / "state"), *more)
 
     def start_agents(self) -> list[Process]:
