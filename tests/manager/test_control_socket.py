@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import pytest
 
@@ -36,12 +38,12 @@ def manager_on(path: Path) -> Iterator[list[OperatorSaid]]:
     stop_read, stop_write = os.pipe()
 
     def serve(control: ControlSocket) -> None:
-        import select  # noqa: PLC0415
-
-        while stop_read not in select.select([*control.readers(), stop_read], [], [])[0]:
+        watched: list[Any] = [*control.readers(), stop_read]
+        while stop_read not in select.select(watched, [], [])[0]:
             for said in control.poll():
                 heard.append(said)
                 control.answer(Reply(said.number, True, "done", {"phase": "glide"}))
+            watched = [*control.readers(), stop_read]
 
     with ControlSocket(path) as control:
         server = Thread(target=serve, args=(control,))

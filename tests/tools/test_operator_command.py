@@ -6,6 +6,7 @@ import select
 from collections.abc import Iterator
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import pytest
 
@@ -25,11 +26,13 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[OneMana
     stop_read, stop_write = os.pipe()
 
     def serve(control: ControlSocket) -> None:
-        while stop_read not in select.select([*control.readers(), stop_read], [], [])[0]:
+        watched: list[Any] = [*control.readers(), stop_read]
+        while stop_read not in select.select(watched, [], [])[0]:
             for said in control.poll():
                 for action in flying.give(said):
                     if isinstance(action, Reply):
                         control.answer(action)
+            watched = [*control.readers(), stop_read]
 
     with ControlSocket(default_socket("two_tails")) as control:
         server = Thread(target=serve, args=(control,))
