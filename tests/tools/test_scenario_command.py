@@ -264,3 +264,9 @@ def test_something_holds_since_the_first_of_an_unbroken_chain(marks: list[tuple[
     times = [t for t, says in marks if t >= since_ns]
     assert all(later - t <= patience_ns for t, later in zip(times, [*times[1:], until_ns], strict=True))
     assert all(says for t, says in marks if t > since_ns)
+
+
+def test_the_example_of_the_page_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example = Path("docs/scenarios.md").read_text().split("```\n")[1]
+    assert main(["scenario", str(written(tmp_path, example, head=""))]) == 0
+    assert "holds" in capsys.readouterr().out
