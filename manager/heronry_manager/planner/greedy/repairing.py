@@ -21,7 +21,7 @@ from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
 
 _TRIES: Final = 40  # functions put down or aside, over all that room is made for
 _SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
-_LOOKS_FOR_FUNCTIONS: Final = 6000  # messages looked at for deadlines, see `Watch`
+_LOOKS_FOR_FUNCTIONS: Final = 3000  # messages looked at for deadlines, see `Watch`
 _LOOKS_FOR_INPUTS: Final = 1500
 
 
