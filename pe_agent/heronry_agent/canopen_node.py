@@ -8,10 +8,11 @@ happens here.
 SDO and NMT are heard on the uplink alone, as all commands are.
 
 SDO outranks some of the data, so it is held back. While this PE runs nothing, an upload by block takes half of the bus;
-once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn, one at
-most: a client that does not wait for its answer is not answered.
+once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn: a few,
+since some need no answer and the next follows at once. What more comes of a client that does not wait is dropped.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -29,6 +30,7 @@ from heronry_wire.timing import worst_bits
 
 _NS_PER_S = 1_000_000_000
 _DESK_SHARE, _FLIGHT_SHARE = 2, 10  # of the bus: SDO takes this part of it
+_MOST_HELD = 4
 
 
 class CanopenNode:
@@ -43,8 +45,8 @@ class CanopenNode:
         objects = PeObjects(parts, self._network, self._services)
         self._frame_ns = worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
         self._sdo = SdoServer(objects.dictionary(), _DESK_SHARE * self._frame_ns)
-        self._held: bytes | None = None  # a request that waits for its turn
-        self._turn_ns = turn.now_ns  # when that is
+        self._held: deque[bytes] = deque()  # requests that wait for their turn
+        self._turn_ns = turn.now_ns  # when the next one has its
         self.next_ns = turn.now_ns
         self._sdo_answer_id = sdo_response_id(index.node)
 
@@ -67,8 +69,8 @@ class CanopenNode:
         turn.out += answers
         turn.wants_page_0 |= says_state
         turn.wants_page_1 |= says_state
-        if self._held is not None and turn.now_ns >= self._turn_ns:
-            self._serve(self._held)
+        if self._held and turn.now_ns >= self._turn_ns:
+            self._serve(self._held.popleft())
         else:
             self._say(self._sdo.tick(turn.now_ns))
         self._find_next()
@@ -78,7 +80,7 @@ class CanopenNode:
         self._find_next()
 
     def _find_next(self) -> None:
-        held_ns = NEVER_NS if self._held is None else self._turn_ns
+        held_ns = self._turn_ns if self._held else NEVER_NS
         self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
 
     def _configured(self) -> bool:
@@ -101,7 +103,7 @@ class CanopenNode:
             self._turn.note("nmt", f"NMT command {event.frame.data[0]} is obeyed: nothing runs here")
             if heeded is Heeded.RESET:
                 self._sdo.reset()
-                self._held = None
+                self._held.clear()
                 self._modules.faults.history.clear()
 
     def _request(self, event: Received) -> None:
@@ -111,17 +113,17 @@ class CanopenNode:
             self._sdo.reset()
         elif len(event.frame.data) != MESSAGE_BYTES:
             self._turn.count("malformed SDO request", event.frame.can_id)
-        elif self._held is not None:
+        elif len(self._held) >= _MOST_HELD:
             self._turn.count("SDO request before the answer to the last", event.frame.can_id)
-        elif self._configured() and self._turn.now_ns < self._turn_ns:
-            self._held = event.frame.data
+        elif self._held or (self._configured() and self._turn.now_ns < self._turn_ns):
+            self._held.append(event.frame.data)
         else:
             self._serve(event.frame.data)
 
     def _serve(self, request: bytes) -> None:
         """Answer a request, and keep the time after it free: twice, since the request took the bus as well."""
         pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
-        self._held, self._turn_ns = None, self._turn.now_ns + 2 * pause_ns
+        self._turn_ns = self._turn.now_ns + 2 * pause_ns
         self._sdo.segment_ns = pause_ns
         self._say(self._sdo.request(request, self._turn.now_ns))
 
