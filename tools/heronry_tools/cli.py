@@ -51,6 +51,7 @@ examples:
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
+  heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
