@@ -33,8 +33,8 @@ THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as i
 
 def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
-    has_solver = _has_solver()
     spec = load_spec(arguments.spec)
+    has_solver = _has_solver()
     table = contingency_table(spec, arguments.contingencies)
     tell = print_event if arguments.json else screen(spec)
     link = Link({**flagged_bus(arguments), "can_filters": FILTERS})
