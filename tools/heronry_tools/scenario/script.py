@@ -206,11 +206,9 @@ class _Reader:
                 deed = Deed(self.number, at_ns, "stick", self._element(device), text)
             case [kind, target, *_] if kind in KINDS:
                 deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
-            case [what, *_]:
-                known = ["kill", "restore", "phase", "fail", "clear", "stick", *KINDS]
-                self._refuse(f"'{text}' cannot be done; {_hint(what, known)}")
             case _:
-                self._refuse("nothing is done")
+                known = ["kill", "restore", "phase", "fail", "clear", "stick", *KINDS]
+                self._refuse(f"'{text}' cannot be done; {_hint(words[0], known)}")
         self.deeds.append(deed)
 
     def _in_turn(self, deed: Deed) -> None:
