@@ -8,6 +8,8 @@ A turn goes so:
 3. Hand over what a module has computed, then the deadline if it is due. What this releases is computed at once, and
    waits for the next turn: so frames that came meanwhile count before its outputs go out.
 
+What means nothing to the PE now is kept back by the kernel (or the hub): on a full bus that is most of the traffic.
+
 A frame that could not leave within T_lease does not leave at all: rule 6 allowed it for then, not for now.
 
 Nothing runs in a thread, and nothing repeats frames for us: when this loop stands still, the PE is silent.
@@ -20,7 +22,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from heronry_agent.core import AgentCore
@@ -57,6 +59,7 @@ class AgentDriver:
         """`tell` gets every note as it happens."""
         self._core, self._host, self._links, self._tell = core, host, links, tell
         self._answer: Stepped | StepFailed | None = None
+        self._accepted: Collection[int] = ()  # what the links were last told to take in
         self._stopping = False
 
     def stop(self) -> None:
@@ -77,6 +80,13 @@ class AgentDriver:
                 self._step(now_ns, Tick())
             for link in self._links:
                 link.pump(now_ns)
+            if self._core.identifiers is not self._accepted:
+                self._accept(self._core.identifiers)
+
+    def _accept(self, identifiers: Collection[int]) -> None:
+        self._accepted = identifiers
+        for link in self._links:
+            link.accept(identifiers)
 
     def _wait_s(self) -> float:
         if self._answer is not None:
