@@ -130,10 +130,17 @@ def test_folded_wings_stay_folded_near_the_ground(
     assert outputs == {"valve_demand": demand}
 
 
-def test_without_any_altitude_the_wings_are_filled_once_one_would_have_come() -> None:
+def test_without_any_altitude_the_wings_are_filled_once_it_is_lost_for_good() -> None:
     rig = Rig("inflation_control", rate_hz=10)
-    assert rig.run(5, wing_pressure=0.0) == {"valve_demand": 0.0}
+    assert rig.run(60, wing_pressure=0.0) == {"valve_demand": 0.0}
     assert rig.step(wing_pressure=0.0) == {"valve_demand": 1.0}
+
+
+def test_an_altitude_that_is_missing_for_a_while_fills_no_wings_on_the_ground() -> None:
+    rig = Rig("inflation_control", rate_hz=10)
+    for _ in range(3):
+        rig.run(5, wing_pressure=0.0, altitude=300.0)
+        assert rig.run(40, wing_pressure=0.0) == {"valve_demand": 0.0}
 
 
 def test_without_a_pressure_the_valve_shuts() -> None:

@@ -20,7 +20,7 @@ _FIRM_HPA = 430.0
 _LEAKING_HPA = 250.0
 _OPEN_BELOW_HPA, _SHUT_ABOVE_HPA = 470.0, 500.0
 _LOWEST_INFLATION_M = 15_000.0
-_ALTITUDE_COMES_NS = 5 * _NS_PER_S  # an altitude that is measured at all has come by then
+_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # a reconfiguration, or a start, is over long before: nobody measures it any more
 # Compressed like the bench's flight; real resin takes minutes of sun at altitude.
 _CURE_DOSE_J_PER_M2 = 600.0
 
@@ -41,7 +41,7 @@ class InflationControl(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._open = False
-        self._started_ns = ctx.now_ns
+        self._altitude_heard_ns = ctx.now_ns
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the valve's demand; shut without a pressure, low down, and once nothing is to be gained."""
@@ -58,11 +58,12 @@ class InflationControl(Module):
         state, altitude_m = whole(inputs, "wing_state"), number(inputs, "altitude")
         if state in {WingState.CURED, WingState.LEAKING}:
             return True
-        # Folded wings stay folded near the ground, and while nobody can say yet whether they are there; wings that have
-        # begun to fill are finished wherever they are.
+        # Folded wings stay folded near the ground, and until it is sure that nobody will say any more whether they are
+        # there; wings that have begun to fill are finished wherever they are.
         if altitude_m is None:
-            low = self.ctx.now_ns - self._started_ns < _ALTITUDE_COMES_NS
+            low = self.ctx.now_ns - self._altitude_heard_ns < _ALTITUDE_LOST_NS
         else:
+            self._altitude_heard_ns = self.ctx.now_ns
             low = altitude_m < _LOWEST_INFLATION_M
         return low and (state is None or state == WingState.STOWED)
 
