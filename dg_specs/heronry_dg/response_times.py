@@ -52,7 +52,7 @@ class ResponseTimes:
     def __init__(self, spec: Spec) -> None:
         self.spec = spec
         self.identifiers = identifiers(spec)
-        self._management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
+        self.management = {bus.name: _management(spec, bus) for bus in spec.buses.values()}
         self._punctual: dict[Hop, Message] = {}  # without jitter, as far as they have been asked for
 
     def responses(self, published: Iterable[Hop]) -> list[Response]:
@@ -105,17 +105,22 @@ class ResponseTimes:
         """Delay at the end of one wired bus, by priority; below one that is unbounded all are."""
         bounded = jitters.index(None) if None in jitters else len(jitters)
         data = [
-            self._message(bus, hop, jitter)
+            self.message(hop, jitter)
             for hop, jitter in zip(hops_there[:bounded], jitters[:bounded], strict=True)
             if jitter is not None
         ]
-        management = self._management[bus.name]
+        management = self.management[bus.name]
         responses = analyse([*management, *data], blocking_bits=WORST_BLOCKING_BITS)[len(management) :]
         delays = [None if r.bits is None else r.bits * _NS_PER_S / bus.bitrate for r in responses]
         return delays + [None] * (len(jitters) - bounded)
 
-    def _message(self, bus: Bus, hop: Hop, jitter_ns: Fraction) -> Message:
-        bits_per_ns = Fraction(bus.bitrate, _NS_PER_S)
+    def bits_per_ns(self, bus: str) -> Fraction:
+        """Bit times of a bus in a nanosecond."""
+        return Fraction(self.spec.buses[bus].bitrate, _NS_PER_S)
+
+    def message(self, hop: Hop, jitter_ns: Fraction = _NONE) -> Message:
+        """A hop as the analysis of its bus sees it, in bit times."""
+        bits_per_ns = self.bits_per_ns(hop.bus)
         punctual = self._punctual.get(hop)
         if punctual is None:
             punctual = self._punctual[hop] = Message(

@@ -1,15 +1,128 @@
-"""Which messages must not be published together, because one of them could then miss its deadline (rule 9).
+"""Deadlines (semantics.md rule 9), stated in the model where a solution has missed one.
 
-The response-time analysis names, for each late message, all that it depends on. That set is shrunk here, one message
-after the other, to one that is still late: the smaller the set, the more plans its cut rules out at once, and the fewer
-searches are needed. Leaving a message out makes no other one later, so what is late in a set is late in every larger
-one (a message that comes from farther away counts as larger, too: it brings more jitter).
+Almost no message is ever late, so nothing is said in advance: what the solver finds is looked at, and what is late
+there is ruled out, in one of two ways.
+
+*In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
+window: by then B + sum of ceil((t + 1) / T) x C over everything more urgent is at most t (all in bit times). Demand
+only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. One literal
+for each, and one of them must hold where the message is published. That is said of a message once, and with it of every
+set of others. It is necessary, not enough: jitter from other buses and later instances of the message are left out.
+
+*Not together.* What is late all the same is met with a cut: these messages not all at once. The analysis names all that
+a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the smaller
+the set, the more plans its cut rules out. Leaving a message out makes no other one later, so what is late in a set is
+late in every larger one (a message that comes from farther away counts as larger, too: it brings more jitter).
+
+Neither takes away a legal plan.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import ceil, floor
 
-from heronry_dg.response_times import ResponseTimes
+from ortools.sat.python.cp_model import CpModel, IntVar
+
+from heronry_dg.response_times import Late, ResponseTimes
 from heronry_dg.traffic import Hop
+from heronry_manager.planner.placing import Terms, weighted
+from heronry_manager.planner.publishing import MessageKey, Publishing
+from heronry_wire.timing import WORST_BLOCKING_BITS, Message
+
+
+class PlannerDefectError(RuntimeError):
+    """The planner has caught itself in an error of its own; the message says in which."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """A moment at which a message could leave: what everything more urgent may then have taken, in bits."""
+
+    weights: dict[MessageKey, int]
+    room: int
+
+
+class Deadlines:
+    """What a model has been told of deadlines."""
+
+    def __init__(self, model: CpModel, publishing: Publishing, times: ResponseTimes) -> None:
+        self._model, self._publishing, self._times = model, publishing, times
+        self._punctual: list[frozenset[Hop]] = []  # published together, these meet all deadlines
+        self._stated: set[Hop] = set()  # messages of which it was said when they leave in time
+        self._forbidden: set[frozenset[Hop]] = set()
+
+    def are_met(self, published: frozenset[Hop]) -> bool:
+        """Tell whether these hops meet all deadlines; if not, the model does not allow them any more."""
+        if any(published <= known for known in self._punctual):
+            return True
+        late = self._times.late(published)
+        if not late:
+            self._punctual.append(published)
+            return True
+        met_with: list[frozenset[Hop]] = []
+        for one in late:
+            if not self._state(one.hop, published) and not any(known <= one.causes for known in met_with):
+                met_with.append(self._forbid(one))
+        return False
+
+    def know(self, published: frozenset[Hop]) -> None:
+        """Remember that these hops meet all deadlines."""
+        self._punctual.append(published)
+
+    def _state(self, hop: Hop, published: Iterable[Hop]) -> bool:
+        """Say when a message leaves in time; tells whether that rules out what is published."""
+        if hop in self._stated:
+            return False
+        self._stated.add(hop)
+        taken = {self._publishing.key(one) for one in published}
+        literals: list[IntVar] = []
+        fits = False
+        for number, moment in enumerate(self._moments(hop)):
+            literals.append(self._free_at(moment, f"{hop.producer}:{hop.variable} leaves {hop.bus} at {number}"))
+            fits |= sum(weight for key, weight in moment.weights.items() if key in taken) <= moment.room
+        self._publishing.one_of(literals, hop)
+        return not fits
+
+    def _free_at(self, moment: _Moment, name: str) -> IntVar:
+        literal = self._model.new_bool_var(name)
+        terms: Terms = [(self._publishing.messages[key], weight) for key, weight in moment.weights.items()]
+        if sum(moment.weights.values()) > moment.room:
+            self._model.add(weighted(terms) <= moment.room).only_enforce_if(literal)
+        return literal
+
+    def _moments(self, hop: Hop) -> Iterator[_Moment]:
+        """Give every moment at which a message could leave in time, the first one first."""
+        own = self._times.message(hop)
+        window = own.deadline - own.bits - self._least_jitter(hop)
+        above = self._times.management[hop.bus]
+        rivals = {
+            key: self._times.message(one) for key, one in self._publishing.more_urgent(hop, self._times.identifiers)
+        }
+        ends = {end for message in (*above, *rivals.values()) for end in _jumps(message, window)}
+        for end in sorted(ends | {window} if window > 0 else ends):
+            room = floor(end) - WORST_BLOCKING_BITS - sum(_demand(message, end) for message in above)
+            if room >= 0:
+                yield _Moment({key: _demand(message, end) for key, message in rivals.items()}, room)
+
+    def _least_jitter(self, hop: Hop) -> Fraction:
+        """Jitter that a message brings from the bus before, at least: were it alone there."""
+        if hop.after is None:
+            return Fraction(0)
+        alone = self._times.responses([replace(hop, bus=hop.after, after=None)])
+        bounded = (one.response_ns for one in alone if one.response_ns is not None)
+        return max(0, next(bounded, 1) - 1) * self._times.bits_per_ns(hop.bus)  # it is rounded up
+
+    def _forbid(self, late: Late) -> frozenset[Hop]:
+        """Cut off what makes a message late; a cut that did not hold would be found again for ever."""
+        messages = shrunk(self._times, late)
+        if messages in self._forbidden:
+            raise PlannerDefectError(
+                f"these were forbidden together and are planned again: {sorted(map(str, messages))}"
+            )
+        self._forbidden.add(messages)
+        self._publishing.forbid_together(messages)
+        return messages
 
 
 def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[frozenset[Hop]]:
@@ -17,18 +130,31 @@ def deadline_conflicts(times: ResponseTimes, published: Iterable[Hop]) -> list[f
     conflicts: list[frozenset[Hop]] = []
     for late in times.late(published):
         if not any(known <= late.causes for known in conflicts):
-            conflicts.append(_shrunk(times, late.hop, late.causes))
+            conflicts.append(shrunk(times, late))
     return conflicts
 
 
-def _shrunk(times: ResponseTimes, late: Hop, causes: frozenset[Hop]) -> frozenset[Hop]:
+def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
     """Leave out source after source, the least urgent first, as long as the message stays late."""
-    kept = causes
-    urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in causes}
-    sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(causes, key=lambda hop: -urgency[hop]))
-    sources.pop((late.producer, late.variable))
+    kept = late.causes
+    urgency = {hop: times.identifiers[hop.producer, hop.variable] for hop in kept}
+    sources = dict.fromkeys((hop.producer, hop.variable) for hop in sorted(kept, key=lambda hop: -urgency[hop]))
+    sources.pop((late.hop.producer, late.hop.variable))
     for source in sources:
         fewer = frozenset(hop for hop in kept if (hop.producer, hop.variable) != source)
-        if any(still.hop == late for still in times.late(fewer)):
+        if any(still.hop == late.hop for still in times.late(fewer)):
             kept = fewer
     return kept
+
+
+def _jumps(message: Message, window: Fraction) -> Iterator[Fraction]:
+    """Moments in a window just after which one more instance of a message counts."""
+    end = Fraction(message.period) - 1
+    while end < window:
+        yield end
+        end += message.period
+
+
+def _demand(message: Message, end: Fraction) -> int:
+    """Bits of all instances of a message that count at a moment."""
+    return ceil((end + 1) / message.period) * message.bits

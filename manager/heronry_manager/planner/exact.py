@@ -1,9 +1,9 @@
 """The exact planner: the best legal configuration of semantics.md, proven level by level.
 
 It starts from the greedy plan, and builds one model. Each group of levels is maximised, then fixed: later groups may
-not fall below it. Every solution is looked at before it counts: one that misses a deadline (rule 9) is cut off and the
-same group solved again, so a value is fixed only when a legal configuration has it. A level that already stands at its
-bound costs no search: as a rule the greedy plan serves all that can be served.
+not fall below it. Every solution is looked at before it counts: one that misses a deadline (rule 9) is ruled out and
+the same group solved again, so a value is fixed only when a legal configuration has it. A level that already stands at
+its bound costs no search: as a rule the greedy plan serves all that can be served.
 
 Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
 runs out, the best configuration found so far is returned, and the plan says of each level whether it is proven, or how
@@ -21,9 +21,9 @@ from heronry_dg.objective import Objective, Placement, score_among
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
-from heronry_dg.traffic import Hop, hops
+from heronry_dg.traffic import hops
 from heronry_manager.planner.candidates import Candidates, candidates
-from heronry_manager.planner.deadlines import deadline_conflicts
+from heronry_manager.planner.deadlines import Deadlines
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.levels import Kind, Level, bounds_of, level_groups, merged
 from heronry_manager.planner.placing import Placing, weighted
@@ -33,10 +33,6 @@ from heronry_manager.planner.wiring import Wiring
 DEFAULT_EFFORT = 60.0  # deterministic seconds, near real ones on a desktop computer of 2020
 
 NOTHING: Final = Configuration()
-
-
-class PlannerDefectError(RuntimeError):
-    """The planner has caught itself in an error of its own; the message says in which."""
 
 
 class Planner:
@@ -96,13 +92,11 @@ class Search:
         self._possible = possible
         self._running = running
         self._effort = effort
-        self._times = times
-        self._forbidden: set[frozenset[Hop]] = set()
-        self._punctual: list[frozenset[Hop]] = []  # published together, these meet all deadlines
         self._model = CpModel()
         self._placing = Placing(self._model, possible)
         self._wiring = Wiring(self._model, possible, self._placing)
         self._publishing = Publishing(self._model, possible, self._placing, self._wiring)
+        self._deadlines = Deadlines(self._model, self._publishing, times)
         self._groups = level_groups(self._placing, self._wiring, self._publishing, running)
         self._bounds = {level.position: level.high for group in self._groups for level in group}
         self._looked_at: list[Level] = []
@@ -159,37 +153,17 @@ class Search:
             if status not in (OPTIMAL, FEASIBLE):
                 return
             found = self._configuration(solver)
-            conflicts = self._conflicts(frozenset(hops(self._possible.left, found)))
-            for messages in conflicts:
-                self._forbid(messages)
-            if not conflicts:
+            in_time = self._deadlines.are_met(frozenset(hops(self._possible.left, found)))
+            if in_time:
                 self._take(found, response.solution)
             self._bound(group, -response.inner_objective_lower_bound)
-            if not conflicts:
+            if in_time:
                 return
 
     def _bound(self, group: list[Level], bound: int) -> None:
         """Note what the solver has proven: it minimises, so the sign is the other one."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
             self._bounds[level.position] = most
-
-    def _conflicts(self, published: frozenset[Hop]) -> list[frozenset[Hop]]:
-        """Find what misses a deadline; what is no more than a set that meets them all does so, too."""
-        if any(published <= known for known in self._punctual):
-            return []
-        conflicts = deadline_conflicts(self._times, published)
-        if not conflicts:
-            self._punctual.append(published)
-        return conflicts
-
-    def _forbid(self, messages: frozenset[Hop]) -> None:
-        """Cut off what misses a deadline; a cut that did not hold would be found again for ever."""
-        if messages in self._forbidden:
-            raise PlannerDefectError(
-                f"these were forbidden together and are planned again: {sorted(map(str, messages))}"
-            )
-        self._forbidden.add(messages)
-        self._publishing.forbid_together(messages)
 
     def _hint(self) -> None:
         """Start the search from the best configuration so far."""
@@ -202,7 +176,7 @@ class Search:
         self.best, self.objective = first, self._score(first)
         if first.modules:
             published = frozenset(hops(self._possible.left, first))
-            self._punctual.append(published)
+            self._deadlines.know(published)
             for part in (
                 self._placing.hint(first),
                 self._wiring.hint(first),
@@ -252,6 +226,6 @@ def _solver(kind: Kind, effort: float) -> CpSolver:
     solver.parameters.symmetry_level = 0
     solver.parameters.cut_level = 0
     solver.parameters.max_presolve_iterations = 1
-    solver.parameters.linearization_level = 2 if kind is Kind.SUPPLYING else 0
-    solver.parameters.cp_model_probing_level = 2 if kind is Kind.SUPPLYING else 0
+    solver.parameters.linearization_level = 0 if kind is Kind.SERVING else 2
+    solver.parameters.cp_model_probing_level = 0 if kind is Kind.SERVING else 2
     return solver

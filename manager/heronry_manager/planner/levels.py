@@ -7,7 +7,7 @@ together, cut where a weighted sum would not fit 62 bits:
 
     serving    critical classes and utility: as a rule all of it can be had, and then there is nothing to search
     supplying  inputs, changes and branches: packing, where the linear relaxation gives the bounds
-    thrift     bandwidth and CPU: cutting a graph, where the relaxation is worth nothing and costs most of the time
+    thrift     bandwidth and CPU: cutting a graph, once most of it stays where it is; bounded in the same way
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -7,8 +7,7 @@ other way round. Nothing in a plan gets better by publishing more, so the optimu
 
 Bandwidth depends on the rate of the producer's mode. Where its modes differ in rate, there is a literal per rate.
 
-Deadlines (rule 9) are not part of the model: a plan that breaks them is met with a *cut*, "these messages not all
-together". More messages never make another one earlier, so a cut takes away no legal plan.
+Deadlines (rule 9) are no part of this: `heronry_manager.planner.deadlines` states them where they matter.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,6 +22,7 @@ from heronry_manager.planner.placing import Placing, Terms, weighted
 from heronry_manager.planner.wiring import Link, Wiring
 
 Side = frozenset[str]  # PEs that stay connected when a bus is taken away
+MessageKey = tuple[str, str, int, str]  # producer, variable, rate in mHz, bus
 
 
 class Publishing:
@@ -34,8 +34,9 @@ class Publishing:
         self._model = model
         self._possible = possible
         self._placing = placing
+        self._modes: dict[MessageKey, str] = {}  # one of the producer's modes that have the rate
         self._published: dict[tuple[str, str, str], IntVar] = {}  # producer, variable, bus
-        self._messages: dict[tuple[str, str, int, str], IntVar] = {}  # producer, variable, rate in mHz, bus
+        self.messages: dict[MessageKey, IntVar] = {}
         sides = {bus: _sides(possible.left, bus) for bus in self.bandwidth}
         for link, literals in wiring.links.items():
             for bus, parts in sides.items():
@@ -54,16 +55,39 @@ class Publishing:
         taken: list[IntVar] = []
         facts = 0
         for hop in sorted(hops, key=lambda hop: (hop.bus, hop.producer, hop.variable)):
-            mode = self._possible.spec.modules[hop.producer].modes[hop.mode]
-            taken.append(self._messages[hop.producer, hop.variable, mode.rate_mhz, hop.bus])
+            taken.append(self.messages[self.key(hop)])
             facts += 1
-            if hop.after is not None:
-                origins = _origins(self._possible.left, hop.after, hop.bus)
-                there = self._placing.somewhere(hop.producer, origins)
-                if there is not None:
-                    taken.extend(there)
-                    facts += 1
+            there = self._comes_from(hop)
+            if there is not None:
+                taken.extend(there)
+                facts += 1
         self._model.add(LinearExpr.sum(taken) <= facts - 1)
+
+    def one_of(self, literals: Iterable[IntVar], hop: Hop) -> None:
+        """Ask for one of these literals wherever a hop is taken; one that comes from another bus counts as above."""
+        elsewhere = [self.messages[self.key(hop)].negated(), *literals]
+        there = self._comes_from(hop)
+        for origin in [None] if there is None else there:
+            self._model.add_bool_or([*elsewhere, *([] if origin is None else [origin.negated()])])
+
+    def more_urgent(self, hop: Hop, identifiers: Mapping[tuple[str, str], int]) -> Iterator[tuple[MessageKey, Hop]]:
+        """Everything that could go before a hop on its bus, each as a hop that begins there."""
+        own = identifiers[hop.producer, hop.variable]
+        for key in self.messages:
+            producer, variable, _, bus = key
+            if bus == hop.bus and identifiers[producer, variable] < own:
+                yield key, Hop(producer, variable, self._modes[key], bus)
+
+    def key(self, hop: Hop) -> MessageKey:
+        """Key of a hop among the messages."""
+        rate_mhz = self._possible.spec.modules[hop.producer].modes[hop.mode].rate_mhz
+        return hop.producer, hop.variable, rate_mhz, hop.bus
+
+    def _comes_from(self, hop: Hop) -> list[IntVar] | None:
+        """Literals of which one is true where a running producer's way leads over the bus before; None: it must."""
+        if hop.after is None:
+            return None
+        return self._placing.somewhere(hop.producer, _origins(self._possible.left, hop.after, hop.bus))
 
     def hint(self, published: Iterable[Hop]) -> Iterator[tuple[IntVar, bool]]:
         """Values that the variables have when these hops are published, and no others."""
@@ -73,7 +97,7 @@ class Publishing:
         }
         for key, literal in self._published.items():
             yield literal, key in rates
-        for (producer, variable, rate_mhz, bus), literal in self._messages.items():
+        for (producer, variable, rate_mhz, bus), literal in self.messages.items():
             yield literal, rates.get((producer, variable, bus)) == rate_mhz
 
     def _publish(self, link: Link, literals: list[IntVar], bus: str, sides: list[Side]) -> None:
@@ -115,7 +139,8 @@ class Publishing:
                     message = self._model.new_bool_var(f"{producer}:{variable} on {bus} at {rate_mhz} mHz")
                     running = LinearExpr.sum(self._placing.in_modes(producer, modes))
                     self._model.add(message >= published + running - 1)
-                self._messages[producer, variable, rate_mhz, bus] = message
+                self.messages[producer, variable, rate_mhz, bus] = message
+                self._modes[producer, variable, rate_mhz, bus] = modes[0]
                 mode = self._possible.spec.modules[producer].modes[modes[0]]
                 weight = source_mbit_per_s(self._possible.spec, variable, mode)
                 self.bandwidth[bus].append((message, weight))

@@ -22,7 +22,8 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
-from heronry_manager.planner.exact import Planner, PlannerDefectError
+from heronry_manager.planner.deadlines import PlannerDefectError
+from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
 from heronry_tools.errors import UserError
 
