@@ -1,6 +1,7 @@
 """`heronry bench plan`: aircraft from a seed, a fair race, and clear sentences for what cannot be measured."""
 
 import json
+import math
 from itertools import islice
 
 import pytest
@@ -9,13 +10,15 @@ from heronry_dg.gates import And, Expression, Or, Xor
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import situation
+from heronry_dg.situation import Situation, situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import Planner
 from heronry_tools.cli import main
 from heronry_tools.planner_bench.generator import fault_cases, generate
-from heronry_tools.planner_bench.race import Entry, Race, Size, percentile
+from heronry_tools.planner_bench.race import FULL, Entry, Race, Size, percentile, work_after
 from heronry_tools.planner_bench.rivals import Highs, answered, cp_sat
+
+WORK = ("up to 1.05", "beyond 1.05")
 
 
 def gates(needs: Expression | None) -> set[type]:
@@ -84,6 +87,13 @@ def test_a_race_counts_who_contradicts_a_proof_and_what_greedy_loses() -> None:
     assert race.disagreements() == 1
 
 
+def test_a_lost_pe_makes_an_overload_of_what_was_none() -> None:
+    spec = generate(2, 30, 8, work=1.0)
+    assert work_after(spec, Situation()) == pytest.approx(1.0, abs=0.01)
+    assert work_after(spec, Situation(frozenset({"pe:pe02"}))) > FULL
+    assert work_after(spec, Situation(frozenset({f"bus:{spec.manager.bus}"}))) == math.inf
+
+
 def test_percentiles() -> None:
     assert [percentile(range(1, 101), percent) for percent in (50, 90, 99)] == [50, 90, 99]
     assert percentile([7], 50) == 7
@@ -94,10 +104,12 @@ def test_the_command_reports_and_writes_json(capsys: pytest.CaptureFixture[str])
     assert main([*arguments, "--rivals", "none"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "30 x 8, work 1.05: 2 faults; CPU time in ms"
-    assert [line.split("  ")[0] for line in islice(lines, 2, 5)] == ["greedy", "planner", "all levels"]
+    rows = [line.split("  ")[0] for line in islice(lines, 2, 7)]
+    assert rows == ["greedy", "planner", "all levels, by the work there is for the CPU that a fault leaves", *WORK]
     assert main([*arguments, "--rivals", "cp-sat", "--json"]) == 0
     (size,) = json.loads(capsys.readouterr().out)
     assert size["levels_1_and_2"].keys() == {"greedy", "planner", "cp-sat"}
+    assert sum(size["all_levels"][work]["cases"] for work in WORK) == 2
     assert size["proofs_that_disagree"] == size["illegal"] == 0
 
 

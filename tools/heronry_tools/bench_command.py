@@ -106,11 +106,12 @@ class _Progress:
 
 
 def _report(race: "Race") -> list[str]:
-    lines = [f"{race.size}: {len(race.plans.cpu_ms)} faults; CPU time in ms"]
+    lines = [f"{race.size}: {len(race.serving['planner'].cpu_ms)} faults; CPU time in ms"]
     lines.append(f"{'levels 1 and 2':16}{'median':>9}{'p90':>9}{'p99':>9}{'proven':>9}  against the planner's median")
     ours = race.serving["planner"].percentile(50)
     lines.extend(_row(entry, f"{entry.percentile(50) / ours:.1f} times") for entry in race.serving.values())
-    lines.append(_row(race.plans, ""))
+    lines.append("all levels, by the work there is for the CPU that a fault leaves")
+    lines.extend(_row(entry, f"{len(entry.cpu_ms)} faults") for entry in (race.plans, race.overloaded))
     for level, count in sorted(race.unproven.items()):
         lines.append(f"  {level}: {count} not proven; gap {max(race.gaps[level]):.1%} at most")
     lines.append(
@@ -123,17 +124,18 @@ def _report(race: "Race") -> list[str]:
 
 def _row(entry: "Entry", text: str) -> str:
     times = "".join(f"{entry.percentile(percent):9.1f}" for percent in (50, 90, 99))
-    return f"{entry.name:16}{times}{sum(entry.proven) / len(entry.proven):9.1%}  {text}".rstrip()
+    return f"{entry.name:16}{times}{entry.share_proven():9.1%}  {text}".rstrip()
 
 
 def _document(race: "Race") -> dict[str, object]:
+    by_work = (race.plans, race.overloaded)
     return {
         "modules": race.size.modules,
         "pes": race.size.pes,
         "work": race.size.work,
-        "cases": len(race.plans.cpu_ms),
+        "cases": len(race.serving["planner"].cpu_ms),
         "levels_1_and_2": {name: _figures(entry) for name, entry in race.serving.items()},
-        "all_levels": _figures(race.plans),
+        "all_levels": {entry.name: {"cases": len(entry.cpu_ms), **_figures(entry)} for entry in by_work},
         "not_proven": {level: {"plans": n, "largest_gap": max(race.gaps[level])} for level, n in race.unproven.items()},
         "greedy_share_of_utility": race.greedy_utility(),
         "greedy_fewer_critical": race.greedy_losses(),
@@ -144,4 +146,4 @@ def _document(race: "Race") -> dict[str, object]:
 
 def _figures(entry: "Entry") -> dict[str, float]:
     times = {f"{name}_ms": entry.percentile(p) for name, p in (("median", 50), ("p90", 90), ("p99", 99))}
-    return {**times, "proven": sum(entry.proven) / len(entry.proven)}
+    return {**times, "proven": entry.share_proven()}

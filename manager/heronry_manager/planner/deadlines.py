@@ -7,7 +7,8 @@ there is ruled out, in one of two ways.
 window: by then B + sum of ceil((t + 1) / T) x C over everything more urgent is at most t (all in bit times). Demand
 only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. One literal
 for each, and one of them must hold where the message is published. That is said of a message once, and with it of every
-set of others. It is necessary, not enough: jitter from other buses and later instances of the message are left out.
+set of others; not where its deadline is so far away that there are too many moments. It is necessary, not enough:
+jitter from other buses and later instances of the message are left out.
 
 *Not together.* What is late all the same is met with a cut: these messages not all at once. The analysis names all that
 a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the smaller
@@ -29,6 +30,8 @@ from heronry_dg.traffic import Hop
 from heronry_manager.planner.placing import Terms, weighted
 from heronry_manager.planner.publishing import MessageKey, Publishing
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message
+
+MOST_MOMENTS = 200  # a message of 1 Hz beside others of up to 100 Hz has about as many
 
 
 class PlannerDefectError(RuntimeError):
@@ -76,9 +79,12 @@ class Deadlines:
             return False
         self._stated.add(hop)
         taken = {self._publishing.key(one) for one in published}
+        moments = self._moments(hop)
+        if moments is None:
+            return False
         literals: list[IntVar] = []
         fits = False
-        for number, moment in enumerate(self._moments(hop)):
+        for number, moment in enumerate(moments):
             literals.append(self._free_at(moment, f"{hop.producer}:{hop.variable} leaves {hop.bus} at {number}"))
             fits |= sum(weight for key, weight in moment.weights.items() if key in taken) <= moment.room
         self._publishing.one_of(literals, hop)
@@ -91,19 +97,24 @@ class Deadlines:
             self._model.add(weighted(terms) <= moment.room).only_enforce_if(literal)
         return literal
 
-    def _moments(self, hop: Hop) -> Iterator[_Moment]:
-        """Give every moment at which a message could leave in time, the first one first."""
+    def _moments(self, hop: Hop) -> list[_Moment] | None:
+        """Give every moment at which a message could leave in time, the first one first; None: they are too many."""
         own = self._times.message(hop)
         window = own.deadline - own.bits - self._least_jitter(hop)
         above = self._times.management[hop.bus]
         rivals = {
             key: self._times.message(one) for key, one in self._publishing.more_urgent(hop, self._times.identifiers)
         }
-        ends = {end for message in (*above, *rivals.values()) for end in _jumps(message, window)}
+        periods = {Fraction(message.period) for message in (*above, *rivals.values())}
+        if sum(window // period for period in periods) > MOST_MOMENTS:
+            return None
+        ends = {end for period in periods for end in _jumps(period, window)}
+        moments = []
         for end in sorted(ends | {window} if window > 0 else ends):
             room = floor(end) - WORST_BLOCKING_BITS - sum(_demand(message, end) for message in above)
             if room >= 0:
-                yield _Moment({key: _demand(message, end) for key, message in rivals.items()}, room)
+                moments.append(_Moment({key: _demand(message, end) for key, message in rivals.items()}, room))
+        return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:
         """Jitter that a message brings from the bus before, at least: were it alone there."""
@@ -147,12 +158,12 @@ def shrunk(times: ResponseTimes, late: Late) -> frozenset[Hop]:
     return kept
 
 
-def _jumps(message: Message, window: Fraction) -> Iterator[Fraction]:
+def _jumps(period: Fraction, window: Fraction) -> Iterator[Fraction]:
     """Moments in a window just after which one more instance of a message counts."""
-    end = Fraction(message.period) - 1
+    end = period - 1
     while end < window:
         yield end
-        end += message.period
+        end += period
 
 
 def _demand(message: Message, end: Fraction) -> int:

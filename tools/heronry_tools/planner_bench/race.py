@@ -2,6 +2,8 @@
 
 Two questions are asked for each fault. *Levels 1 and 2*: who finds the most critical functions and utility, and proves
 it, in what time? *All levels*: what does the whole plan take, and which levels are proven within the effort allowed?
+That is told apart by how much there is to do for the CPU that a fault leaves: a lost PE, or a bus with all behind it,
+makes an overload of what was none.
 
 Time is CPU time of one core, from the question to the answer: the planner is warm for its spec, as it is in flight, and
 builds its model within its time. Every answer is scored by the same code; every plan is judged.
@@ -17,13 +19,14 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.response_times import ResponseTimes
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, survivors
 from heronry_dg.verify import verify
 from heronry_manager.planner.exact import Planner
 from heronry_tools.planner_bench.generator import FaultCase, fault_cases, generate
 from heronry_tools.planner_bench.rivals import Highs, Solver, answered, cp_sat
 
 CASES_PER_SPEC = 10
+FULL = 1.05  # work up to which everything nearly fits, as a share of the CPU that is left
 _CRITICAL = 4  # levels of the objective's key; utility comes next
 
 
@@ -49,8 +52,12 @@ class Entry:
     proven: list[bool] = field(default_factory=list)
 
     def percentile(self, percent: int) -> float:
-        """CPU time in milliseconds that so many of a hundred cases keep to."""
-        return percentile(self.cpu_ms, percent)
+        """CPU time in milliseconds that so many of a hundred cases keep to; 0 where there is none."""
+        return percentile(self.cpu_ms, percent) if self.cpu_ms else 0.0
+
+    def share_proven(self) -> float:
+        """Share of the cases with a proof; 1 where there is none."""
+        return sum(self.proven) / len(self.proven) if self.proven else 1.0
 
 
 @dataclass
@@ -59,7 +66,8 @@ class Race:
 
     size: Size
     serving: dict[str, Entry] = field(default_factory=dict)  # levels 1 and 2, by contender
-    plans: Entry = field(default_factory=lambda: Entry("all levels"))
+    plans: Entry = field(default_factory=lambda: Entry(f"up to {FULL:g}"))  # all levels, by the work after the fault
+    overloaded: Entry = field(default_factory=lambda: Entry(f"beyond {FULL:g}"))
     unproven: Counter[str] = field(default_factory=Counter)  # level -> plans in which it is not proven
     gaps: dict[str, list[float]] = field(default_factory=dict)  # level -> relative gaps, where there is one
     illegal: int = 0
@@ -117,6 +125,13 @@ def _questions(size: Size, cases: int, seed: int) -> Iterator[tuple[Spec, Planne
             yield spec, planner, case
 
 
+def work_after(spec: Spec, now: Situation) -> float:
+    """CPU of every module in its best mode, as a share of the CPU that is left."""
+    left = sum(survivors(spec, now).pe_cpu_millis.values())
+    wanted = sum(next(iter(module.modes.values())).cpu_millis for module in spec.modules.values())
+    return wanted / left if left else float("inf")
+
+
 def _serve(race: Race, spec: Spec, planner: Planner, case: FaultCase, solvers: dict[str, Solver]) -> None:
     """Levels 1 and 2 alone."""
     start = time.process_time()
@@ -146,10 +161,11 @@ def _note(race: Race, name: str, seconds: float, key: tuple[int, ...], *, proven
 
 def _plan(race: Race, spec: Spec, planner: Planner, case: FaultCase, effort: float) -> None:
     """All levels."""
+    entry = race.plans if work_after(spec, case.now) <= FULL else race.overloaded
     start = time.process_time()
     plan = planner.plan(case.now, case.running, effort=effort)
-    race.plans.cpu_ms.append(1000 * (time.process_time() - start))
-    race.plans.proven.append(plan.optimal)
+    entry.cpu_ms.append(1000 * (time.process_time() - start))
+    entry.proven.append(plan.optimal)
     race.illegal += bool(verify(spec, case.now, plan.configuration))
     for level in plan.levels:
         if not level.proven and level.bound is not None:
