@@ -73,7 +73,7 @@ class Show:
 
 SHOWS = [
     Show("elevator_and_chute", "tail_pe", "control_pe", 3, 8, seconds=22, heartbeat_ms=500, rates_divided_by=4),
-    Show("big_blue", "flight", "nav", 4, None, seconds=18, heartbeat_ms=1000, rates_divided_by=20),
+    Show("big_blue", "flight", "nav", 4, None, seconds=32, heartbeat_ms=1000, rates_divided_by=20),
 ]
 
 
