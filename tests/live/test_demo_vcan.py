@@ -73,7 +73,7 @@ class Show:
 
 SHOWS = [
     Show("elevator_and_chute", "tail_pe", "control_pe", 3, 8, seconds=22, heartbeat_ms=500, rates_divided_by=4),
-    Show("big_blue", "flight", "nav", 4, None, seconds=32, heartbeat_ms=1000, rates_divided_by=20),
+    Show("big_blue", "flight", "nav", 4, None, seconds=18, heartbeat_ms=1000, rates_divided_by=20),
 ]
 
 
@@ -288,10 +288,9 @@ def test_with_the_kill_the_epoch_rises_everywhere_and_with_the_return_again(flig
 def test_the_witness_hears_what_a_plan_can_serve(flight: Flight) -> None:
     before, after, last = flight.epochs
     killed, survivor = flight.show.killed, flight.show.survivor
-    if flight.show.restore_s is None:
-        phases = [(before, [], killed), (last, [f"pe:{killed}"], survivor)]
-    else:
-        phases = [(before, [], killed), (after, [f"pe:{killed}"], survivor), (last, [], killed)]
+    phases = [(before, [], killed)]
+    if flight.show.restore_s is not None:  # else a better plan, or another mission phase, may come as the show ends
+        phases += [(after, [f"pe:{killed}"], survivor), (last, [], killed)]
     for epoch, down, pe in phases:
         best = flight.best_plan(*down)
         assert flight.heard_while(pe, epoch) == {name for name, report in best.functions.items() if report.served}
