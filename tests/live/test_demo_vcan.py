@@ -288,7 +288,7 @@ def test_with_the_kill_the_epoch_rises_everywhere_and_with_the_return_again(flig
 def test_the_witness_hears_what_a_plan_can_serve(flight: Flight) -> None:
     before, after, last = flight.epochs
     killed, survivor = flight.show.killed, flight.show.survivor
-    phases = [(before, [], killed)]
+    phases: list[tuple[int, list[str], str]] = [(before, [], killed)]
     if flight.show.restore_s is not None:  # else a better plan, or another mission phase, may come as the show ends
         phases += [(after, [f"pe:{killed}"], survivor), (last, [], killed)]
     for epoch, down, pe in phases:
