@@ -48,5 +48,9 @@ class Layout:
         """Decode one value per field, or None where the length is not this layout's."""
         if len(data) != self.length:
             return None
+        return self.fields_of(data)
+
+    def fields_of(self, data: bytes) -> tuple[int, ...]:
+        """Decode one value per field of a payload that is known to have this layout's length."""
         number = int.from_bytes(data, "big")
         return tuple((number >> shift) & mask for _, shift, mask in self._steps)

@@ -29,7 +29,7 @@ Malformed bytes decode to `Malformed` with a reason; encoding a number that does
 Source: docs/protocol.md, rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
@@ -86,6 +86,9 @@ class Operation(IntEnum):
 
     ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): it has been heard
     CLEAR = 2  # a = element kind, b = element index: the operator takes the element for well again
+    WELCOME = 3  # a, b = upper and lower half of the command's own number: the answer to the nonce of one PE
+    RENEW = 4  # send a fresh nonce: the states of this PE cannot be believed as they are
+    UNLOCK = 5  # a = seconds for which NMT and SDO may write on this one PE
 
 
 class ElementKind(IntEnum):
@@ -118,6 +121,10 @@ _REASONS = {reason.value: reason.name for reason in Reason}
 _OPERATIONS = {operation.value: operation.name for operation in Operation}
 _KINDS = {kind.value: kind.name for kind in ElementKind}
 
+WELCOME_KIND = 7  # of a TAG: a CONTROL whose operation is WELCOME
+NUMBER_SPAN = 1 << 13  # a TAG shows the number of its command modulo this
+_TAGGED = {command.value: command.name for command in Command if command is not Command.TAG} | {WELCOME_KIND: "WELCOME"}
+
 _TERM, _EPOCH, _DIGEST = Field("term", 16), Field("epoch", 16), Field("digest", 24)
 _STATE_HEAD = (Field("page", 2), Field("state", 3, _STATES), Field("flags", 3))
 
@@ -131,6 +138,7 @@ SLICE_BODY = Layout("SLICE_BODY", Field("node", 8), Field("epoch_low", 8), Field
 ACTIVATE = Layout("ACTIVATE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
 PING = Layout("PING", _TERM, Field("node", 8), Field("sequence", 8))
 CONTROL = Layout("CONTROL", _TERM, Field("node", 8), Field("operation", 8, _OPERATIONS), Field("a", 16), Field("b", 16))
+TAG = Layout("TAG", Field("kind", 3, _TAGGED), Field("number", 13), Field("tag", 48))
 STATE_0 = Layout("STATE_0", *_STATE_HEAD, Field("incarnation", 8), _EPOCH, Field("sequence", 8), _DIGEST)
 STATE_1 = Layout(
     "STATE_1",
@@ -140,6 +148,8 @@ STATE_1 = Layout(
     Field("reason", 8, _REASONS),
     Field("load", 8, unit="%"),
 )
+STATE_2 = Layout("STATE_2", *_STATE_HEAD, Field("nonce", 56))
+STATE_3 = Layout("STATE_3", *_STATE_HEAD, Field("unproven", 16), Field("untagged", 16), Field("other", 24))
 # CiA 301 has the code little-endian; here its two bytes are two fields.
 EMCY = Layout(
     "EMCY",
@@ -301,6 +311,37 @@ class StatePage1:
 
 
 @dataclass(frozen=True, slots=True)
+class StatePage2:
+    """A PE with a key asks for a fresh start: who holds the key answers its nonce with WELCOME (rule 11)."""
+
+    state: PeState
+    flags: PeFlags
+    nonce: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 2."""
+        return STATE_2.pack(2, self.state, self.flags, self.nonce)
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage3:
+    """How many commands a PE with a key has refused, modulo 2^16, 2^16 and 2^24: no tag fitted, none came, all else."""
+
+    state: PeState
+    flags: PeFlags
+    unproven: int
+    untagged: int
+    other: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 3."""
+        return STATE_3.pack(3, self.state, self.flags, self.unproven, self.untagged, self.other)
+
+
+StatePage = StatePage0 | StatePage1 | StatePage2 | StatePage3
+
+
+@dataclass(frozen=True, slots=True)
 class Emergency:
     """A fault: which element, and a detail (0..65535) that its finder chose."""
 
@@ -411,19 +452,42 @@ _DECODERS = {
 }
 
 
-def decode_state(data: bytes) -> StatePage0 | StatePage1 | Malformed:
-    """Decode a state frame, either page."""
-    fields = STATE_0.unpack(data)
-    if fields is None or fields[0] > 1 or fields[1] not in _STATES:
-        return Malformed("STATE has a wrong length, page or state")
-    if fields[0] == 0:
-        _, state, flags, incarnation, epoch, sequence, digest = fields
-        return StatePage0(PeState(state), PeFlags(flags), incarnation, epoch, sequence, digest)
-    paged = STATE_1.unpack(data)
-    if paged is None or paged[5] not in _REASONS:
+def decode_state(data: bytes) -> StatePage | Malformed:
+    """Decode a state frame, any page."""
+    if len(data) != STATE_0.length or _state_of(data) not in _STATES:
+        return Malformed("STATE has a wrong length or state")
+    return _PAGES[data[0] >> 6](PeState(_state_of(data)), PeFlags(data[0] & 7), data)
+
+
+def _state_of(data: bytes) -> int:
+    return data[0] >> 3 & 7
+
+
+def _page_0(state: PeState, flags: PeFlags, data: bytes) -> StatePage0:
+    return StatePage0(state, flags, *STATE_0.fields_of(data)[3:])
+
+
+def _page_1(state: PeState, flags: PeFlags, data: bytes) -> StatePage1 | Malformed:
+    staged_epoch, staged_digest, reason, load = STATE_1.fields_of(data)[3:]
+    if reason not in _REASONS:
         return Malformed("STATE page 1 has an unknown reason")
-    _, state, flags, staged_epoch, staged_digest, reason, load = paged
-    return StatePage1(PeState(state), PeFlags(flags), staged_epoch, staged_digest, Reason(reason), load)
+    return StatePage1(state, flags, staged_epoch, staged_digest, Reason(reason), load)
+
+
+def _page_2(state: PeState, flags: PeFlags, data: bytes) -> StatePage2:
+    return StatePage2(state, flags, int.from_bytes(data[1:], "big"))
+
+
+def _page_3(state: PeState, flags: PeFlags, data: bytes) -> StatePage3:
+    return StatePage3(state, flags, *STATE_3.fields_of(data)[3:])
+
+
+_PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
+
+
+def is_welcome(control: bytes) -> bool:
+    """Tell whether the payload of a CONTROL is that of a WELCOME."""
+    return len(control) == CONTROL.length and control[3] == Operation.WELCOME
 
 
 def decode_emergency(data: bytes) -> Emergency | Malformed:

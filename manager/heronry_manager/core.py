@@ -66,8 +66,11 @@ from heronry_wire.management import (
     Lease,
     Operation,
     PeState,
+    StatePage,
     StatePage0,
     StatePage1,
+    StatePage2,
+    StatePage3,
     decode_command,
     decode_emergency,
     decode_state,
@@ -189,7 +192,7 @@ class ManagerCore:
         elif frame.can_id in self._manager_lease_ids:
             self._on_lease(self._manager_lease_ids[frame.can_id], decode_command(Command.LEASE, frame.data))
 
-    def _on_state(self, pe: str, page: StatePage0 | StatePage1 | Malformed) -> None:
+    def _on_state(self, pe: str, page: StatePage | Malformed) -> None:
         now_ns = self._turn.now_ns
         match page:
             case StatePage0():
@@ -205,7 +208,7 @@ class ManagerCore:
                 self._take(self._health.heard(pe, None, now_ns))
                 if not self._advise:
                     self._fail_if(pe, self._deployment.staging(pe, page))
-            case Malformed():
+            case StatePage2() | StatePage3() | Malformed():
                 pass
 
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:

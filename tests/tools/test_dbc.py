@@ -155,7 +155,7 @@ def test_values_of_every_shape_are_read(kind: DataType, value: object, signals: 
 
 def test_every_layout_of_the_protocol_is_in_the_dbc(database: Database) -> None:
     layouts = [value for value in vars(management).values() if isinstance(value, Layout)]
-    assert len(layouts) == 11
+    assert len(layouts) == 14
     names = {signal.name for message in database.messages for signal in message.signals}
     assert {field.name for layout in layouts for field in layout.fields} <= names
 

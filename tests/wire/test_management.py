@@ -25,8 +25,11 @@ from heronry_wire.management import (
     Reason,
     SliceBody,
     SliceHead,
+    StatePage,
     StatePage0,
     StatePage1,
+    StatePage2,
+    StatePage3,
     Step,
     decode_command,
     decode_emergency,
@@ -63,6 +66,8 @@ messages = st.one_of(
 pages = st.one_of(
     st.builds(StatePage0, states, flags, bytes_1, epochs, bytes_1, bytes_3),
     st.builds(StatePage1, states, flags, epochs, bytes_3, st.sampled_from(Reason), bytes_1),
+    st.builds(StatePage2, states, flags, st.integers(0, (1 << 56) - 1)),
+    st.builds(StatePage3, states, flags, bytes_2, bytes_2, bytes_3),
 )
 faults = st.builds(
     Emergency, st.sampled_from(FaultCode), bytes_1, st.sampled_from(ElementKind), index=bytes_2, detail=bytes_2
@@ -99,10 +104,12 @@ def test_commands_byte_for_byte(message: ManagementMessage, text: str) -> None:
         ),
         # 01 page 1, 001 BROKEN, 010 FAULT_PENDING
         (StatePage1(PeState.BROKEN, PeFlags.FAULT_PENDING, 8, 9, Reason.IMAGE, 50), "4A 0008 000009 04 32"),
+        (StatePage2(PeState.BROKEN, PeFlags.FAULT_PENDING, 0x123456789ABCDE), "8A 123456789ABCDE"),
+        (StatePage3(PeState.BROKEN, PeFlags.FAULT_PENDING, 1, 0x203, 0x40506), "CA 0001 0203 040506"),
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_states_byte_for_byte(page: StatePage0 | StatePage1, text: str) -> None:
+def test_states_byte_for_byte(page: StatePage, text: str) -> None:
     data = bytes.fromhex(text)
     assert page.encode() == data
     assert decode_state(data) == page
@@ -123,7 +130,7 @@ def test_every_command_survives_the_bus(message: ManagementMessage) -> None:
 
 
 @given(pages)
-def test_every_state_survives_the_bus(page: StatePage0 | StatePage1) -> None:
+def test_every_state_survives_the_bus(page: StatePage) -> None:
     assert len(page.encode()) == 8
     assert decode_state(page.encode()) == page
 
@@ -175,7 +182,8 @@ def test_any_bytes_of_any_command_are_a_message_or_malformed(command: int, data:
 
 
 @given(payloads)
-@example(bytes.fromhex("C0 00000000000000"))  # no page
+@example(bytes.fromhex("80 00000000000001"))
+@example(bytes.fromhex("C0 00000000000001"))
 @example(bytes.fromhex("20 00000000000000"))  # no state
 @example(bytes.fromhex("40 0000000000 FF 00"))  # no reason
 def test_any_bytes_are_a_state_or_malformed(data: bytes) -> None:

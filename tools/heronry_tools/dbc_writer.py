@@ -5,7 +5,7 @@ heartbeat and actuator echo by field. The fields are those of the tables the cod
 `heronry_wire.canaerospace`), so the DBC cannot say anything else than the codec does.
 
 What a DBC cannot say: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by the
-index), that a state frame is one of two pages (multiplexed by the page), or an echo one of two kinds (by the type).
+index), that a state frame is one of four pages (multiplexed by the page), or an echo one of two kinds (by the type).
 """
 
 from collections import OrderedDict
@@ -43,6 +43,9 @@ from heronry_wire.management import (
     SLICE_HEAD,
     STATE_0,
     STATE_1,
+    STATE_2,
+    STATE_3,
+    TAG,
     ElementKind,
 )
 
@@ -54,6 +57,7 @@ _COMMANDS: Mapping[Command, Layout] = {
     Command.ACTIVATE: ACTIVATE,
     Command.PING: PING,
     Command.CONTROL: CONTROL,
+    Command.TAG: TAG,
 }
 
 
@@ -137,7 +141,7 @@ _CANOPEN = {0x00: "BOOT_UP", 0x04: "STOPPED", 0x05: "OPERATIONAL", 0x7F: "PRE_OP
 
 
 def _state() -> Iterator[Signal]:
-    for page, layout in enumerate((STATE_0, STATE_1)):
+    for page, layout in enumerate((STATE_0, STATE_1, STATE_2, STATE_3)):
         for signal in _signals(layout):
             if signal.name in ("page", "state", "flags"):
                 signal.is_multiplexer = signal.name == "page"

@@ -39,9 +39,9 @@ _LAYOUTS = {
     Command.ACTIVATE: (management.ACTIVATE,),
     Command.PING: (management.PING,),
     Command.CONTROL: (management.CONTROL,),
-    Command.TAG: (),
+    Command.TAG: (management.TAG,),
 }
-_REPORTS = (management.STATE_0, management.STATE_1, management.EMCY)
+_REPORTS = (management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3, management.EMCY)
 
 
 def identifiers() -> str:
@@ -79,7 +79,7 @@ def messages() -> str:
     """Every command of a manager, and its identifiers."""
     rows = []
     for command, layouts in _LAYOUTS.items():
-        lengths = " or ".join(dict.fromkeys(f"{layout.length}" for layout in layouts)) or "not sent yet"
+        lengths = " or ".join(dict.fromkeys(f"{layout.length}" for layout in layouts))
         ids = [str(management_id(manager, command)) for manager in (FIRST_MANAGER, LAST_MANAGER)]
         rows.append([command.name, *ids, lengths])
     return table(["message", f"of {FIRST_MANAGER}", f"of {LAST_MANAGER}", "bytes"], rows)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import state_id
 from heronry_wire.management import NO_EPOCH, StatePage0, StatePage1, decode_state, is_newer
 
@@ -45,10 +44,10 @@ class EpochCheck:
             before.t_ns = sent.end_ns
             return None
         page = decode_state(data)
-        if isinstance(page, Malformed):
-            return None
         if isinstance(page, StatePage1):
             return page
+        if not isinstance(page, StatePage0):
+            return None
         if before is not None and sent.sender == self._owners.get(sent.frame.can_id):
             self._compare(sent, before.page, page)
         self.last[key] = LastState(sent.end_ns, page, meaning)

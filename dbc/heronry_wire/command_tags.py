@@ -1,0 +1,185 @@
+"""Commands with their tags: how a manager numbers and tags them, and which of them whoever listens may believe.
+
+Every command is followed by one TAG: the kind of the command, the lowest 13 bits of its number, and 48 bits of tag. A
+manager numbers its commands anew in each term, and a term is never used twice, so a number never comes back. A command
+counts from the moment its TAG comes, and only if its number is above that of the last one: `CommandVerifier` is where
+this is decided, for a PE and for another manager alike.
+
+    no place     nothing of this manager is believed: whoever listens has just started, and what it hears may be old
+    a place      (term, number) of the last command believed; what comes next must be above it
+
+A place is gained by a WELCOME, whose tag covers the nonce that the listener has just drawn, and by nothing else; or,
+for whoever has no nonce to send (`seek`: another manager), by trying what the upper bits of the number may be.
+
+Lost, a command or its TAG: the other one is dropped with the next of its kind, or when its patience is over. Late:
+where a newer command was believed first, the older one is refused. Doubled: the second TAG stands for a number that is
+not above the last. Forged, changed, of another fleet, replayed: the tag does not fit. Nothing of this changes a place;
+each is counted in `refused`. A place that has been left behind by 8 192 commands fits no more, and has to be gained
+anew (`lost`).
+
+Commands are held in a fixed number of places, and every TAG costs so many trials at most: a flood costs the time of a
+flood.
+"""
+
+from collections import Counter, deque
+from enum import Enum
+from typing import NamedTuple
+
+from heronry_wire.authentication import MAX_NUMBER, NO_NONCE, Key, Place, next_number
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
+from heronry_wire.management import NUMBER_SPAN, TAG, WELCOME_KIND, Control, Operation, is_welcome
+from heronry_wire.sansio import Received, require
+
+_HELD = 40  # commands of one kind that wait for their TAG: the heads of all slices, and some
+_SOUGHT = 1 << 11  # upper halves of a number that are tried: two days of commands
+_SEEK_PAUSE_NS = 20_000_000
+_NOT_YET_NS = -_SEEK_PAUSE_NS
+
+
+class Refusal(Enum):
+    """Why a frame was not believed."""
+
+    MALFORMED = "malformed tag"
+    UNTAGGED = "command without its tag"
+    STRAY = "tag without its command"
+    UNKNOWN = "command before a fresh start"  # nothing of this manager is believed yet
+    STALE = "command from before"  # an older term, or an older answer
+    UNPROVEN = "tag that does not fit"
+
+
+class Held(NamedTuple):
+    """A command that waits for its TAG."""
+
+    event: Received
+    arrived_ns: int
+
+
+class CommandSigner:
+    """Numbers and tags the commands of one reign."""
+
+    def __init__(self, key: Key, manager: int, term: int) -> None:
+        """`term` was never used by this manager before."""
+        self._key, self._manager, self._term = key, manager, term
+        self._tag_id = management_id(manager, Command.TAG)
+        self._control_id = management_id(manager, Command.CONTROL)
+        self._kinds = {management_id(manager, command): command for command in Command if command is not Command.TAG}
+        self.number = -1  # of the last command
+
+    def tag(self, frame: Frame) -> Frame | None:
+        """Give the TAG of a frame, which is to follow it; None where it is no command of this manager."""
+        kind = self._kinds.get(frame.can_id)
+        return None if kind is None else self._tag(kind, frame.data)
+
+    def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
+        """Answer the nonce of a PE: a command that opens its session, and its TAG. `number` is the session's number."""
+        number = self.number + 1
+        answer = Control(self._term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
+        return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
+
+    def _tag(self, kind: int, payload: bytes, nonce: int = NO_NONCE) -> Frame:
+        self.number += 1
+        require(self.number <= MAX_NUMBER, "a term has no numbers left: start the manager anew")
+        tag = self._key.command_tag(self._manager, kind, Place(self._term, self.number), payload, nonce)
+        return Frame(self._tag_id, TAG.pack(kind, self.number % NUMBER_SPAN, tag))
+
+
+class CommandVerifier:
+    """Believes commands of managers, or refuses them."""
+
+    def __init__(self, key: Key, patience_ns: int, *, seek: bool = False) -> None:
+        """`patience_ns` is how long a command waits for its TAG; `seek`: find a place without a nonce."""
+        self._key, self._patience_ns, self._seek = key, patience_ns, seek
+        self._held: dict[tuple[int, int], deque[Held]] = {
+            (manager, kind): deque() for manager in MANAGER_NODES for kind in range(WELCOME_KIND + 1)
+        }
+        self._sought_ns = _NOT_YET_NS
+        self.places: dict[int, Place] = {}  # by manager
+        self.refused: Counter[Refusal] = Counter()
+
+    def hold(self, manager: int, command: Command, event: Received, arrived_ns: int) -> None:
+        """Take a command; it counts for nothing yet."""
+        is_answer = command is Command.CONTROL and is_welcome(event.frame.data)
+        held = self._held[manager, WELCOME_KIND if is_answer else command]
+        if len(held) == _HELD:
+            held.popleft()
+            self.refused[Refusal.UNTAGGED] += 1
+        held.append(Held(event, arrived_ns))
+
+    def tagged(self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE) -> Held | Refusal:
+        """Take a TAG; gives the command that is to be believed, or why there is none. `nonce` is the one sent last."""
+        found = self._find(manager, data, arrived_ns, nonce)
+        if isinstance(found, Refusal):
+            self.refused[found] += 1
+        return found
+
+    def _find(self, manager: int, data: bytes, arrived_ns: int, nonce: int) -> Held | Refusal:
+        fields = TAG.unpack(data)
+        if fields is None:
+            return Refusal.MALFORMED
+        kind, low, tag = fields
+        held = self._held[manager, kind]
+        while held and arrived_ns - held[0].arrived_ns > self._patience_ns:
+            held.popleft()
+            self.refused[Refusal.UNTAGGED] += 1
+        if not held:
+            return Refusal.STRAY
+        refusal = Refusal.UNPROVEN
+        covered = nonce if kind == WELCOME_KIND else NO_NONCE
+        for waiting in range(len(held)):
+            payload = held[waiting].event.frame.data
+            place = self._place(manager, kind, payload, low)
+            if isinstance(place, Refusal):
+                refusal = place
+            elif self._key.command_tag(manager, kind, place, payload, covered) == tag:
+                return self._believe(manager, place, held, waiting)
+        if refusal is Refusal.UNKNOWN and self._may_seek(arrived_ns):
+            return self._sought(manager, fields, held)
+        return refusal
+
+    def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
+        """Those before it were sent before it, and so were their TAGs: these were lost."""
+        self.places[manager] = place
+        for _ in range(waiting):
+            held.popleft()
+            self.refused[Refusal.UNTAGGED] += 1
+        return held.popleft()
+
+    def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
+        """Place that a command would have if its TAG were true."""
+        last = self.places.get(manager)
+        if kind == WELCOME_KIND:  # without a nonce nobody can have made a tag of this kind
+            place = Place(int.from_bytes(payload[:2], "big"), int.from_bytes(payload[4:8], "big"))
+            return place if last is None or place > last else Refusal.STALE
+        if last is None:
+            return Refusal.UNKNOWN
+        term = _term(kind, payload, last.term)
+        if term < last.term:
+            return Refusal.STALE
+        number = next_number(last.number if term == last.term else -1, low, NUMBER_SPAN)
+        return Place(term, number) if number <= MAX_NUMBER else Refusal.STALE
+
+    def _may_seek(self, arrived_ns: int) -> bool:
+        may = self._seek and arrived_ns - self._sought_ns >= _SEEK_PAUSE_NS
+        if may:
+            self._sought_ns = arrived_ns
+        return may
+
+    def _sought(self, manager: int, fields: tuple[int, ...], held: deque[Held]) -> Held | Refusal:
+        """Try every number that the newest command may have: for who only has to know that a manager is there."""
+        kind, low, tag = fields
+        payload = held[-1].event.frame.data
+        term = _term(kind, payload, 0)
+        for number in range(low, _SOUGHT * NUMBER_SPAN, NUMBER_SPAN):
+            place = Place(term, number)
+            if self._key.command_tag(manager, kind, place, payload) == tag:
+                return self._believe(manager, place, held, len(held) - 1)
+        return Refusal.UNPROVEN
+
+
+def _term(kind: int, payload: bytes, otherwise: int) -> int:
+    """Term that a command names; SLICE names none."""
+    if kind == Command.SLICE:
+        return otherwise
+    first = int.from_bytes(payload[:2], "big")
+    return first >> 4 if kind == Command.PREPARE else first

@@ -1,0 +1,56 @@
+"""The file that holds a fleet's key: one line of 64 hexadecimal digits, for its owner's eyes alone.
+
+A file that others may read is refused: a key that was readable is no secret any more, whoever has looked. It is made
+with mode 0600 from its first byte on, from the system's random source, and never written over.
+"""
+
+import os
+import re
+import stat
+from pathlib import Path
+
+from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.errors import HeronryError
+
+_TEXT = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}\n?", re.ASCII)
+_FOR_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+class KeyFileError(HeronryError):
+    """The key cannot be read or made; the message is one sentence with the remedy."""
+
+
+def read_key(file: Path) -> Key:
+    """Read a key; raises KeyFileError."""
+    try:
+        with file.open(encoding="ascii") as stream:
+            mode = os.fstat(stream.fileno()).st_mode
+            text = stream.read(2 * KEY_BYTES + 2)
+    except OSError as error:
+        raise KeyFileError(f"{file}: {error.strerror}; 'heronry key {file}' makes a key") from error
+    except UnicodeDecodeError as error:
+        raise KeyFileError(f"{file} holds no key; 'heronry key' makes one") from error
+    if mode & _FOR_OTHERS:
+        raise KeyFileError(
+            f"{file} can be read or changed by others (mode {stat.S_IMODE(mode):04o}): "
+            f"make a new key and keep it with 'chmod 600'"
+        )
+    if _TEXT.fullmatch(text) is None:
+        raise KeyFileError(f"{file} holds no key, which is {2 * KEY_BYTES} hexadecimal digits; 'heronry key' makes one")
+    return Key(bytes.fromhex(text))
+
+
+def make_key(file: Path) -> Key:
+    """Draw a key and keep it in a new file; raises KeyFileError where there is a file already."""
+    secret = os.urandom(KEY_BYTES)
+    try:
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)
+        with os.fdopen(descriptor, "w", encoding="ascii") as stream:
+            stream.write(f"{secret.hex()}\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+    except FileExistsError as error:
+        raise KeyFileError(f"{file} is there already; a key is never written over: name another file") from error
+    except OSError as error:
+        raise KeyFileError(f"{file}: {error.strerror}; name a file in a folder that can be written") from error
+    return Key(secret)
