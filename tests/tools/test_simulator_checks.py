@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
-from heronry_agent.module import Datum
+from heronry_agent.module import Datum, Value
 from heronry_dg.configuration import Configuration
-from heronry_dg.loader import load
+from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
+from heronry_dg.traffic import identifiers
 from heronry_manager.compilation import Compiler
 from heronry_tools.simulator.act import MANAGER, Act
 from heronry_tools.simulator.bus import Clash, Sent
@@ -16,7 +17,8 @@ from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.witness import Outage
-from heronry_wire.frame import Frame
+from heronry_wire.canaerospace import decode_data
+from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     SLICE_BYTES_PER_FRAME,
@@ -140,9 +142,8 @@ def test_slices_that_were_not_sent_or_are_not_what_was_announced_are_seen() -> N
     assert "are not those of the digest that was announced" in judged(commands(BEST, digest=77))[0]
 
 
-def test_a_branch_that_is_driven_by_what_was_heard_long_ago_is_seen() -> None:
-    simulation = Simulation(load(shipped_spec_path("big_blue")))
-    simulation.run_for(2_000_000_000)
+def driven_by_another_pe(simulation: Simulation, value: Value) -> Driven:
+    """A step, now, of a branch of a DEMUX whose input comes from another PE."""
     modules = simulation.events_of("plan_ready")[-1]["plan"]["modules"]
     branches = [branch for demux in simulation.spec.demuxes.values() for branch in demux.branches if branch in modules]
     branch, path, wire = next(
@@ -151,13 +152,37 @@ def test_a_branch_that_is_driven_by_what_was_heard_long_ago_is_seen() -> None:
         for path, wire in modules[branch]["inputs"].items()
         if modules[wire["producer"]]["pe"] != modules[branch]["pe"]
     )
-    inputs = {path: (wire["variable"], Datum(0.0, 1, 0))}
-    driven = Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs)
+    inputs = {path: (wire["variable"], Datum(value, 1, 0))}
+    return Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs)
+
+
+def last_demand(simulation: Simulation) -> Value:
+    """What the elevator was last told, as it went over the bus."""
+    identifier = identifiers(simulation.spec)["elevator_control", "elevator_demand"]
+    frame = next(sent.frame for sent in reversed(simulation.trace) if sent.frame.can_id == identifier)
+    datum = decode_data(frame)
+    assert not isinstance(datum, Malformed)
+    assert isinstance(datum.value, float)
+    return datum.value
+
+
+def test_a_branch_that_is_driven_by_what_was_heard_long_ago_is_seen() -> None:
+    simulation = Simulation(load(shipped_spec_path("big_blue")), keep_trace=True)
+    simulation.run_for(2_000_000_000)
+    driven = driven_by_another_pe(simulation, last_demand(simulation))
     simulation.checks.driven(driven)
     assert simulation.broken() == []
     simulation.checks.driven(driven._replace(t_ns=simulation.now_ns + 500_000_000))
     (violation,) = simulation.broken()
     assert (violation.rule, "last heard 5" in violation.story) == ("freshness", True)
+
+
+def test_a_branch_that_is_driven_by_what_its_producer_has_not_sent_is_seen() -> None:
+    simulation = Simulation(load(shipped_spec_path("big_blue")))
+    simulation.run_for(2_000_000_000)
+    simulation.checks.driven(driven_by_another_pe(simulation, 123.0))
+    (violation,) = simulation.broken()
+    assert (violation.rule, "has sent no 123.0 lately" in violation.story) == ("foreign", True)
 
 
 def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
@@ -186,6 +211,17 @@ def test_a_demux_may_change_hands_with_every_epoch() -> None:
         checks.see(activation(epoch))
         drive(checks, module, module)
     assert rules(checks) == []
+
+
+def test_an_actuator_without_a_demux_has_one_driver_too() -> None:
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    second = "  second_driver: {needs: chute_release, device: chute_solenoid, cpu: 0.01, ram: 1KiB, rate_hz: 10}"
+    spec = loads(text.replace("functions:\n", f"{second}\nfunctions:\n"), "twice.dg.yaml")
+    checks = Checks(spec)
+    drive(checks, "chute_driver", "chute_driver", "second_driver")
+    assert rules(checks) == []
+    drive(checks, "chute_driver")
+    assert rules(checks) == ["exclusion"]
 
 
 def test_a_demux_driven_in_turn_within_an_epoch_has_two_drivers() -> None:

@@ -10,8 +10,9 @@ in it (`protocol_state`).
 
 What is not promised, and why:
 
-- `corrupt` and `bias`: the data plane is not authenticated, and a module that reads a wrong number may take a healthy
-  element for a failed one (blame). Nobody is commanded by data, so everything else holds.
+- `corrupt`, `wrong` and `bias`: the data plane is not authenticated, and a module that reads a wrong number may take a
+  healthy element for a failed one (blame). Nobody is commanded by data, so everything else holds; but of what was
+  changed on its way nobody can say that it was ever sent (foreign).
 - `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
   forged command is a command: nothing holds until it is over, and then everything has to come right again.
 - `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
@@ -58,7 +59,10 @@ class Kind:
 
 
 _COMMANDED = frozenset(
-    ("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service", "freshness", "load")
+    (
+        *("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service"),
+        *("freshness", "foreign", "publishing", "load"),
+    )
 )
 
 KINDS: Mapping[str, Kind] = {
@@ -87,12 +91,15 @@ KINDS: Mapping[str, Kind] = {
     "link_down_only": Kind("far_bus", (50, 3000), "a gateway hears nothing of the bus beyond, and is heard"),
     "babble": Kind("bus", (5, 400), "a stranger sends without end (level: its identifier)", levels=(1, 291, 1999)),
     "rogue": Kind("bus", (5, 400), "a stranger sends under an identifier of ours"),
-    "corrupt": Kind("bus", (100, 2000), "data are changed past the CRC", excuses=True),
+    "corrupt": Kind(
+        "bus", (100, 2000), "data are changed past the CRC", unpromised=frozenset(("foreign",)), excuses=True
+    ),
     "forge": Kind(
         "bus", (20, 500), "commands are changed past the CRC", unpromised=_COMMANDED, excuses=True, drawn=False
     ),
     "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
     "unfit": Kind("module", (0, 0), "a module gives what its type cannot carry", for_good=1.0),
+    "wrong": Kind("module", (100, 2000), "what a module gives is off by 40, or by a bit", excuses=True),
     "overrun": Kind("module", (50, 1000), "a module takes 30 ms"),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
     "bias": Kind("device", (0, 0), "a sensor is off by 40 of its units", for_good=1.0, excuses=True),

@@ -1,13 +1,14 @@
 """Break before make, judged from outside: nothing exclusive ever has two drivers.
 
-A *thing* is a DEMUX, or an identifier on one bus; its holder is the module and PE that drove it last, or the node that
-sent it last. A holder may lose its thing to another one, and may get it back from a later epoch. It must not drive it
-again after another one took over within the same epoch: then both believed to hold it. Modules that drive in turn are
-caught at the second turn, at the latest, whatever their rates are.
+A *thing* is a DEMUX, an actuator that none stands before, or an identifier on one bus; its holder is the module and PE
+that drove it last, or the node that sent it last. A holder may lose its thing to another one, and may get it back from
+a later epoch. It must not drive it again after another one took over within the same epoch: then both believed to hold
+it. Modules that drive in turn are caught at the second turn, at the latest, whatever their rates are.
 
 The epoch is the newest one whose activation was heard on the manager's bus.
 """
 
+from heronry_dg.model import Spec
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.violation import Violation
@@ -21,10 +22,11 @@ _Holder = tuple[str, str]
 class ExclusionCheck:
     """Follows who drives what."""
 
-    def __init__(self, demux_of: dict[str, str]) -> None:
-        """`demux_of` gives the DEMUX of each branch."""
+    def __init__(self, spec: Spec) -> None:
         self.violations: list[Violation] = []
-        self._demux_of = demux_of
+        self._thing_of: dict[str, _Thing] = {m.name: ("actuator", m.device) for m in spec.modules.values() if m.device}
+        for demux in spec.demuxes.values():
+            self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
         self._epoch = 0
         self._holders: dict[_Thing, _Holder] = {}
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the epoch in which another one took over
@@ -37,9 +39,8 @@ class ExclusionCheck:
             self._epoch = message.epoch
 
     def driven(self, driven: Driven) -> None:
-        """A branch of a DEMUX drives it."""
-        demux = self._demux_of[driven.module]
-        self._follow(driven.t_ns, ("DEMUX", demux), (driven.module, driven.pe))
+        """An output module drives what it drives."""
+        self._follow(driven.t_ns, self._thing_of[driven.module], (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
         """A data frame was sent."""

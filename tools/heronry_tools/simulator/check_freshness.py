@@ -1,22 +1,29 @@
-"""No actuator is driven by what is old or foreign: the inputs of DEMUX branches against the frames on the bus.
+"""No actuator is driven by what is old or foreign: what its driver is given, against the frames on the bus.
 
-A branch is stepped with the data that its PE holds for fresh. For every input that the configuration of the PE's epoch
+A driver is stepped with the data that its PE holds for fresh. For every input that the configuration of the PE's epoch
 wires to another PE there must have been a frame of that very producer's node on one of the PE's buses within three of
-the longest periods of its source. Whatever the PE believes about ages, the bus knows.
+the longest periods of its source; and the value must be that of one of these frames, and of nobody else's ("foreign").
+Whatever the PE believes about ages and origins, the bus knows.
 
 Not judged: an input that stays on its PE, one whose variable has an initial value, and anything between the activation
 of an epoch and the first moments in which the PE's state frames tell that it follows.
 """
 
+from collections import deque
+
 from heronry_agent.mailboxes import FRESH_PERIODS
+from heronry_agent.module import Datum, Value
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.violation import Violation
+from heronry_wire.canaerospace import decode_data
+from heronry_wire.frame import Frame, Malformed
 from heronry_wire.management import StatePage0
 
+_REMEMBERED = 16  # frames of one source: more than come in three periods, unless a wire was mended just now
 _SLACK_NS = 2_000_000  # for a clock that is fast, and a step that was under way
 _UNTOLD_NS = 50_000_000
 
@@ -28,7 +35,7 @@ class FreshnessCheck:
         self.violations: list[Violation] = []
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
-        self._last: dict[tuple[str, int, int], int] = {}  # by bus, identifier and node
+        self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
 
@@ -36,7 +43,11 @@ class FreshnessCheck:
         """A data frame was sent."""
         frame = sent.frame
         if frame.data:
-            self._last[sent.bus, frame.can_id, frame.data[0]] = sent.end_ns
+            key = (sent.bus, frame.can_id, frame.data[0])
+            last = self._last.get(key)
+            if last is None:
+                last = self._last[key] = deque(maxlen=_REMEMBERED)
+            last.append((sent.end_ns, frame))
 
     def state(self, node: int, t_ns: int, page: StatePage0) -> None:
         """A PE says which epoch it follows."""
@@ -44,7 +55,7 @@ class FreshnessCheck:
             self._epochs[node] = (page.epoch, t_ns)
 
     def driven(self, driven: Driven) -> None:
-        """A branch was stepped with these inputs."""
+        """A driver was stepped with these inputs."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
@@ -54,21 +65,33 @@ class FreshnessCheck:
         running = epoch.configuration.modules.get(driven.module)
         if running is None or running.pe != driven.pe:
             return
-        for path, (variable, _) in driven.inputs.items():
+        for path, (variable, datum) in driven.inputs.items():
             wire = running.inputs.get(path)
             if wire is None or self._spec.variables[variable].initial is not None:
                 continue
             origin = epoch.configuration.modules[wire.producer].pe
             if origin != driven.pe:
-                self._judge(driven, wire.producer, variable, self._node_of[origin])
+                self._judge(driven, (wire.producer, variable), datum, self._node_of[origin])
 
-    def _judge(self, driven: Driven, producer: str, variable: str, node: int) -> None:
-        identifier = self._identifiers[producer, variable]
-        heard = (self._last.get((bus, identifier, node)) for bus in self._spec.pes[driven.pe].buses)
-        last_ns = max((t_ns for t_ns in heard if t_ns is not None), default=None)
+    def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
+        producer, variable = source
+        identifier = self._identifiers[source]
+        heard = [one for bus in self._spec.pes[driven.pe].buses for one in self._last.get((bus, identifier, node), ())]
+        last_ns = max((t_ns for t_ns, _ in heard), default=None)
         rates = (m.rate_mhz for m in self._spec.modules[producer].modes.values() if variable in m.gives)
         oldest_ns = FRESH_PERIODS * 10**12 // min(rates) + _SLACK_NS
+        by_what = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}"
         if last_ns is None or driven.t_ns - last_ns > oldest_ns:
             age = "never" if last_ns is None else f"{(driven.t_ns - last_ns) / 1e6:.1f} ms ago"
-            story = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}, last heard {age}"
-            self.violations.append(Violation(driven.t_ns, "freshness", story))
+            self.violations.append(Violation(driven.t_ns, "freshness", f"{by_what}, last heard {age}"))
+        elif not any(driven.t_ns - t_ns <= oldest_ns and _says(frame, datum.value) for t_ns, frame in reversed(heard)):
+            story = f"{by_what}, but node {node} has sent no {datum.value!r} lately"
+            self.violations.append(Violation(driven.t_ns, "foreign", story))
+
+
+def _says(frame: Frame, value: Value) -> bool:
+    decoded = decode_data(frame)
+    if isinstance(decoded, Malformed):
+        return False
+    said = 0 if decoded.value is None else decoded.value
+    return said == value or repr(said) == repr(value)  # NaN equals nothing, and may have been said

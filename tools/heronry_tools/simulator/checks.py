@@ -1,6 +1,6 @@
 """All that watches a run, behind one look-up by identifier."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from heronry_dg.model import Spec
@@ -12,7 +12,12 @@ from heronry_tools.simulator.check_end_state import Seen, end_state
 from heronry_tools.simulator.check_epochs import EpochCheck
 from heronry_tools.simulator.check_exclusion import ExclusionCheck
 from heronry_tools.simulator.check_freshness import FreshnessCheck
+from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_load import LoadCheck
+from heronry_tools.simulator.check_planned_load import PlannedLoadCheck
+from heronry_tools.simulator.check_publishing import PublishingCheck
+from heronry_tools.simulator.check_service import ServiceCheck, Struck
+from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
@@ -29,7 +34,7 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import StatePage0, decode_command
+from heronry_wire.management import Alive, Control, StatePage0, decode_command
 
 
 class Checks:
@@ -38,16 +43,21 @@ class Checks:
     def __init__(self, spec: Spec) -> None:
         """Watch runs of this spec."""
         self._spec = spec
-        demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
-        self.phase = spec.initial_phase()  # the mission's, as the manager tells it
-        self._exclusion = ExclusionCheck(demux_of)
+        self._phase = spec.initial_phase()
+        self._commands = Commanded(spec)
+        self._exclusion = ExclusionCheck(spec)
         self._epochs = EpochCheck(spec)
         self._blame = BlameCheck(spec)
         self._configurations = ConfigurationCheck(spec)
-        self._freshness = FreshnessCheck(spec, self._configurations.commanded)
+        self._service = ServiceCheck(spec)
+        self._freshness = FreshnessCheck(spec, self._commands)
+        self._publishing = PublishingCheck(spec, self._commands)
         self._load = LoadCheck(spec)
+        self._planned_load = PlannedLoadCheck(spec)
+        self._losses = Losses(spec)
         self.witness = Witness(spec)
         self._node_of_state = {state_id(node): node for node in PE_NODES}
+        self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in spec.pes.values()}
         self._last_commands: dict[int, bytes] = {}
         self._watchers: dict[int, Callable[[Sent], object]] = dict.fromkeys(
             (*STANDARD_DATA_IDS, *ALLOCATED_DATA_IDS), self._datum
@@ -56,6 +66,7 @@ class Checks:
         self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._blame.emergency)
         self._watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
         for manager in MANAGER_NODES:
+            self._watchers[management_id(manager, Command.ALIVE)] = self._alive
             for command in (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL):
                 self._watchers[management_id(manager, command)] = partial(self._commanded, command)
 
@@ -71,9 +82,14 @@ class Checks:
         return self._blame.reported
 
     def driven(self, driven: Driven) -> None:
-        """A branch of a DEMUX drives it."""
+        """An output module drives what it drives."""
         self._exclusion.driven(driven)
         self._freshness.driven(driven)
+
+    def enter(self, t_ns: int, phase: str | None) -> None:
+        """A mission phase has begun, as the manager tells."""
+        self._phase = phase
+        self._service.entered(t_ns, phase)
 
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
         """Give what must never have been, so far; `clashes` are the buses' own."""
@@ -83,29 +99,59 @@ class Checks:
             if not any(station.startswith(STRANGER) for station in c.stations)
         ]
         blamed = self._blame.violations(truth)
-        checks = (self._exclusion, self._epochs, self._configurations, self._freshness, self._load)
+        checks = (
+            *(self._exclusion, self._epochs, self._configurations, self._service),
+            *(self._freshness, self._publishing, self._load),
+        )
         found = [violation for check in checks for violation in check.violations]
         return sorted([*found, *blamed, *stories])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give what must not be once a run has settled."""
-        seen = Seen(self._epochs.last, self.witness, self._configurations.commanded.current)
+        seen = Seen(self._epochs.last, self.witness, self._commands.current)
         return end_state(self._spec, truth, now_ns, seen)
+
+    @property
+    def epoch(self) -> int | None:
+        """The epoch that was activated last."""
+        return None if self._commands.current is None else self._commands.current.number
+
+    def is_well(self, t_ns: int) -> None:
+        """From now on the aircraft is well, and goes on being so: the buses should carry what is planned."""
+        self._planned_load.begin(t_ns)
+
+    def unplanned(self, t_ns: int) -> list[Violation]:
+        """Give what was sent since then and is not planned."""
+        return self._planned_load.violations(t_ns, self._commands.current)
+
+    def silences(self, struck: Sequence[Struck], end_ns: int) -> list[Violation]:
+        """Give the critical functions that were silent in flight without need, by what was done to the aircraft."""
+        return self._service.silences(self.witness.outages(end_ns), struck, end_ns)
+
+    def liveness_bound_ns(self) -> int:
+        """Longest time from now on until all is well, if nothing more is done."""
+        return self._losses.bound_ns()
 
     def _datum(self, sent: Sent) -> None:
         self._exclusion.published(sent)
         self._freshness.published(sent)
+        self._publishing.published(sent)
         self._load.published(sent)
+        self._planned_load.published(sent)
 
     def _state(self, sent: Sent) -> None:
         page = self._epochs.state(sent)
-        if page is None or sent.bus != self._spec.manager.bus:
+        if page is None:
             return
         node = self._node_of_state[sent.frame.can_id]
+        if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
+            self._publishing.state(sent.sender, sent.end_ns, page)
+        if sent.bus != self._spec.manager.bus:
+            return
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
         else:
-            self._configurations.staged(node, page)
+            self._commands.staged(node, page)
 
     def _commanded(self, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data
@@ -115,8 +161,23 @@ class Checks:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
         self._exclusion.commanded(message)
-        if not isinstance(message, Malformed):
-            self._configurations.heard(sent.end_ns, message, self.phase)
+        if isinstance(message, Control):
+            self._service.acknowledged(sent.end_ns, message)
+        elif not isinstance(message, Malformed):
+            epoch = self._commands.take(sent.end_ns, message)
+            if epoch is not None:
+                self._configurations.activated(sent.end_ns, epoch)
+                self._service.activated(sent.end_ns, epoch, self._phase)
+
+    def _alive(self, sent: Sent) -> None:
+        if sent.bus != self._spec.manager.bus:
+            return
+        message = decode_command(Command.ALIVE, sent.frame.data)
+        if isinstance(message, Alive):
+            before = self._losses.counted_on
+            self._losses.alive(sent.end_ns, message)
+            if self._losses.counted_on != before:
+                self._service.counts_on(sent.end_ns, self._losses.counted_on)
 
     def _echo(self, sent: Sent) -> None:
         if sent.bus == self._spec.manager.bus:

@@ -7,7 +7,7 @@ in no time at all, unless its processor is slow.
 A core is asked for its invariants after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
 
-Two branches of one DEMUX drive one thing, so every step of such a branch is told (`Driven`), with what it was given.
+Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
-from heronry_agent.module import Datum
+from heronry_agent.module import Datum, Value
 from heronry_agent.vocabulary import Action, StepFailed, StepModule, Stepped
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
@@ -50,10 +50,11 @@ _VALIDATED_EVERY = 16
 
 _AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
 OVERRUN_NS = 30_000_000
+_WRONG_BY = 40.0
 
 
 class Driven(NamedTuple):
-    """A branch of a DEMUX was stepped: it drives what its rivals drive."""
+    """A module was stepped that drives an actuator, or what its rivals behind a DEMUX drive."""
 
     t_ns: int
     pe: str
@@ -79,7 +80,7 @@ class SimulatedPe(Node):
     ) -> None:
         """Join the buses and start.
 
-        drive: is told of every step of a DEMUX branch.
+        drive: is told of every step of what drives.
         broken: how a module fails at its next step, by name; broke: is told that it has.
         """
         super().__init__(clock, time)
@@ -90,7 +91,8 @@ class SimulatedPe(Node):
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing)
         self._lease_ns = self.core.lease_ns
         self._names = {module.index: module.name for module in table.modules}
-        self._branches = {module.index: module.name for module in table.modules if module.demux}
+        actuators = {device.name for device in table.devices if device.kind == "actuator"}
+        self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
         # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
         self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
         self._identifiers: object = None
@@ -193,9 +195,9 @@ class SimulatedPe(Node):
 
     def _step(self, action: StepModule) -> Answer | None:
         """Let a module compute, as well as this PE can."""
-        branch = self._branches.get(action.module)
-        if branch is not None:
-            self._drive(Driven(self._clock.now_ns, self.name, branch, action.inputs))
+        driver = self._drivers.get(action.module)
+        if driver is not None:
+            self._drive(Driven(self._clock.now_ns, self.name, driver, action.inputs))
         if self.stuck:
             self._hung.append(action)
             return None
@@ -220,6 +222,8 @@ class SimulatedPe(Node):
         if how == "raise":
             self._broke(name)
             return StepFailed(action.module, action.release, "told to fail")
+        if how == "wrong" and isinstance(answer, Stepped):
+            return Stepped(action.module, action.release, {name: _off(v) for name, v in answer.outputs.items()})
         return answer
 
     def _resume(self) -> None:
@@ -230,6 +234,13 @@ class SimulatedPe(Node):
         answer, self._answer = self._answer, None
         if answer is not None:
             self._carry_out(self.core.step(self.time.now_ns(), answer))
+
+
+def _off(value: Value) -> Value:
+    """Give another value of the same type."""
+    if isinstance(value, float):
+        return value + _WRONG_BY
+    return value ^ 1 if isinstance(value, int) else value
 
 
 class SimulatedManager(Node):

@@ -2,7 +2,7 @@
 
 A flight starts when the first configuration runs. Then the acts are played, chaos first: what must never be is judged
 all the time. At the end of the chaos everything that can be ended is ended, and the aircraft is left alone until all is
-well, or for longer than that may take (`Simulation.settle`).
+well, or for longer than that may take (`check_liveness`).
 """
 
 from collections import Counter
@@ -77,6 +77,7 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     strikes.hits = hits
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
     strikes.heal()
+    silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
     violations = simulation.settle()
     outages = simulation.witness.outages(simulation.now_ns)
-    return violations + stopped_by_silence(scenario.acts, outages, start_ns)
+    return violations + silences + stopped_by_silence(scenario.acts, outages, start_ns)

@@ -19,6 +19,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
 from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.simulator.check_end_state import unnoticed_ns
+from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.local_clock import LocalClock
@@ -34,10 +35,7 @@ MS = 1_000_000
 PERFECT = Faults()
 DEFAULT_DECIDE_NS = 30 * MS
 
-DEFAULT_SETTLE_NS = 20_000 * MS
-
 _LOOK_NS = 100 * MS
-_MOST_QUEUED = 60  # frames that become due at one instant
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
@@ -158,27 +156,31 @@ class Simulation:
 
     def unsettled(self) -> list[Violation]:
         """Give what must not be once the aircraft has been left alone for a while."""
-        found = self.checks.unsettled(self.truth, self.now_ns)
-        waiting = {bus.name: bus.queued for bus in self.buses.values() if bus.queued > _MOST_QUEUED}
-        story = "frames pile up: " + ", ".join(f"{queued} wait for {bus}" for bus, queued in waiting.items())
-        return [*found, *([Violation(self.now_ns, "queues", story)] if waiting else [])]
+        return self.checks.unsettled(self.truth, self.now_ns)
 
-    def settle(self, limit_ns: int = DEFAULT_SETTLE_NS) -> list[Violation]:
-        """Leave the aircraft alone until all is well and stays so, or for `limit_ns`; gives every violation.
+    def settle(self) -> list[Violation]:
+        """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
 
         It stays well when it is for longer than a silent PE or function goes unnoticed.
         """
-        end_ns, well_since_ns = self.now_ns + limit_ns, None
+        end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
-        while self.now_ns < end_ns:
+        queues, epoch = QueueCheck(self.now_ns, self.buses), self.checks.epoch
+        while True:
             self.run_for(_LOOK_NS)
-            if self.unsettled():
+            unwell = self.unsettled() + queues.look(self.now_ns, self.buses)
+            epoch_before, epoch = epoch, self.checks.epoch
+            if epoch != epoch_before:
+                unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} has just been activated"))
+            if unwell and self.now_ns >= end_ns:
+                return self.broken() + unwell
+            if unwell:
                 well_since_ns = None
             elif well_since_ns is None:
                 well_since_ns = self.now_ns
+                self.checks.is_well(self.now_ns)
             elif self.now_ns - well_since_ns > stays_well_ns:
-                break
-        return self.broken() + self.unsettled()
+                return self.broken() + self.checks.unplanned(self.now_ns)
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
         """Events of the managers, of one kind."""
@@ -263,7 +265,7 @@ class Simulation:
         self.events.append(event)
         self.protocol.take(event)
         if event["event"] in _PHASE_EVENTS:
-            self.checks.phase = self.phase
+            self.checks.enter(self.now_ns, self.phase)
 
     def kill_manager(self) -> None:
         """Let the manager die now."""

@@ -1,5 +1,7 @@
 """Acts carried out: what each kind of fault does to a simulation, and how it is taken back.
 
+What was struck, and when, is kept for who judges the flight (`struck`).
+
 Every act draws from a generator of its own, seeded by the run's seed and the act's text, so that leaving one act out of
 a list changes nothing about the others: a failing list can be made shorter.
 
@@ -14,6 +16,7 @@ from random import Random
 
 from heronry_tools.simulator.act import KINDS, Act
 from heronry_tools.simulator.bus import Sent, SimulatedBus
+from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.nodes import SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
@@ -22,6 +25,7 @@ from heronry_wire.identifiers import Use, classify
 
 End = Callable[[], None]
 
+_OF_ONE_ELEMENT = ("pe", "gateway", "module", "device")
 _PATIENCE_NS = 3_000 * MS  # for a state that does not come
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
@@ -36,9 +40,10 @@ class Strikes:
     def __init__(self, simulation: Simulation, acts: tuple[Act, ...], start_ns: int) -> None:
         """Schedule the acts, counted from `start_ns`."""
         self.hits: Counter[tuple[str, str]] = Counter()
+        self.struck: list[Struck] = []
         self._simulation = simulation
         self._ends: dict[Act, End] = {}
-        self._struck: set[Act] = set()
+        self._begun: dict[Act, int] = {}
         self._healed = False
         for act in acts:
             self._schedule(act, start_ns + act.at_ms * MS)
@@ -61,9 +66,9 @@ class Strikes:
         simulation.at(at_ns + _PATIENCE_NS, lambda: self._strike(act))
 
     def _strike(self, act: Act) -> None:
-        if self._healed or act in self._struck:
+        if self._healed or act in self._begun:
             return
-        self._struck.add(act)
+        self._begun[act] = self._simulation.now_ns
         state = self._simulation.protocol.now
         end = _DO[act.kind](self._simulation, act, self._random(act))
         if end is None:
@@ -73,11 +78,23 @@ class Strikes:
         if act.lasts_ms:
             self._ends[act] = end
             self._simulation.at(self._simulation.now_ns + act.lasts_ms * MS, lambda: self._end(act))
+        else:
+            self._note(act, None)
 
     def _end(self, act: Act) -> None:
         end = self._ends.pop(act, None)
         if end is not None:
             end()
+            self._note(act, self._simulation.now_ns)
+
+    def _note(self, act: Act, to_ns: int | None) -> None:
+        """Keep what was done for whoever judges the flight; a fault in an instant leaves nothing behind."""
+        kind = KINDS[act.kind]
+        of_one = kind.strikes in _OF_ONE_ELEMENT and not kind.excuses
+        from_ns = self._begun[act]
+        if to_ns is None and not kind.for_good:
+            to_ns = from_ns
+        self.struck.append(Struck(act.target if of_one else None, from_ns, to_ns))
 
     def _random(self, act: Act) -> Random:
         return Random(f"{self._simulation.seed} {act}")
@@ -356,6 +373,7 @@ _DO: dict[str, _Do] = {
     "forge": _alter(_COMMANDS, _FORGE_SHARE),
     "raise": _module,
     "unfit": _module,
+    "wrong": _module,
     "overrun": _module,
     "dead": _dead,
     "bias": _bias,

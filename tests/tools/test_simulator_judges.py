@@ -1,0 +1,259 @@
+"""The judges of what an aircraft does when it is left alone: each is shown a flight that is bad in its own way."""
+
+import pytest
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_dg.traffic import identifiers
+from heronry_manager.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_tools.simulator.act import read_act
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.check_liveness import Losses
+from heronry_tools.simulator.check_queues import QueueCheck
+from heronry_tools.simulator.check_service import ServiceCheck, Struck
+from heronry_tools.simulator.checks import Checks
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.stranger import Stranger
+from heronry_tools.simulator.strike import Strikes
+from heronry_tools.witness import Outage
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import state_id
+from heronry_wire.management import Alive, Control, ElementKind, Operation, PeFlags, PeState, StatePage0
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
+
+PES = frozenset(elevator_and_chute().pes)
+S = 1000 * MS
+
+
+def rules(simulation: Simulation) -> list[tuple[str, str]]:
+    return [(violation.rule, violation.story) for violation in simulation.broken()]
+
+
+# Nobody publishes what its epoch does not give it
+
+
+def datum(simulation: Simulation, variable: str, sender: str) -> Sent:
+    """A data frame of whoever is the first to produce a variable, as if this PE had sent it."""
+    producer = next(simulation.spec.producers(variable))[0].name
+    frame = Frame(
+        identifiers(simulation.spec)[producer, variable], bytes((simulation.spec.pes[sender].node_id, *b"abcdefg"))
+    )
+    return Sent(simulation.now_ns, "can0", sender, frame)
+
+
+def test_what_no_epoch_asks_for_is_not_sent() -> None:
+    simulation = flying(two_tails())
+    simulation.checks.see(datum(simulation, "state_info", "tail_pe"))
+    ((rule, story),) = rules(simulation)
+    assert rule == "publishing"
+    assert story.startswith("tail_pe sends 1")
+    assert "which epoch 1 does not ask for" in story
+
+
+def test_who_has_started_anew_sends_nothing_until_an_epoch_asks_for_it() -> None:
+    simulation = flying(two_tails())
+    asked = next(name for name in ("sensor_pe", "control_pe", "tail_pe") if publishes(simulation, name))
+    (frame, *_) = publishes(simulation, asked)
+    simulation.checks.see(Sent(simulation.now_ns, "can0", asked, frame))
+    assert rules(simulation) == []
+    anew = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 77, 0, 0, 0)
+    node = simulation.spec.pes[asked].node_id
+    simulation.checks.see(Sent(simulation.now_ns, "can0", asked, Frame(state_id(node), anew.encode())))
+    simulation.checks.see(Sent(simulation.now_ns, "can0", asked, frame))
+    assert [rule for rule, _ in rules(simulation)] == ["publishing"]
+
+
+def publishes(simulation: Simulation, pe: str) -> list[Frame]:
+    """Data frames that a PE sends within a tenth of a second."""
+    heard: list[Frame] = []
+    data = set(simulation.data_identifiers)
+
+    def tap(sent: Sent) -> None:
+        if sent.sender == pe and sent.frame.can_id in data:
+            heard.append(sent.frame)
+
+    simulation.buses["can0"].taps.append(tap)
+    simulation.run_for(100 * MS)
+    simulation.buses["can0"].taps.remove(tap)
+    return heard
+
+
+# Once all is well the buses carry what was planned
+
+
+def test_more_frames_than_planned_are_seen_and_as_many_as_planned_are_not() -> None:
+    simulation = flying(two_tails())
+    simulation.checks.is_well(simulation.now_ns)
+    simulation.run_for(2 * S)
+    assert simulation.checks.unplanned(simulation.now_ns) == []
+    pe = next(name for name in ("sensor_pe", "control_pe", "tail_pe") if publishes(simulation, name))
+    (frame, *_) = publishes(simulation, pe)
+    for _ in range(300):
+        simulation.checks.see(Sent(simulation.now_ns, "can0", pe, frame))
+    (violation,) = simulation.checks.unplanned(simulation.now_ns)
+    assert violation.rule == "planned_load"
+
+
+def test_nothing_is_planned_before_anything_is_commanded_or_anybody_is_well() -> None:
+    checks = Checks(two_tails())
+    checks.see(Sent(0, "can0", "tail_pe", Frame(1536, bytes(8))))
+    assert checks.unplanned(S) == []
+    checks.is_well(S)
+    assert checks.unplanned(2 * S) == []
+
+
+# Every queue runs dry
+
+
+def test_a_bus_that_never_falls_idle_has_not_emptied_its_queues() -> None:
+    simulation = flying(two_tails())
+    queues = QueueCheck(simulation.now_ns, simulation.buses)
+    simulation.run_for(100 * MS)
+    assert queues.look(simulation.now_ns, simulation.buses) == []
+    strangers = [Stranger(simulation.clock, simulation.buses["can0"], Frame(can_id, bytes(8))) for can_id in (1, 2)]
+    simulation.run_for(100 * MS)
+    (violation,) = queues.look(simulation.now_ns, simulation.buses)
+    assert violation.rule == "queues"
+    assert "pile up on can0" in violation.story
+    for stranger in strangers:
+        stranger.leave()
+    simulation.run_for(100 * MS)
+    queues.look(simulation.now_ns, simulation.buses)
+    simulation.run_for(100 * MS)
+    assert queues.look(simulation.now_ns, simulation.buses) == []
+
+
+# All is well within a bound
+
+
+def alive(losses: Losses, t_ns: int, *pes: str, term: int = 1) -> None:
+    spec = elevator_and_chute()
+    losses.alive(t_ns, Alive(term, 0, frozenset(spec.pes[pe].node_id for pe in pes)))
+
+
+def held_down_ns(losses: Losses) -> int:
+    """What the bound allows for the way back, beyond the shortest."""
+    return losses.bound_ns() - Losses(elevator_and_chute()).bound_ns()
+
+
+def test_the_bound_doubles_with_every_loss_of_a_pe_up_to_a_minute_and_forgets_what_is_forgiven() -> None:
+    losses, period_ns = Losses(elevator_and_chute()), 20 * MS
+    shortest_ns = HOLD_DOWN_PERIODS * period_ns
+    for times in range(1, 12):
+        alive(losses, times * S, *PES)
+        assert held_down_ns(losses) == min(shortest_ns << (times - 1), LONGEST_HOLD_DOWN_NS) - shortest_ns
+        alive(losses, times * S + 1, *PES - {"tail_pe"})
+    assert losses.counted_on == PES - {"tail_pe"}
+    alive(losses, 20 * S, *PES)
+    alive(losses, 80 * S, *PES - {"tail_pe"})
+    assert held_down_ns(losses) == shortest_ns
+
+
+def test_a_new_reign_knows_of_no_losses_and_a_deposed_one_is_not_heard() -> None:
+    losses = Losses(elevator_and_chute())
+    alive(losses, 1, *PES)
+    alive(losses, 2)
+    assert held_down_ns(losses) > 0
+    alive(losses, 3, "tail_pe", term=2)
+    assert held_down_ns(losses) == 0
+    alive(losses, 4, term=1)
+    assert losses.counted_on == {"tail_pe"}
+
+
+def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
+    simulation = flying(two_tails())
+    simulation.pes["tail_pe"].wire(mute=True)  # for good, and nobody is told
+    bound_ns = simulation.checks.liveness_bound_ns()
+    begun_ns = simulation.now_ns
+    assert "tail_pe is healthy, and silent" in [violation.story for violation in simulation.settle()]
+    assert bound_ns <= simulation.now_ns - begun_ns < bound_ns + 200 * MS
+
+
+# Nothing critical is silent without need
+
+
+def judged(check: ServiceCheck, *struck: Struck, function: str = "elevator", lasts_ns: int = 5 * S) -> list[str]:
+    """What is said of a function that is silent from the tenth second on."""
+    outage = Outage(function, 10 * S, 10 * S + lasts_ns)
+    return [violation.story for violation in check.silences([outage], struck, 30 * S)]
+
+
+@pytest.fixture
+def service() -> ServiceCheck:
+    check = ServiceCheck(two_tails())
+    check.counts_on(S, PES)
+    return check
+
+
+def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(service: ServiceCheck) -> None:
+    (story,) = judged(service)
+    assert story == "elevator was silent for 5000 ms in which nothing more was done, and a plan for [] serves it"
+    assert judged(service, lasts_ns=service.longest_ns) == []
+    lasting = Outage("elevator", 10 * S, None)
+    assert len(service.silences([lasting], (), 30 * S)) == 1
+
+
+def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:
+    assert judged(service, Struck("pe:control_pe", 9 * S, None), Struck("pe:tail_pe", 9 * S, 16 * S)) == []
+    assert judged(service, Struck(None, 9 * S, 16 * S)) == []
+    (story,) = judged(service, Struck("pe:tail_pe", 9 * S, None), Struck("pe:control_pe", 5 * S, 6 * S))
+    assert "a plan for ['pe:tail_pe'] serves it" in story
+
+
+def test_time_begins_anew_with_whatever_happens_meanwhile(service: ServiceCheck) -> None:
+    steps = [Struck("pe:tail_pe", (9 + i) * S, (10 + i) * S) for i in range(6)]
+    assert judged(service, *steps) == []
+
+
+def test_who_is_not_counted_on_and_what_was_acknowledged_is_down(service: ServiceCheck) -> None:
+    position = list(two_tails().modules).index("elevator_control")
+    service.acknowledged(5 * S, Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
+    assert judged(service) == []
+    other = ServiceCheck(two_tails())
+    other.counts_on(S, PES - {"tail_pe", "control_pe"})
+    assert judged(other) == []
+
+
+def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None:
+    def check(spec: Spec, phase: str | None) -> ServiceCheck:
+        found = ServiceCheck(spec)
+        found.counts_on(S, frozenset(spec.pes))
+        found.entered(2 * S, phase)
+        return found
+
+    spec = big_blue()
+    unwanted = next(
+        (function.name, phase)
+        for function in spec.functions.values()
+        for phase in spec.phases
+        if not function.priority_in(phase) and any(function.priority_in(other) for other in spec.phases)
+    )
+    assert judged(check(spec, unwanted[1]), function=unwanted[0], lasts_ns=15 * S) == []
+
+
+def test_the_strikes_tell_what_they_did_and_until_when() -> None:
+    simulation = flying(two_tails())
+    start_ns = simulation.now_ns
+    texts = (
+        "0 crash pe:tail_pe",
+        "0.1 cut pe:sensor_pe for 0.2",
+        "0.1 loss bus:can0 for 0.2 level 1",
+        "0.4 bus_off pe:control_pe",
+    )
+    strikes = Strikes(simulation, tuple(read_act(simulation.spec, text) for text in texts), start_ns)
+    simulation.run_for(500 * MS)
+    assert {(one.element, one.from_ns - start_ns, one.to_ns and one.to_ns - start_ns) for one in strikes.struck} == {
+        ("pe:tail_pe", 0, None),
+        ("pe:sensor_pe", 100 * MS, 300 * MS),
+        (None, 100 * MS, 300 * MS),
+        ("pe:control_pe", 400 * MS, 400 * MS),
+    }
+
+
+def test_no_phase_and_no_fault_leaves_every_critical_function_of_every_aircraft_to_be_served() -> None:
+    for spec in (elevator_and_chute(), two_tails()):
+        check = ServiceCheck(spec)
+        check.counts_on(0, PES)
+        critical = [f.name for f in spec.functions.values() if f.criticality_in(None) in "ABCD"]
+        assert [name for name in critical if judged(check, function=name)] == critical
+        assert Situation() == Situation(frozenset(), {}, spec.initial_phase())

@@ -1,0 +1,71 @@
+"""How long an aircraft that is left alone may take until all is well: the bound of the second half of a flight.
+
+From the moment at which nothing more is done to it (`bound_ns`), one after the other and each at its longest:
+
+    controllers     a bus-off controller is started again, and what was queued for T_lease is sent
+    a manager       one that has just been started listens for T_lease, and its start-up window is open for PEs that
+                    will never be heard
+    an old epoch    one that was under way is given up when a PE has kept it waiting for all its patience
+    the way back    a PE starts and speaks, and is held down; after each loss for twice as long, up to a minute. How
+                    often it was lost is read from ALIVE, which names the PEs that are counted on: losses that lie
+                    further back than a minute of being counted on are forgiven, and a new reign knows of none. One
+                    more loss may follow from what was done last
+    new epochs      one for each of the last changes, `_LAST_EPOCHS` times a quarter of the patience, and the time that
+                    silence goes unnoticed
+
+So the bound is long only where a PE has been lost again and again (quarantine).
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core import START_UP_WINDOW_NS
+from heronry_manager.health import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.reconfiguration import PATIENCE_PERIODS
+from heronry_manager.topology import uplink_bus
+from heronry_tools.simulator.check_end_state import unnoticed_ns
+from heronry_tools.simulator.station import RESTART_NS
+from heronry_wire.management import LEASE_PERIODS, Alive
+
+_LAST_EPOCHS = 4
+
+
+class Losses:
+    """Who was lost how often, as the ALIVE frames of the reigning manager tell."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._names = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._periods = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
+        self._term = 0
+        self._counted_on: dict[str, int] = {}  # and since when
+        self._losses = dict.fromkeys(spec.pes, 0)
+
+    def alive(self, t_ns: int, message: Alive) -> None:
+        """An ALIVE was sent."""
+        if message.term < self._term:
+            return
+        if message.term > self._term:
+            self._term, self._counted_on = message.term, {}
+            self._losses = dict.fromkeys(self._losses, 0)
+        named = {self._names[node] for node in message.nodes if node in self._names}
+        for pe in self._counted_on.keys() - named:
+            forgiven = t_ns - self._counted_on.pop(pe) >= FORGIVEN_AFTER_NS
+            self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
+        for pe in named - self._counted_on.keys():
+            self._counted_on[pe] = t_ns
+
+    @property
+    def counted_on(self) -> frozenset[str]:
+        """PEs that the last ALIVE named."""
+        return frozenset(self._counted_on)
+
+    def bound_ns(self) -> int:
+        """Longest time from now on until all is well, if nothing more is done."""
+        manager_period_ns = self._spec.buses[self._spec.manager.bus].heartbeat_ns
+        lease_ns = LEASE_PERIODS * manager_period_ns
+        patience_ns = PATIENCE_PERIODS * max(self._periods.values())
+        held_ns = max(
+            min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)
+            for pe, period_ns in self._periods.items()
+        )
+        new_epochs_ns = _LAST_EPOCHS * patience_ns // 4 + unnoticed_ns(self._spec)
+        return RESTART_NS + 2 * lease_ns + START_UP_WINDOW_NS + patience_ns + held_ns + new_epochs_ns

@@ -1,0 +1,58 @@
+"""Once all is well the buses carry what was planned: every source of the last epoch at its rate, and no other.
+
+Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may have nothing
+to say and publish less; that is for who listens to the functions.
+"""
+
+from collections import Counter
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import hops, identifiers
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.commanded import Epoch
+from heronry_tools.simulator.violation import Violation
+
+_MHZ_NS = 10**12
+_MORE = 3  # frames of one source: at either end of the time, and one that comes early after one that came late
+_FAST = 1.002  # clocks are off, and drift
+
+
+class PlannedLoadCheck:
+    """Counts data frames."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._all = survivors(spec, Situation())
+        self._names = {number: source for source, number in identifiers(spec).items()}
+        self._since_ns: int | None = None
+        self._counts: Counter[tuple[str, int]] = Counter()
+
+    def begin(self, t_ns: int) -> None:
+        """Count from now on."""
+        self._since_ns = t_ns
+        self._counts.clear()
+
+    def published(self, sent: Sent) -> None:
+        """A data frame was sent."""
+        if self._since_ns is not None:
+            self._counts[sent.bus, sent.frame.can_id] += 1
+
+    def violations(self, t_ns: int, current: Epoch | None) -> list[Violation]:
+        """Give what was sent since, and was not planned."""
+        if self._since_ns is None or current is None or current.configuration is None:
+            return []
+        modules = self._spec.modules
+        planned = {
+            (hop.bus, hop.producer, hop.variable): modules[hop.producer].modes[hop.mode].rate_mhz
+            for hop in hops(self._all, current.configuration)
+        }
+        found = []
+        for (bus, identifier), count in sorted(self._counts.items()):
+            producer, variable = self._names.get(identifier, ("nobody", str(identifier)))
+            rate_mhz = planned.get((bus, producer, variable), 0)
+            most = (t_ns - self._since_ns) * rate_mhz / _MHZ_NS * _FAST + (_MORE if rate_mhz else 0)
+            if count > most:
+                story = f"{bus} carried {count} frames of {variable} of {producer}, and at most {most:.0f} were planned"
+                found.append(Violation(t_ns, "planned_load", story))
+        return found

@@ -1,0 +1,130 @@
+"""Nothing critical is dropped without need: the planner, asked with the true situation, is the oracle.
+
+Twice:
+
+- When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
+  manager can know: that the PEs which take no part are down, and what was reported and acknowledged has failed.
+- A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
+  patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
+  everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
+  every wanted function of that class and those above, any plan for less than that must, too.
+
+Not judged in flight: times in which a bus or a manager is struck, or in which whatever is measured may be wrong.
+"""
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES, score
+from heronry_dg.situation import Situation
+from heronry_manager.reconfiguration import PATIENCE_PERIODS
+from heronry_tools.simulator.commanded import Epoch
+from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.violation import Violation
+from heronry_tools.witness import Outage
+from heronry_wire.management import Control, ElementKind, Operation
+
+_SECOND_NS = 1_000_000_000
+
+
+class Struck(NamedTuple):
+    """What was done to an element, from when to when (None: for good); `element` is None where it cannot be judged."""
+
+    element: str | None
+    from_ns: int
+    to_ns: int | None
+
+
+class ServiceCheck:
+    """Asks the oracle."""
+
+    def __init__(self, spec: Spec) -> None:
+        """CONTROL names elements by their place in this spec."""
+        self.violations: list[Violation] = []
+        self._spec = spec
+        self._elements = {
+            ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
+            ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
+            ElementKind.MODULE: [f"module:{module}" for module in spec.modules],
+            ElementKind.BUS: [f"bus:{bus}" for bus in spec.buses],
+        }
+        self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
+        self._acknowledged: dict[str, int] = {}  # and when first
+        self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._phases: list[tuple[int, str | None]] = []
+        self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
+
+    def acknowledged(self, t_ns: int, message: Control) -> None:
+        """A manager has heard of a fault."""
+        if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
+            for element in self._elements.get(ElementKind(message.a), [])[message.b : message.b + 1]:
+                self._acknowledged.setdefault(element, t_ns)
+
+    def counts_on(self, t_ns: int, pes: frozenset[str]) -> None:
+        """ALIVE names other PEs than before."""
+        self._counted_on.append((t_ns, pes))
+
+    def entered(self, t_ns: int, phase: str | None) -> None:
+        """A mission phase has begun."""
+        self._phases.append((t_ns, phase))
+
+    def activated(self, t_ns: int, epoch: Epoch, phase: str | None) -> None:
+        """An epoch has been activated."""
+        if epoch.configuration is None:
+            return
+        absent = {f"pe:{pe}" for pe, node in self._node_of.items() if node not in epoch.heads}
+        now = Situation(frozenset(absent | self._acknowledged.keys()), {}, phase)
+        served = score(self._spec, now, epoch.configuration, None).critical
+        possible = best_plan(self._spec, now, None).objective.critical
+        if served < possible:
+            story = (
+                f"epoch {epoch.number} serves {served} by criticality, and {possible} could be with {sorted(absent)}"
+            )
+            self.violations.append(Violation(t_ns, "service", story))
+
+    def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
+        """Give the critical functions that were silent for too long without need."""
+        return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
+
+    def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
+        function = self._spec.functions[outage.function]
+        moments = {moment for one in struck for moment in (one.from_ns, one.to_ns) if moment is not None}
+        moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)} | set(self._acknowledged.values())
+        to_ns = end_ns if outage.to_ns is None else outage.to_ns
+        within = sorted({outage.from_ns, to_ns, *(t for t in moments if outage.from_ns < t < to_ns)})
+        for begin_ns, over_ns in pairwise(within):
+            if over_ns - begin_ns <= self.longest_ns:
+                continue
+            now = self._situation(begin_ns, over_ns, struck)
+            if now is not None and self._could_serve(outage.function, now):
+                quiet_ms = (over_ns - begin_ns) / 1e6
+                story = f"{function.name} was silent for {quiet_ms:.0f} ms in which nothing more was done, and a plan"
+                return Violation(begin_ns, "service", f"{story} for {sorted(now.down)} serves it")
+        return None
+
+    def _situation(self, begin_ns: int, over_ns: int, struck: Sequence[Struck]) -> Situation | None:
+        """What is down in a time in which nothing changes; None where nobody can tell."""
+        hit = [s for s in struck if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
+        if any(one.element is None for one in hit):
+            return None
+        elements = {one.element for one in hit if one.element is not None}
+        down = elements | {element for element, t_ns in self._acknowledged.items() if t_ns <= begin_ns}
+        counted_on = next((pes for t_ns, pes in reversed(self._counted_on) if t_ns <= begin_ns), frozenset[str]())
+        down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
+        phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
+        return Situation(frozenset(down), {}, phase)
+
+    def _could_serve(self, name: str, now: Situation) -> bool:
+        """Tell whether the oracle serves everything of a function's class, and of those above."""
+        functions = self._spec.functions.values()
+        criticality = self._spec.functions[name].criticality_in(now.phase)
+        if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):
+            return False
+        last = CRITICAL_CLASSES.index(criticality)
+        possible = best_plan(self._spec, now, None).objective.critical
+        return all(
+            possible[i] == sum(f.priority_in(now.phase) for f in functions if f.criticality_in(now.phase) == one)
+            for i, one in enumerate(CRITICAL_CLASSES[: last + 1])
+        )
