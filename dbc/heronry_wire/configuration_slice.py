@@ -1,9 +1,9 @@
 """A slice: one PE's part of a configuration, in as few bytes as can be.
 
 Everything in it is an index that the PE's table explains (`pe_table`): modules, modes, and *sources*, which are the
-pairs (producing module, variable) of the spec. The bytes are variable-length integers (seven bits a byte, least
-significant group first), in ascending order of index, so that equal slices have equal bytes and equal digests. There is
-one way to write a slice; bytes that go another (an index twice, a longer number) are none:
+pairs (producing module, variable) of the spec. The bytes are numbers as in `packing`, in ascending order of index, so
+that equal slices have equal bytes and equal digests. There is one way to write a slice; bytes that go another (an index
+twice, a longer number) are none:
 
     number of modules, then for each: module, mode, and per leaf of that mode 0 (not wired) or source + 1
     number of remote sources read here, then for each: source, node-ID of its producer
@@ -19,6 +19,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from heronry_wire.errors import HeronryError
+from heronry_wire.packing import PackingError, Unpacker, pack
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class Slice:
             numbers += [number for pair in sorted(table.items()) for number in pair]
         numbers.append(len(self.forward))
         numbers += [n for source, (node, mask) in sorted(self.forward.items()) for n in (source, node, mask)]
-        return b"".join(map(_varint, numbers))
+        return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
         """This slice, but publishing and forwarding nothing that the one before does not (step BREAK)."""
@@ -80,23 +81,31 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
     """
     if not body:
         return Slice()
-    reader = _Reader(body)
-    modules = []
-    for _ in range(reader.number()):
-        module, mode = reader.number(), reader.number()
-        if (module, mode) not in leaves:
-            raise SliceError(f"module {module} mode {mode} is not in this table")
-        sources = tuple(reader.number() - 1 for _ in range(leaves[module, mode]))
-        modules.append(ModuleSlice(module, mode, tuple(None if s < 0 else s for s in sources)))
-    remote = {reader.number(): reader.number() for _ in range(reader.number())}
-    publish = {reader.number(): reader.number() for _ in range(reader.number())}
-    forward = {reader.number(): (reader.number(), reader.number()) for _ in range(reader.number())}
-    if reader.left():
-        raise SliceError(f"{reader.left()} bytes too many")
-    decoded = Slice(tuple(modules), remote, publish, forward)
-    if decoded.encode() != body or len({module.module for module in modules}) != len(modules):
+    numbers = Unpacker(body)
+    try:
+        decoded = _read(numbers, leaves)
+    except PackingError as error:
+        raise SliceError(str(error)) from None
+    if numbers.left():
+        raise SliceError(f"{numbers.left()} bytes too many")
+    if decoded.encode() != body or len({module.module for module in decoded.modules}) != len(decoded.modules):
         raise SliceError("an index is out of order or there twice, or the bytes are more than needed")
     return decoded
+
+
+def _read(numbers: Unpacker, leaves: Mapping[tuple[int, int], int]) -> Slice:
+    number = numbers.number
+    modules = []
+    for _ in range(number()):
+        module, mode = number(), number()
+        if (module, mode) not in leaves:
+            raise SliceError(f"module {module} mode {mode} is not in this table")
+        sources = tuple(number() - 1 for _ in range(leaves[module, mode]))
+        modules.append(ModuleSlice(module, mode, tuple(None if s < 0 else s for s in sources)))
+    remote = {number(): number() for _ in range(number())}
+    publish = {number(): number() for _ in range(number())}
+    forward = {number(): (number(), number()) for _ in range(number())}
+    return Slice(tuple(modules), remote, publish, forward)
 
 
 def slice_digest(spec_digest: str, body: bytes) -> int:
@@ -115,33 +124,3 @@ def _digest24(head: bytes, parts: Iterable[bytes]) -> int:
     for part in parts:
         digest.update(part)
     return int.from_bytes(digest.digest()[:3], "big") or 1
-
-
-def _varint(number: int) -> bytes:
-    out = bytearray()
-    while number > 0x7F:
-        out.append(number & 0x7F | 0x80)
-        number >>= 7
-    out.append(number)
-    return bytes(out)
-
-
-class _Reader:
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
-
-    def number(self) -> int:
-        number = shift = 0
-        while True:
-            if self._at >= len(self._data) or shift > 28:
-                raise SliceError("the bytes end, or a number does not")
-            byte = self._data[self._at]
-            self._at += 1
-            number |= (byte & 0x7F) << shift
-            if byte < 0x80:
-                return number
-            shift += 7
-
-    def left(self) -> int:
-        return len(self._data) - self._at

@@ -257,7 +257,7 @@ class Deployment:
             self._emit_step(current)
         if current.stage is not Stage.GOING or not current.all_active():
             return None
-        current.finish(self._turn.now_ns)
+        current.finish()
         self._emit_reconfigured(current)
         return current
 

@@ -114,7 +114,6 @@ class Times:
 
     prepared_ns: int
     staged_ns: int | None = None
-    done_ns: int | None = None
 
 
 @dataclass
@@ -210,9 +209,9 @@ class Reconfiguration:
         """Everything exclusive is free but a DEMUX that a silent PE may still drive: start the rest."""
         self._enter(Stage.GOING if self.demux_free_ns is None else Stage.HOLDING, now_ns)
 
-    def finish(self, now_ns: int) -> None:
+    def finish(self) -> None:
         """Everybody awaited is active."""
-        self.stage, self.times.done_ns = Stage.DONE, now_ns
+        self.stage = Stage.DONE
 
     def abandon(self) -> None:
         """Give this number up, before its first ACTIVATE: nothing of it is said any more."""

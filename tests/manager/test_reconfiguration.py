@@ -150,7 +150,7 @@ def test_an_activation_that_was_lost_is_repeated_until_everybody_is_active() -> 
         epoch.reported(pe, PeState.ACTIVE, 100 * MS)
     assert epoch.all_active()
     assert overdue == []
-    epoch.finish(100 * MS)
+    epoch.finish()
     assert epoch.next_deadline_ns() is None
 
 
@@ -202,7 +202,7 @@ def test_nobody_waits_for_a_pe_beyond_a_radio_but_it_is_served_all_the_same() ->
     for pe in ("left", "middle"):
         epoch.reported(pe, PeState.ACTIVE, 0)
     assert epoch.all_active()
-    epoch.finish(0)
+    epoch.finish()
     messages, _ = run(epoch, 0, 30 * MS)
     assert {message.node for message in messages if isinstance(message, SliceHead)} >= {94}
     staged(epoch, "right", now_ns=30 * MS)

@@ -26,10 +26,10 @@ from heronry_manager.contingency.file_format import (
 from heronry_manager.contingency.journal import Journal, JournalError
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import block, on_board
-from heronry_manager.contingency.packing import PackingError, Unpacker, pack
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Outcome, Scope, Sweep
+from heronry_wire.packing import PackingError, Unpacker, pack
 from planner.random_specs import random_spec
 from planner.test_sweep import CHUTE, Asked, scope_of
 
@@ -133,7 +133,7 @@ def test_a_row_that_means_nothing_is_refused() -> None:
 def test_numbers_come_back(numbers: list[int]) -> None:
     unpacker = Unpacker(pack([len(numbers), *numbers]))
     assert unpacker.numbers() == numbers
-    assert unpacker.at_end()
+    assert unpacker.left() == 0
 
 
 def test_a_text_that_ends_too_early_is_found() -> None:
@@ -211,7 +211,7 @@ def test_a_block_says_which_slice_each_number_has() -> None:
     bodies = [numbers.text() for _ in range(numbers.number())]
     assert bodies == [b"abc", b"", b"d"]
     assert [bodies[index] for index in numbers.numbers()] == slices
-    assert numbers.at_end()
+    assert numbers.left() == 0
 
 
 # The journal

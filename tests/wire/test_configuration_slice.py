@@ -124,7 +124,7 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
         ("01 01 02 00 00 00", "module 1 mode 2 is not in this table"),
         ("00 00 00 00 00", "1 bytes too many"),
         ("00 00 00 00", "more than needed"),
-        ("80808080808000 00 00 00", "a number does not"),
+        ("8080808080808080808000 00 00 00", "a number does not"),
         ("8000 00 00 00", "more than needed"),
         ("02 01 01 00 00 00 00 00 00", "out of order or there twice"),
         ("02 00 00 00 00 00 00 00", "out of order or there twice"),

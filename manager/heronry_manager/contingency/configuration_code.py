@@ -14,7 +14,7 @@ from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.gates import Leaf
 from heronry_dg.model import Mode, Spec
 from heronry_dg.objective import Objective
-from heronry_manager.contingency.packing import PackingError, Unpacker, pack
+from heronry_wire.packing import PackingError, Unpacker, pack
 
 _T = TypeVar("_T")
 
@@ -60,7 +60,7 @@ class ConfigurationCode:
                 mode = _at(self._modes[module], mode_index)
                 places[module] = (self._pes[pe_index], mode)
                 wired[module] = [numbers.number() for _ in self._leaves[module, mode.name]]
-        if not numbers.at_end():
+        if numbers.left():
             raise PackingError("bytes are left over after the last module")
         return Configuration(
             {

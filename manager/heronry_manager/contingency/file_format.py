@@ -3,7 +3,7 @@
     8 bytes   "HERONRY" and the format's number
     32 bytes  digest of the spec's file (SHA-256)
     4 bytes   length of what follows when it is unpacked, most significant byte first
-    ...       zlib-compressed: numbers as in `packing`, counts before lists
+    ...       zlib-compressed: numbers as in `heronry_wire.packing`, counts before lists
     32 bytes  SHA-256 of everything before
 
 Numbers: faults; the elements (indices into `situation.elements`); the phases (index + 1; 0 for a spec without); the
@@ -25,9 +25,9 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import elements
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
 from heronry_manager.contingency.contingencies import Contingencies, Made, PhasePlans
-from heronry_manager.contingency.packing import PackingError, Unpacker, pack
 from heronry_manager.planner.sweep import Phase, Scope
 from heronry_wire.errors import HeronryError
+from heronry_wire.packing import PackingError, Unpacker, pack
 
 _MAGIC = b"HERONRY"
 FORMAT = 1
@@ -110,7 +110,7 @@ def _read(numbers: Unpacker, spec: Spec) -> Contingencies:
     code = ConfigurationCode(spec)
     configurations = tuple(code.decode(numbers.text()) for _ in range(numbers.number()))
     tables = tuple(_read_phase(numbers, phase, scope, configurations) for phase in phases)
-    if not numbers.at_end():
+    if numbers.left():
         raise PackingError("bytes are left over")
     return Contingencies(spec.digest, scope, configurations, tables)
 

@@ -19,9 +19,9 @@ from typing import Self
 
 from heronry_dg.model import Spec
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
-from heronry_manager.contingency.packing import PackingError
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_wire.errors import HeronryError
+from heronry_wire.packing import PackingError
 
 _FORMAT = 1
 

@@ -4,7 +4,8 @@ A PE that holds its slice of a configuration needs no SLICE frames when the conf
 PREPARE, is enough. Configurations are numbered in the order in which they are wanted on board, so a PE holds those from
 1 to as far as its `table_bytes` reach (and PREPARE's 12 bits). Beyond them the manager sends slices as ever.
 
-The block that a PE gets (numbers as in `packing`; most contingencies leave most PEs alone, so slices are kept once):
+The block that a PE gets (numbers as in `heronry_wire.packing`; most contingencies leave most PEs alone, so slices are
+kept once):
 
     number of different slices, then for each: its length and its bytes
     number of contingencies, then for each, from number 1: index of its slice
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.contingency.packing import pack
+from heronry_wire.packing import pack
 
 MOST_NUMBERS = 4095  # 12 bits in PREPARE, without 0
 

@@ -1,11 +1,13 @@
 """Whole numbers in as few bytes as they need: seven bits a byte, the least significant group first."""
 
+from collections.abc import Iterable
+
 
 class PackingError(ValueError):
     """Bytes that end too early, or a number that does not end."""
 
 
-def pack(numbers: list[int]) -> bytes:
+def pack(numbers: Iterable[int]) -> bytes:
     """Write numbers that are not negative, one after the other."""
     out = bytearray()
     for number in numbers:
@@ -49,6 +51,6 @@ class Unpacker:
         self._at += length
         return found
 
-    def at_end(self) -> bool:
-        """Tell whether everything has been read."""
-        return self._at == len(self._data)
+    def left(self) -> int:
+        """Count the bytes that have not been read."""
+        return len(self._data) - self._at
