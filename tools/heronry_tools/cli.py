@@ -20,6 +20,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "table_command": ("table",),
     "send_table_command": ("send-table",),
     "sim_command": ("sim",),
+    "exhaust_command": ("exhaust",),
     "scenario_command": ("scenario",),
     "dbc_command": ("dbc",),
     "eds_command": ("eds",),
@@ -51,6 +52,7 @@ examples:
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
+  heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
   heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry eds -o heronry_pe.eds                  read a PE with CANopen tools

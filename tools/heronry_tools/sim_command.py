@@ -73,12 +73,13 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
     from heronry_tools.simulator.campaign import Coverage, fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.simulator.scenario import play  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    _check_images(spec)
+    check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec), 0
-    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs), start=1):
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
         _show_progress("")
         coverage.add(outcome)
         failed += bool(outcome.violations)
@@ -159,7 +160,8 @@ def _line(act: "Act") -> str:
     )
 
 
-def _check_images(spec: "Spec") -> None:
+def check_images(spec: "Spec") -> None:
+    """Refuse a spec whose modules have no code; raises UserError."""
     from heronry_agent.images import UnknownImageError, find_image  # noqa: PLC0415
 
     for module in spec.modules.values():

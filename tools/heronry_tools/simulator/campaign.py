@@ -9,30 +9,33 @@ Processes share nothing: each loads the spec once, and keeps the plans it has ma
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, possible_targets
 from heronry_tools.simulator.protocol_state import STATES
-from heronry_tools.simulator.scenario import Outcome, Scenario, play
+from heronry_tools.simulator.scenario import Outcome
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 ENOUGH = 30
 _POLITENESS = 10
 _SPECS: list[Spec] = []  # the one of a worker process
 
 
-def fly_all(spec_file: Path, scenarios: Iterable[Scenario], jobs: int) -> Iterator[Outcome]:
-    """Fly scenarios on that many processors; what is not waited for any more is stopped."""
+def fly_all(spec_file: Path, flights: Iterable[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
+    """Fly on that many processors, each flight by `fly`; what is not waited for any more is stopped."""
     if jobs == 1:
         spec = load(spec_file)
-        yield from (play(spec, scenario) for scenario in scenarios)
+        yield from (fly(spec, flight) for flight in flights)
         return
     with get_context("spawn").Pool(jobs, _begin, (spec_file,)) as pool:
-        yield from pool.imap(_fly, scenarios)
+        yield from pool.imap(_Flier(fly), flights)
 
 
 class Coverage:
@@ -90,5 +93,11 @@ def _begin(spec_file: Path) -> None:
     _SPECS.append(load(spec_file))
 
 
-def _fly(scenario: Scenario) -> Outcome:
-    return play(_SPECS[0], scenario)
+class _Flier(Generic[T, R]):
+    """Flies in a worker process, with the spec that is there."""
+
+    def __init__(self, fly: Callable[[Spec, T], R]) -> None:
+        self._fly = fly
+
+    def __call__(self, flight: T) -> R:
+        return self._fly(_SPECS[0], flight)
