@@ -64,6 +64,8 @@ class Link:
         self.echoes_lost = 0
         self.queue = TransmitQueue()
         self._in_flight: Frame | None = None
+        self._handed_ns = 0  # when it was handed over
+        self._departed: deque[int] = deque(maxlen=_BURST)  # how long frames took to leave, since somebody last asked
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
         self._deadline_ns: int | None = None  # of the echo, or of the next try
         self._wanted: frozenset[int] | None = None  # None: everything
@@ -99,8 +101,8 @@ class Link:
                 if message is None:
                     break
                 frame = _frame_of(message)
-                if not self._is_echo(frame, now_ns):
-                    age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
+                age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
+                if not self._is_echo(frame, now_ns, age_ns):
                     arrivals.append(Arrival(now_ns - age_ns, frame))
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
@@ -126,9 +128,16 @@ class Link:
         """Close the bus."""
         self._bus.shutdown()
 
-    def _is_echo(self, frame: Frame, now_ns: int) -> bool:
+    def departures_ns(self) -> list[int]:
+        """How long each frame that has left since the last call was in the controller; 0 where nobody knows."""
+        departed = list(self._departed)
+        self._departed.clear()
+        return departed
+
+    def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
         """Tell whether a frame is one of our own, and let the next one follow."""
         if frame == self._in_flight:
+            self._departed.append(max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = None
             self.pump(now_ns)
             return True
@@ -163,7 +172,9 @@ class Link:
             return False
         self.queue.pop()
         if self._is_well_known:
-            self._in_flight, self._deadline_ns = frame, now_ns + ECHO_TIMEOUT_NS
+            self._in_flight, self._deadline_ns, self._handed_ns = frame, now_ns + ECHO_TIMEOUT_NS, now_ns
+        else:
+            self._departed.append(0)
         return not self._is_well_known
 
 

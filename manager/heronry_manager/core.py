@@ -114,7 +114,9 @@ class ManagerCore:
         self._turn = Turn(node, now_ns, silent=advise)
         self._health = Health(spec, now_ns, window_ns)
         self._exclusion = Exclusion(spec)
-        self._situation = KnownSituation(spec, self._turn, self._health, self._take, self._replan)
+        self._situation = KnownSituation(
+            spec, self._turn, self._health, self._take, self._replan, limited=self._limited
+        )
         self._orders = OperatorOrders(spec, self._turn, term, self._health, self._situation)
         self._planning = Planning(self._turn)
         self._deployment = Deployment(self._turn, spec, term, self._health, self._exclusion)
@@ -140,6 +142,7 @@ class ManagerCore:
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
             or identifier in self._manager_lease_ids
+            or identifier in self._situation.links.records
             or identifier == REQUEST_ID
         )
 
@@ -187,6 +190,8 @@ class ManagerCore:
             self._on_state(pe, decode_state(frame.data))
         elif frame.can_id in self._pe_of_emcy_id:
             self._on_emergency(self._pe_of_emcy_id[frame.can_id], decode_emergency(frame.data))
+        elif frame.can_id in self._situation.links.records:
+            self._situation.link_reported(frame)
         elif frame.can_id == REQUEST_ID:
             self._identification.asked(0, frame, self._turn.now_ns)
         elif frame.can_id in self._manager_lease_ids:
@@ -357,9 +362,17 @@ class ManagerCore:
         if self._reign is not Reign.LISTENING and not self._health.starting():
             self._ask_for_plan()
 
+    def _limited(self, cause: str) -> None:
+        """A radio has another limit: if what runs is as good as any under it, nothing is to be done."""
+        plan = self._deployment.plan
+        if plan is not None and self._planning.idle and self._situation.spares(plan):
+            self._settle()
+        else:
+            self._replan(cause)
+
     def _ask_for_plan(self) -> None:
         self._reign = Reign.REIGNING
-        self._planning.ask(self._situation.down(), self._situation.phase, self._deployment.running)
+        self._planning.ask(self._situation.now(), self._deployment.running)
 
     def _settle(self) -> None:
         """Say that nothing is under way, if nothing is."""
@@ -367,9 +380,10 @@ class ManagerCore:
         if running is None or self._deployment.next is not None or self._planning.waiting:
             return
         if plan is not None and not plan.optimal and not self._planning.at_leisure:
-            self._planning.ask_at_leisure(self._situation.down(), self._situation.phase, running)
+            self._planning.ask_at_leisure(self._situation.now(), running)
         else:
-            self._turn.ask(Settled(self._situation.down(), self._situation.phase, running))
+            now = self._situation.now()
+            self._turn.ask(Settled(now.down, now.phase, running, now.limits))
 
     def _plan_ready(self, answer: PlanReady) -> None:
         if not self._planning.awaits(answer):

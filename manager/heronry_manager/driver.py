@@ -99,8 +99,8 @@ class ManagerDriver:
                     answer = self._foresight.request(action)
                     if answer is not None:
                         answers.append(answer)
-                case Settled(down, phase, running):
-                    self._foresight.settled(down, phase, running)
+                case Settled(down, phase, running, limits):
+                    self._foresight.settled(down, phase, running, limits)
                 case Emit(event):
                     self._emit(event)
                 case Reply():

@@ -25,10 +25,13 @@ KINDS: Mapping[str, str] = {
     "pe_joined": "pe, cause: counted on from now",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element is taken for well again",
+    "link_limited": "bus, by, share: so much of a radio's bandwidth is planned with from now on, by its gateway's word",
+    "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs there are lost",
+    "link_back": "bus, by: something is heard from beyond again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
     "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
-    "plan_requested": "request, down, phase, causes",
+    "plan_requested": "request, down, limits, phase, causes",
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
@@ -66,6 +69,7 @@ class Snapshot:
     phase: str | None = None
     pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
     failed: list[str] = field(default_factory=list)  # latched elements
+    links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
     plan: dict[str, Any] = field(default_factory=dict)
     stage: str = "starting"  # planning, preparing, activating, running
     reconfigurations: list[dict[str, Any]] = field(default_factory=list)
@@ -104,6 +108,7 @@ def _copy(view: Snapshot) -> Snapshot:
         view,
         pes=dict(view.pes),
         failed=list(view.failed),
+        links=dict(view.links),
         reconfigurations=list(view.reconfigurations),
         problems=list(view.problems),
     )
@@ -119,6 +124,10 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
             view.spec, view.phase = one["spec"], one.get("phase")
         case "fault_cleared":
             view.failed = [element for element in view.failed if element != one["element"]]
+        case "link_limited" if one["share"] == "100%":
+            view.links.pop(one["bus"], None)
+        case "link_limited" | "link_gone" | "link_back":
+            view.links[one["bus"]] = one.get("share", kind.removeprefix("link_"))
         case "phase_changed":
             view.phase = one["phase"]
         case "fault_reported" if one["element"] not in view.failed:

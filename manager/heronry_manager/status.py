@@ -6,6 +6,8 @@ A pure function of the parts of the core. The document is versioned; a later ver
     next            epoch that is being prepared, or null
     pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns
     latched         list of element, by, code, detail, for_ns
+    links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
+                    delivered (per cent), queued, dropped
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch)
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
@@ -19,6 +21,7 @@ from heronry_dg.plan import Plan
 from heronry_manager.deployment import Deployment
 from heronry_manager.health import Health
 from heronry_manager.known_situation import KnownSituation
+from heronry_manager.radio_links import LinkRecord
 
 VERSION = 1
 
@@ -48,6 +51,7 @@ def status(
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
             for f in situation.failed.all()
         ],
+        "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "functions": {f.name: _function(f, phase, plan) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),
@@ -63,6 +67,20 @@ def _pe(pe: str, now_ns: int, health: Health, deployment: Deployment) -> dict[st
         "runs": seen.state.name,
         "losses": health.losses(pe),
         "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
+    }
+
+
+def _link(record: LinkRecord) -> dict[str, Any]:
+    report = record.report
+    if report is None:
+        return {"state": "unheard", "limit": record.step, "usable": None, "delivered": None, "queued": 0, "dropped": 0}
+    return {
+        "state": report.state.name.lower(),
+        "limit": record.step,
+        "usable": report.usable,
+        "delivered": report.delivered,
+        "queued": report.queued,
+        "dropped": report.dropped,
     }
 
 

@@ -5,11 +5,15 @@ thereby recognised and dropped.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 from heronry_dg.plan import Plan
 from heronry_wire.sansio import Received, Send, Tick
+
+Limits = Mapping[str, Fraction]
+"""Share of its capacity that an element has left, by `bus:NAME` or `pe:NAME`; what is not named has all of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,7 @@ class RequestPlan:
     phase: str | None
     running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
     at_leisure: bool = False
+    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +54,7 @@ class Settled:
     down: frozenset[str]
     phase: str | None
     running: Mapping[str, tuple[str, str]]  # module -> (mode, PE)
+    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ from heronry_agent.obedience import Obedience
 from heronry_agent.pe_objects import Parts
 from heronry_agent.permission import Permission
 from heronry_agent.publishing import ECHO_NODES
+from heronry_agent.radio_port import RadioPort
 from heronry_agent.reconfiguration import Reconfiguration
 from heronry_agent.reign import Reign
 from heronry_agent.reporting import Facts, Reporting
@@ -32,11 +33,11 @@ from heronry_agent.slice_reading import SliceReader
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
-from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import Action, Event, Heard, Left, StartFailed, StepFailed, Stepped
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import InvariantError, Received, Tick, require
+from heronry_wire.sansio import InvariantError, Received, Send, Tick, Withdraw, require
 
 _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 _Handler = Callable[[Received], None]
@@ -77,6 +78,9 @@ class AgentCore:
             self.modules,
             self._gateway,
         )
+        self._radios = {
+            port: RadioPort(port, index, now_ns) for port, entry in enumerate(table.ports) if entry.link_id is not None
+        }
         self._reporting = Reporting(index, incarnation, now_ns)
         self._canopen = CanopenNode(
             Parts(turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts)
@@ -102,6 +106,11 @@ class AgentCore:
         """Every identifier that means something here now: another object whenever they have changed."""
         return self._handlers
 
+    @property
+    def radio_ports(self) -> Collection[int]:
+        """Ports whose every frame is measured: hand over all that comes there, and tell what has `Left`."""
+        return self._radios.keys()
+
     def step(self, now_ns: int, event: Event) -> list[Action]:
         """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
         turn = self._turn
@@ -109,16 +118,18 @@ class AgentCore:
         if type(event) is Received:
             frame = event.frame
             identifier = frame.can_id
+            if self._radios:
+                self._measure(event)
             handler = self._handlers.get(identifier)
             if handler is None:
-                return out
+                return self._by_radio(out) if self._radios else out
             if frame.extended or frame.remote or frame.error:
                 turn.count("not a data frame of 11 bits", identifier)
                 return out
             turn.arrived_ns = now_ns - event.age_ns
             handler(event)
             if identifier in self._quiet:
-                return out
+                return self._by_radio(out) if self._radios else out
         else:
             self._take_own(event)
         self._recent.append((now_ns, event))
@@ -128,7 +139,7 @@ class AgentCore:
             self._quiet = self._find_quiet()
         if turn.wants_page_0 or turn.wants_page_1:
             out += self._reporting.at_once(self._facts(), page_0=turn.wants_page_0, page_1=turn.wants_page_1)
-        return out
+        return self._by_radio(out) if self._radios else out
 
     def next_deadline_ns(self) -> int:
         """When to call with Tick, if nothing comes before."""
@@ -141,7 +152,7 @@ class AgentCore:
                 self.staging.ask_ns,
                 self._canopen.next_ns,
             )
-        return due_ns
+        return min(due_ns, *(radio.next_ns for radio in self._radios.values())) if self._radios else due_ns
 
     def validate(self) -> None:
         """Check every invariant; raises InvariantError with the recent events."""
@@ -154,6 +165,26 @@ class AgentCore:
             story = "\n".join(f"  {at_ns} {event}" for at_ns, event in self._recent)
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
+    def _measure(self, event: Received) -> None:
+        frame, radio = event.frame, self._radios.get(event.port)
+        if radio is not None and not (frame.extended or frame.remote or frame.error):
+            self._turn.out += radio.heard(frame, self._turn.now_ns)
+
+    def _by_radio(self, out: list[Action]) -> list[Action]:
+        """Let what goes to a radio wait for its turn, and whatever has its turn now go."""
+        now_ns, passed = self._turn.now_ns, []
+        for action in out:
+            if type(action) is Send and action.port in self._radios:
+                self._radios[action.port].send(action.frame, action.until_ns, now_ns)
+                continue
+            if isinstance(action, Withdraw):
+                for radio in self._radios.values():
+                    radio.withdraw(action.identifiers)
+            passed.append(action)
+        for radio in self._radios.values():
+            passed += radio.step(now_ns)
+        return passed
+
     def _take_own(self, event: Event) -> None:
         """Take what comes from this PE itself: time, and the answers of its modules."""
         match event:
@@ -165,6 +196,8 @@ class AgentCore:
                 self.modules.step_failed(event)
             case StartFailed():
                 self.modules.fail(event.module, event.reason)
+            case Left(port, took_ns):
+                self._radios[port].left(took_ns)
             case Received():
                 raise AssertionError
         self.modules.release()

@@ -27,7 +27,7 @@ from typing import Any
 
 from heronry_agent.core import AgentCore
 from heronry_agent.host import ModuleHost
-from heronry_agent.vocabulary import Action, Event, Note, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import Action, Event, Left, Note, StartFailed, StepFailed, Stepped
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
@@ -80,13 +80,15 @@ class AgentDriver:
                 self._step(now_ns, Tick())
             for link in self._links:
                 link.pump(now_ns)
+            self._take_departures()
             if self._core.identifiers is not self._accepted:
                 self._accept(self._core.identifiers)
 
     def _accept(self, identifiers: Collection[int]) -> None:
         self._accepted = identifiers
-        for link in self._links:
-            link.accept(identifiers)
+        for port, link in enumerate(self._links):
+            if port not in self._core.radio_ports:
+                link.accept(identifiers)
 
     def _wait_s(self) -> float:
         if self._answer is not None:
@@ -100,6 +102,13 @@ class AgentDriver:
             for arrival, port in arrivals:
                 now_ns = time.monotonic_ns()
                 self._step(now_ns, Received(port, arrival.frame, max(0, now_ns - arrival.time_ns)))
+
+    def _take_departures(self) -> None:
+        """Say what has left for a radio; what follows it leaves at once where nobody knows when that is."""
+        for port in self._core.radio_ports:
+            while departures := self._links[port].departures_ns():
+                for took_ns in departures:
+                    self._step(time.monotonic_ns(), Left(port, took_ns))
 
     def _arrivals(self) -> list[tuple[Arrival, int]]:
         """What has come on all ports, in the order in which it came."""

@@ -168,7 +168,7 @@ class OneManager:
     def answer(self) -> Plan:
         """Answer the last request as the planner does."""
         request = self.requests[-1]
-        found = plan(self.spec, Situation(request.down, {}, request.phase), request.running)
+        found = plan(self.spec, Situation(request.down, request.limits, request.phase), request.running)
         self.give(PlanReady(request.request, found))
         return found
 

@@ -29,6 +29,11 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     for fault in status["latched"]:
         told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != "OPERATOR" else ""
         yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+    for bus, link in status["links"].items():
+        if link["state"] == "gone":
+            yield f"! bus:{bus} is gone: nothing is heard from beyond"
+        elif link["limit"] < 1000:
+            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of its frames come"
     for phase in status["unwatched"]:
         yield f"! nobody watches for phase {phase}: no module that gives its variable runs"
 

@@ -289,6 +289,8 @@ class SimulatedBus:
                 self._forgive(sender)
             self.frames += 1
             self._hand_out(sender, frame)
+            if sender.left is not None:
+                sender.left()
         if self._waiting and not self._arbitration_due:
             if self._clock.is_last_now():
                 self._arbitrate()

@@ -11,6 +11,7 @@ Every step of a module that drives an actuator or is a branch of a DEMUX is told
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from random import Random
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
 from heronry_agent.module import Datum, Value
-from heronry_agent.vocabulary import Action, StepFailed, StepModule, Stepped
+from heronry_agent.vocabulary import Action, Left, StepFailed, StepModule, Stepped
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
@@ -107,6 +108,9 @@ class SimulatedPe(Node):
         self.stations = [
             (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
         ]
+        self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
+        for port in self.core.radio_ports:
+            self.stations[port][1].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
 
@@ -129,8 +133,16 @@ class SimulatedPe(Node):
         """Let the controllers filter out what means nothing here now."""
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
-        for bus, station in self.stations:
-            bus.wants(station, wanted)
+        for port, (bus, station) in enumerate(self.stations):
+            if port not in self.core.radio_ports:
+                bus.wants(station, wanted)
+
+    def _left(self, port: int) -> None:
+        """A frame has left for a radio; while the processor stands still nobody is told."""
+        if self.is_awake and port in self._handed_ns:
+            took_ns = self.time.now_ns() - self._handed_ns.pop(port)
+            self._carry_out(self.core.step(self.time.now_ns(), Left(port, max(1, took_ns))))
+            self._wake()
 
     def _take(self, event: Received) -> None:
         self._passing = event.frame
@@ -176,6 +188,8 @@ class SimulatedPe(Node):
 
     def _send(self, action: Send) -> None:
         port, frame, until_ns = action.port, action.frame, action.until_ns
+        if port in self.core.radio_ports:
+            self._handed_ns[port] = self.time.now_ns()
         bus, station = self.stations[port]
         latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
         if self.delays is None or frame is not self._passing:
@@ -318,7 +332,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _plan(self, asked: RequestPlan) -> None:
-        now, at_once = Situation(asked.down, {}, asked.phase), self._planners.are_at_once(asked)
+        now, at_once = Situation(asked.down, asked.limits, asked.phase), self._planners.are_at_once(asked)
         plan = plan_at_once if at_once else best_plan
         ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
         after_ns = _AT_ONCE_NS if at_once else self._decide_ns()
