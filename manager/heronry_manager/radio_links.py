@@ -5,7 +5,7 @@ A report is noisy, and a plan must not follow noise. So there are steps, and wha
     falls    to the largest step that is not above what was reported, once two reports in a row are a tenth below the
              present step: at once, since queues grow meanwhile
     rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
-             twice as many with each fall (up to eight times), anew once no fall has come for a minute
+             twice as many with each fall (up to four times), anew once no fall has come for a minute
     gone     the gateway hears nothing from beyond: who is there is lost, all at once. From then on, and from the start,
              until somebody beyond is counted on again, each report sets the step directly: nobody can be interrupted,
              and who returns finds a plan that fits the radio
@@ -27,7 +27,7 @@ from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkSt
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
 _LATE = 8  # a report that is so many behind the last one is late; further apart, the gateway has started anew
-_MOST_DOUBLINGS = 3
+MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
 
@@ -65,7 +65,7 @@ class LinkRecord:
 
     def hold_down_ns(self) -> int:
         """How long more bandwidth must last before it is believed."""
-        return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), _MOST_DOUBLINGS)
+        return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
 
 
 class RadioLinks:

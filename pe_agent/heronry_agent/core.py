@@ -171,11 +171,14 @@ class AgentCore:
             self._turn.out += radio.heard(frame, self._turn.now_ns)
 
     def _by_radio(self, out: list[Action]) -> list[Action]:
-        """Let what goes to a radio wait for its turn, and whatever has its turn now go."""
+        """Let what goes to a radio wait for its turn, and whatever has its turn now go.
+
+        What is passed on is as old as it is: after a pause of this process nothing stale goes by radio.
+        """
         now_ns, passed = self._turn.now_ns, []
         for action in out:
             if type(action) is Send and action.port in self._radios:
-                self._radios[action.port].send(action.frame, action.until_ns, now_ns)
+                self._radios[action.port].send(action.frame, action.until_ns, self._turn.arrived_ns)
                 continue
             if isinstance(action, Withdraw):
                 for radio in self._radios.values():

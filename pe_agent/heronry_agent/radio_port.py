@@ -42,10 +42,10 @@ class RadioPort:
         """Take note of a frame from beyond; gives the report that the radio is back, if it was gone."""
         return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
 
-    def send(self, frame: Frame, until_ns: int | None, now_ns: int) -> None:
-        """Let a frame wait for its turn."""
+    def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
+        """Let a frame wait for its turn, that came or was made at `since_ns`."""
         patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
-        self._queue.push(frame, now_ns + patience_ns if until_ns is None else until_ns)
+        self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
         self._moved = True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:

@@ -1,8 +1,8 @@
 """The servo monitors: they compare where a surface was told to go with where it stands, and name who is to blame.
 
 What they decide: which device has failed. The surface is expected where a healthy servo would have brought it (the
-command through a short lag). A difference beyond the tolerance that lasts for the delay, and for several looks at it, is
-a failure; then the manager is given time to put the other servo to work.
+command through a short lag). A difference beyond the tolerance that lasts for the delay, and for several looks at it,
+is a failure; then the manager is given time to put the other servo to work.
 
 Whom to blame. In `big_blue` each servo driver publishes what it commands, in a version of its own, so the version of
 the datum says which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the monitor assumes
