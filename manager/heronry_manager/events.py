@@ -43,6 +43,7 @@ KINDS: Mapping[str, str] = {
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
+    "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw and the manager was at",
@@ -137,7 +138,7 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
         case "reconfigured":
             view.epoch = one["epoch"]
             view.reconfigurations.append(dict(one))
-        case "plan_failed" | "second_manager" | "pe_refused":
+        case "plan_failed" | "second_manager" | "pe_refused" | "bus_trouble":
             view.problems.append(to_line(one))
         case _:
             pass

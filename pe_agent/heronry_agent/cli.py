@@ -1,6 +1,6 @@
 """The command `pe-agent`: the agent of one PE, from its table, on its buses.
 
-Exit codes: 0 stopped in order, 1 ended by itself (a bus lost, its node-ID taken), 2 a wrong command line or table.
+Exit codes: 0 stopped in order, 1 not started (no bus, its node-ID taken), 2 a wrong command line or table.
 Whatever ends it is one sentence on standard error.
 """
 
@@ -16,7 +16,7 @@ from can.cli import add_bus_arguments
 
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
-from heronry_agent.driver import AgentDriver, hears_own_id
+from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.host import ModuleHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.ports import bus_configs
@@ -27,8 +27,8 @@ from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.service_manager import ServiceManager
 
-_LISTEN_PERIODS = 2
 _LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
 _USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
 
@@ -115,17 +115,23 @@ def _run(arguments: argparse.Namespace) -> int:
         for config in configs:
             links.append(Link(config))
             undo.callback(links[-1].close)
-        if hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns):
+        if id_is_taken(links, table):
             sentence = f"another node on the bus has node-ID {table.node_id}; give one of them another in the spec"
             return _complain(sentence, 1)
-        incarnation = next_incarnation(arguments.state_dir, table.node_id)
-        core = AgentCore(table, incarnation, time.monotonic_ns(), missing_images=frozenset(host.missing_images))
-        driver = AgentDriver(core, host, links, tell)
+
+        def new_core() -> AgentCore:
+            incarnation = next_incarnation(arguments.state_dir, table.node_id)
+            return AgentCore(table, incarnation, time.monotonic_ns(), missing_images=frozenset(host.missing_images))
+
+        service = ServiceManager()
+        undo.callback(service.close)
+        driver = AgentDriver(table, new_core, host, links, tell=tell, service=service)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
         driver.run(until_eof=arguments.until_eof)
+        service.stopping()
         if arguments.verbose:
-            _print_counts(core, links, table)
+            _print_counts(driver.core, links, table)
     return 0
 
 
@@ -168,6 +174,8 @@ def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> Non
     for link in links:
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))
+        for what, times in sorted(link.health.counts.items()):
+            _print_note(Note("count", f"{link.name}: {what} {times}"))
 
 
 def _silent(note: Note) -> None:

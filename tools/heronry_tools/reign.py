@@ -27,6 +27,7 @@ from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import flagged_bus
 from heronry_wire.link import Link
+from heronry_wire.service_manager import ServiceManager
 
 THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
 
@@ -37,7 +38,9 @@ def reign(arguments: argparse.Namespace) -> int:
     has_solver = _has_solver()
     table = contingency_table(spec, arguments.contingencies)
     tell = print_event if arguments.json else screen(spec)
-    link = Link({**flagged_bus(arguments), "can_filters": FILTERS})
+    rate = {"bitrate": spec.buses[spec.manager.bus].bitrate}
+    link = Link({**rate, **flagged_bus(arguments), "can_filters": FILTERS})
+    service = ServiceManager()
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:
@@ -53,12 +56,16 @@ def reign(arguments: argparse.Namespace) -> int:
             tell(_bus_event(spec.manager.bus, arguments))
             term = 1 if arguments.advise else next_term(arguments.state_dir or default_state_dir(spec.name))
             core = ManagerCore(spec, arguments.node, term, time.monotonic_ns(), advise=arguments.advise)
-            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker, table), control, tell)
+            driver = ManagerDriver(
+                core, link, Foresight(spec, planner, start_thinker, table), control, tell, service=service
+            )
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)
+            service.stopping()
     finally:
         link.close()
+        service.close()
     if reason is not None:
         print(f"heronry: {reason}", file=sys.stderr)
     return 0 if reason is None else 1

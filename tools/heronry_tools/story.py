@@ -16,6 +16,7 @@ Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
+    "bus_trouble": ("{sentence}", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "fault_reported": ("{element} has failed, says {by}", "fault"),
