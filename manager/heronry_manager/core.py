@@ -22,9 +22,9 @@ A fault while an epoch is being prepared abandons its number. A fault after the 
 (LEASE goes on repeating its step) until the next one is ready to take its place. A manager that was paused finds frames
 and deadlines waiting: the driver gives it the frames first.
 
-What a restart does: a new term (the driver keeps the last one on disk), then the same start as ever; PEs go on with
-what they run, and where that is what would be planned now, it is adopted; else until the first new epoch. The phase is
-the first one again, until the PEs repeat their requests.
+What a restart does: a new term, then the same start as ever, with all that is remembered (`memory`, kept by the driver
+in the journal): the phase, latched faults, quarantines. PEs go on with what they run, and where that is what would be
+planned now, it is adopted; else until the first new epoch.
 """
 
 from collections.abc import Iterable
@@ -38,6 +38,8 @@ from heronry_manager.deployment import Deployment
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.known_situation import KnownSituation
+from heronry_manager.memory import Memory, Quarantined, Released, TermBegun
+from heronry_manager.numbering import next_term
 from heronry_manager.operator_orders import OperatorOrders
 from heronry_manager.planning import Planning
 from heronry_manager.reconfiguration import Cause
@@ -45,6 +47,7 @@ from heronry_manager.status import status
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import (
     AskStatus,
+    JournalTold,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
@@ -75,7 +78,7 @@ from heronry_wire.management import (
     decode_emergency,
     decode_state,
 )
-from heronry_wire.sansio import Received, Tick
+from heronry_wire.sansio import Received, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 
@@ -96,30 +99,33 @@ class ManagerCore:
         self,
         spec: Spec,
         node: int,
-        term: int,
+        memory: Memory,
         now_ns: int,
         window_ns: int = START_UP_WINDOW_NS,
         *,
         advise: bool = False,
     ) -> None:
-        """Start listening at `now_ns` as manager `node` (126 or 127) in reign number `term`.
+        """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
         advise: say nothing on the bus, ever, and tell what would be done instead.
+        Raises NoTermError where all terms have been used.
         """
-        self._spec, self._node, self._term = spec, node, term
+        self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * period_ns
         self._advise = advise
-        self._turn = Turn(node, now_ns, silent=advise)
+        self._journal_problem: str | None = None
+        term = next_term(node, memory.term)
+        self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
         self._health = Health(spec, now_ns, window_ns)
         self._exclusion = Exclusion(spec)
         self._situation = KnownSituation(
             spec, self._turn, self._health, self._take, self._replan, limited=self._limited
         )
-        self._orders = OperatorOrders(spec, self._turn, term, self._health, self._situation)
+        self._orders = OperatorOrders(spec, self._turn, self._health, self._situation)
         self._planning = Planning(self._turn)
-        self._deployment = Deployment(self._turn, spec, term, self._health, self._exclusion)
+        self._deployment = Deployment(self._turn, spec, self._health, self._exclusion)
         self._beacon = Beacon(node, period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -162,6 +168,8 @@ class ManagerCore:
                 self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
+            case JournalTold(problem):
+                self._journal_told(problem)
         if self._reign in (Reign.STARTING, Reign.REIGNING):
             self._advance()
         return self._turn.end()
@@ -179,6 +187,20 @@ class ManagerCore:
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
         self._deployment.validate()
+        if not self._advise:
+            self._validate_memory()
+
+    def _validate_memory(self) -> None:
+        """What a restart would find is what is known now."""
+        memory, situation, recent = self._turn.memory, self._situation, self._turn.recent
+        current, runs = self._deployment.current, self._turn.memory.runs
+        require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)
+        require(memory.latched.keys() == situation.failed.elements, "latched faults are not remembered: {}", recent)
+        quarantined = {pe: self._health.losses(pe) for pe in self._spec.pes if self._health.is_quarantined(pe)}
+        require(memory.quarantined == quarantined, "quarantines are not remembered: {}", recent)
+        if current is not None:
+            told = runs is not None and (runs.epoch, runs.digest) == (current.epoch, current.compiled.digest)
+            require(told, "what runs is not remembered: {}", recent)
 
     # Frames
 
@@ -225,7 +247,7 @@ class ManagerCore:
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
             node, number = self._spec.pes[pe].node_id, emergency.detail if is_request else emergency.index
-            told = Control(self._term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
+            told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
             self._turn.send(Command.CONTROL, told)
 
     def _on_lease(self, node: int, lease: object) -> None:
@@ -233,10 +255,8 @@ class ManagerCore:
             return
         if self._reign is Reign.LISTENING:
             self._retire(node, lease, f"manager {node} already reigns on {self._bus.name} (term {lease.term})")
-        elif lease.term > self._term:
+        elif lease.term > self._turn.term:
             self._retire(node, lease, f"manager {node} reigns with the higher term {lease.term}")
-        elif lease.term == self._term and node < self._node:
-            self._retire(node, lease, f"manager {node} has the same term {lease.term} and goes first")
 
     def _retire(self, node: int, lease: Lease, reason: str) -> None:
         self._reign = Reign.RETIRED
@@ -249,7 +269,7 @@ class ManagerCore:
     def _tick(self) -> None:
         now_ns = self._turn.now_ns
         if self._reign is Reign.LISTENING and now_ns >= self._listen_until_ns:
-            self._reign = Reign.STARTING
+            self._take_over()
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
@@ -261,6 +281,12 @@ class ManagerCore:
         first = self._reign is Reign.STARTING and not self._health.starting()
         if first or self._planning.is_due_again():
             self._ask_for_plan()
+
+    def _take_over(self) -> None:
+        """Begin to speak: from now on the PEs know this term."""
+        self._reign = Reign.STARTING
+        self._turn.keep(TermBegun(self._turn.term))
+        self._deployment.numbers.begin(self._turn.term)
 
     def _beat(self) -> None:
         """LEASE, ALIVE, and PING for whoever is suspect."""
@@ -294,7 +320,7 @@ class ManagerCore:
                 silent = now_ns - last if last is not None else None
                 self._turn.emit("pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
                 if self._reign is not Reign.LISTENING:
-                    self._turn.ask(self._beacon.ping(self._term, self._spec.pes[pe].node_id))
+                    self._turn.ask(self._beacon.ping(self._turn.term, self._spec.pes[pe].node_id))
             case Change.ANSWERED:
                 self._turn.emit("pe_answered", pe=pe)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
@@ -303,6 +329,8 @@ class ManagerCore:
                 elif change.change is Change.LOST:
                     self._exclusion.declared_down(pe)
                 self._turn.emit("pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
+                if self._health.is_quarantined(pe):
+                    self._turn.keep(Quarantined(pe, self._health.losses(pe)))
                 self._deployment.lost(pe)
                 self._situation.lost(pe)
                 self._replan(f"pe:{pe}: {change.cause}", since_ns=last)
@@ -312,6 +340,8 @@ class ManagerCore:
             case Change.HEARD_AGAIN:
                 self._turn.emit("pe_heard_again", pe=pe, cause=change.cause)
             case Change.JOINED:
+                if pe in self._turn.memory.quarantined:
+                    self._turn.keep(Released(pe))
                 self._turn.emit("pe_joined", pe=pe, cause=change.cause)
                 self._deployment.joined(pe)
                 self._replan(f"pe:{pe} joined")
@@ -335,10 +365,11 @@ class ManagerCore:
         """Everything the manager knows, as plain data (`status`)."""
         manager = {
             "node": self._node,
-            "term": self._term,
+            "term": self._turn.term,
             "state": self._reign.value,
             "advises": self._advise,
             "planning": self._planning.waiting,
+            "journal": self._journal_problem,
         }
         return status(
             self._spec,
@@ -348,6 +379,15 @@ class ManagerCore:
             situation=self._situation,
             deployment=self._deployment,
         )
+
+    # The journal
+
+    def _journal_told(self, problem: str | None) -> None:
+        before, self._journal_problem = self._journal_problem, problem
+        if problem is None:
+            self._turn.emit("journal_kept", before=before)
+        else:
+            self._turn.emit("journal_failed", problem=problem)
 
     # Plans
 

@@ -22,8 +22,19 @@ from typing import Any
 from heronry_manager.control_socket import ControlSocket
 from heronry_manager.core import ManagerCore
 from heronry_manager.events import event
+from heronry_manager.journal import Journal
 from heronry_manager.planner.foresight import Foresight
-from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, Reply, RequestPlan, Settled, Stop
+from heronry_manager.vocabulary import (
+    Emit,
+    JournalTold,
+    Keep,
+    ManagerAction,
+    ManagerEvent,
+    Reply,
+    RequestPlan,
+    Settled,
+    Stop,
+)
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.link import Link
@@ -52,13 +63,15 @@ class ManagerDriver:
         link: Link,
         foresight: Foresight,
         control: ControlSocket,
-        emit: Emitter,
         *,
+        journal: Journal | None,
         service: ServiceManager,
+        emit: Emitter,
     ) -> None:
-        """`emit` gets every event of the stream as it happens."""
+        """`emit` gets every event of the stream as it happens; without a journal nothing is kept."""
         self._core, self._link, self._foresight, self._control = core, link, foresight, control
-        self._emit, self._service = emit, service
+        self._emit, self._service, self._journal = emit, service, journal
+        self._journal_problem: str | None = None
         self._stood_still_ns = 0  # so far is the core's clock behind
         self._frozen_ns: int | None = None  # what it says while the bus is lost
         self._stop_reason: str | None = None
@@ -87,7 +100,18 @@ class ManagerDriver:
                 self._service.lives(time.monotonic_ns())
             self._link.pump(time.monotonic_ns())
             self._look_at_link()
+            self._look_after_journal()
         return self._stop_reason
+
+    def _look_after_journal(self) -> None:
+        """Bring what was written to the disk once every frame is out; tell the core what becomes of it."""
+        if self._journal is None:
+            return
+        if not self._link.queue:
+            self._journal.sync()
+        if self._journal.problem != self._journal_problem:
+            self._journal_problem = self._journal.problem
+            self._step(JournalTold(self._journal_problem))
 
     def _wait_s(self) -> float | None:
         deadlines = [self._link.next_deadline_ns()]
@@ -140,6 +164,9 @@ class ManagerDriver:
                     self._foresight.settled(down, phase, running, limits)
                 case Emit(told):
                     self._emit(told)
+                case Keep(record):
+                    if self._journal is not None:
+                        self._journal.write(record)
                 case Reply():
                     self._control.answer(action)
                 case Stop(reason):

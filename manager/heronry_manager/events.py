@@ -41,6 +41,8 @@ KINDS: Mapping[str, str] = {
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
+    "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
+    "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
     "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",

@@ -188,6 +188,16 @@ class Health:
         record.barred, record.losses = False, 0
         return kept_out
 
+    def quarantine(self, pe: str, losses: int) -> None:
+        """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
+        record = self._records[pe]
+        record.standing, record.losses, record.cause = Standing.DOWN, losses, f"it was lost {losses} times"
+        self._close_window_if_all_heard()
+
+    def is_quarantined(self, pe: str) -> bool:
+        """Tell whether a PE is held out for longer than who was lost once."""
+        return not self.is_counted_on(pe) and self._records[pe].losses > 1
+
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]

@@ -5,6 +5,8 @@ Down is what is latched (`latched_faults`), and every PE that is not counted on 
 them is written there.
 
 A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
+
+All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
 """
 
 from collections.abc import Callable
@@ -14,6 +16,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.health import Health, HealthChange
 from heronry_manager.latched_faults import LatchedFault, LatchedFaults
+from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
 from heronry_manager.turn import Turn
@@ -40,6 +43,7 @@ class KnownSituation:
         self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
+        self._remember()
 
     @property
     def phase(self) -> str | None:
@@ -75,6 +79,18 @@ class KnownSituation:
                     self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
                     self._limited(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}")
 
+    def _remember(self) -> None:
+        """Take up what was known before a restart."""
+        memory, now_ns = self._turn.memory, self._turn.now_ns
+        self._mission.current = memory.phase or self._mission.current
+        for one in memory.latched.values():
+            self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
+            kind, _, name = one.element.partition(":")
+            if kind == "pe":
+                self._health.bar(name, f"failed, reported by {one.by}", now_ns)
+        for pe, losses in memory.quarantined.items():
+            self._health.quarantine(pe, losses)
+
     def down(self) -> frozenset[str]:
         """Everything that is down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
@@ -105,6 +121,7 @@ class KnownSituation:
         """An element has failed, as somebody says."""
         if not self.failed.latch(fault):
             return
+        self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
         self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
         cause = f"{fault.element} failed, reported by {fault.by}"
         kind, _, name = fault.element.partition(":")
@@ -121,6 +138,10 @@ class KnownSituation:
         let_in = kind == "pe" and self._health.forgive(name)
         if fault is None and not let_in:
             return False
+        if fault is not None:
+            self._turn.keep(Cleared(element))
+        if name in self._turn.memory.quarantined and let_in:
+            self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)
         if kind != "pe":  # a PE is planned with when it has joined
             self._replan(f"{element} cleared by {by}")
@@ -129,5 +150,6 @@ class KnownSituation:
     def enter(self, phase: str, by: str) -> None:
         """Somebody wants another mission phase."""
         before, self._mission.current = self._mission.current, phase
+        self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)
         self._replan(f"phase {phase}, asked for by {by}")

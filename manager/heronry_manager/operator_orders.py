@@ -27,8 +27,8 @@ _EVERYBODY = 0
 class OperatorOrders:
     """Carries out orders."""
 
-    def __init__(self, spec: Spec, turn: Turn, term: int, health: Health, situation: KnownSituation) -> None:
-        self._spec, self._turn, self._term = spec, turn, term
+    def __init__(self, spec: Spec, turn: Turn, health: Health, situation: KnownSituation) -> None:
+        self._spec, self._turn = spec, turn
         self._health, self._situation = health, situation
 
     def obey(self, number: int, order: EnterPhase | FailElement | ClearElement) -> Reply:
@@ -63,6 +63,6 @@ class OperatorOrders:
             return Reply(number, False, sentence)
         place = self._situation.failed.place(element)
         if place is not None:
-            self._turn.send(Command.CONTROL, Control(self._term, _EVERYBODY, Operation.CLEAR, *place))
+            self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place))
         waits = "; it joins after its hold-down" if element.startswith("pe:") else "; a plan with it is on its way"
         return Reply(number, True, f"{element} is taken for well again{waits}")

@@ -2,7 +2,8 @@
 
 A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
 
-    v, spec, spec_digest, manager {node, term, state, advises, planning}, phase, epoch, stage
+    v, spec, spec_digest, phase, epoch, stage
+    manager         node, term, state, advises, planning, journal (what is wrong with it, or null)
     next            epoch that is being prepared, or null
     pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns
     latched         list of element, by, code, detail, for_ns

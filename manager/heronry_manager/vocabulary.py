@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import Any
 
 from heronry_dg.plan import Plan
+from heronry_manager.memory import Record
 from heronry_wire.sansio import Received, Send, Tick
 
 Limits = Mapping[str, Fraction]
@@ -62,6 +63,20 @@ class Emit:
     """An event for the stream."""
 
     event: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """Keep this over a restart; what may never be used twice, before anything that comes after it is sent."""
+
+    record: Record
+
+
+@dataclass(frozen=True, slots=True)
+class JournalTold:
+    """Whether the journal can keep what it is given: what is wrong, or None where it can again."""
+
+    problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,5 +133,5 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid
-ManagerAction = Send | RequestPlan | Settled | Emit | Reply | Stop
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold
+ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop

@@ -34,7 +34,12 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--node", type=int, choices=(126, 127), default=126, help="node-ID (default 126)")
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="where the term is kept over restarts (default: the user's state)"
+        "--state-dir", type=Path, metavar="DIR", help="where its journal is kept (default: the user's state)"
+    )
+    parser.add_argument(
+        "--changed-spec",
+        action="store_true",
+        help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
     )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"

@@ -26,6 +26,8 @@ def _head(status: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
+    if status["manager"]["journal"] is not None:
+        yield f"! the journal cannot be kept: {status['manager']['journal']}"
     for fault in status["latched"]:
         told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != "OPERATOR" else ""
         yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"

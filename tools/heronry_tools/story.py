@@ -28,6 +28,8 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "second_manager": ("manager {node} reigns too", "bad"),
     "fault_cleared": ("{element} is taken for well again, says {by}", "good"),
     "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
+    "journal_failed": ("the journal cannot be kept: {problem}", "bad"),
+    "journal_kept": ("the journal is kept again", "good"),
     "adopted": ("epoch {epoch} runs already, and is what would be planned: it stays as it is", "good"),
 }
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from heronry_agent import faults, mailboxes, reporting, staging
-from heronry_manager import beacon, core, deployment, health, planning, reconfiguration
+from heronry_manager import beacon, core, health, numbering, planning, reconfiguration
 from heronry_tools.reference.markdown import code, table
 from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
@@ -130,7 +130,11 @@ def times() -> str:
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
-        ("epochs", f"{deployment.EPOCHS_PER_TERM} per term", "term t starts behind the (t - 1)-fold of this"),
+        (
+            "epochs",
+            f"{numbering.EPOCHS_PER_TERM} in a block",
+            "term t starts with block t - 1, and takes every second one",
+        ),
     ]
     return table(["name", "value", "what it is"], rows)
 

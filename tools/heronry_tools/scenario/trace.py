@@ -31,6 +31,8 @@ _LINES: Mapping[str, str] = {
     "epoch_abandoned": "epoch {epoch} is given up: {reason}",
     "epoch_step": "epoch {epoch}: {step}",
     "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
+    "journal_failed": "the journal cannot be kept: {problem}",
+    "journal_kept": "the journal is kept again",
     "stopped": "the manager ends: {reason}",
 }
 

@@ -25,6 +25,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
 from heronry_manager.vocabulary import (
     Emit,
+    Keep,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
@@ -36,6 +37,7 @@ from heronry_manager.vocabulary import (
 )
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import Planners, best_plan, plan_at_once
@@ -268,20 +270,24 @@ class SimulatedManager(Node):
         bus: SimulatedBus,
         *,
         node: int,
-        term: int,
+        disk: Disk,
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
         planners: Planners = Planners.BEST,
     ) -> None:
-        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
+        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event.
+
+        disk: where its journal is kept.
+        """
         super().__init__(clock, time)
         self._spec, self._bus, self._planners = spec, bus, planners
         self._decide_ns, self._tell = decide_ns, tell
         self._ready: list[PlanReady] = []
         self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
-        self.core = ManagerCore(spec, node, term, time.now_ns(), advise=advise)
+        self.core = ManagerCore(spec, node, disk.opened(), time.now_ns(), advise=advise)
+        self._disk = disk
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]
         self._set_alarm()
@@ -325,6 +331,8 @@ class SimulatedManager(Node):
                 self._plan(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
+            case Keep(record):
+                self._disk.write(record)
             case Reply():
                 self._replies.append(action)
             case Stop(reason):

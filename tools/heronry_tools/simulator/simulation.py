@@ -22,13 +22,14 @@ from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
-from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
 from heronry_wire.pe_table import PeTable
 
 MS = 1_000_000
@@ -80,7 +81,7 @@ class Simulation:
         self._down: set[str] = set()
         self._cut: set[str] = set()
         self._incarnations = dict.fromkeys(spec.pes, 0)
-        self._terms = 0
+        self._disks = {node: Disk(spec) for node in MANAGER_NODES}
         self._hash = hashlib.sha256()
         self._unhashed = bytearray()
         self._numbers: dict[str, int] = {}  # of buses and nodes, for the digest
@@ -243,15 +244,14 @@ class Simulation:
         self._down.add(element)
 
     def start_manager(self, node: int = FIRST_MANAGER, *, advise: bool = False) -> None:
-        """Start a manager, with a term higher than any before; one that only advises, where that is asked for."""
-        self._terms += 1
+        """Start a manager, with its journal; one that only advises, where that is asked for."""
         self.manager = SimulatedManager(
             self.clock,
             self._drawn_clock(0),
             self.spec,
             self.buses[self.spec.manager.bus],
             node=node,
-            term=self._terms,
+            disk=self._disks[node],
             advise=advise,
             planners=self._planners,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
