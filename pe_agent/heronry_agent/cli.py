@@ -169,8 +169,7 @@ def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> Non
     for (what, where), times in sorted(core.counts.items()):
         _print_note(Note("count", f"{what} ({where}): {times}"))
     for module, times in sorted(core.modules.schedule.overruns.items()):
-        if times:
-            _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+        _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
     for link in links:
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))

@@ -304,14 +304,15 @@ class AgentCore:
             epoch, running = data[2] << 8 | data[3], self.reconfiguration.running.epoch
             if epoch != running:
                 self.permission.saw_epoch(epoch, running)
-        self._turn.out += self._gateway.up(event.port, event.frame)
+        if event.port != self._index.uplink:
+            self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
         """Another PE's actuator was told something, which moves the world here too, or an output ran there."""
         heard = self.modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))
-        self._turn.out += self._gateway.up(event.port, event.frame)
+        self._from_beyond(event)
 
     def _own_identifier(self, event: Received) -> None:
         self._turn.count("node-ID clash", event.frame.can_id)
