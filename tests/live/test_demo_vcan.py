@@ -212,6 +212,7 @@ def test_the_demo_ends_well_and_leaves_nothing(flight: Flight) -> None:
     assert flight.said == ""
     summary = flight.events[-1]
     assert (summary["event"], summary["unserved"], summary["rivals"]) == ("summary", [], [])
+    assert [event for event in flight.events if event["event"] == "fault_reported"] == []
     assert flight.exit_code == 0
     assert flight.left_behind == []
 
