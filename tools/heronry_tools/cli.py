@@ -22,6 +22,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "sim_command": ("sim",),
     "exhaust_command": ("exhaust",),
     "scenario_command": ("scenario",),
+    "replay_command": ("replay",),
     "dbc_command": ("dbc",),
     "eds_command": ("eds",),
     "check_command": ("check",),
@@ -54,6 +55,7 @@ examples:
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
   heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
+  heronry replay flight.log big_blue             a recording through the manager again: why it decided so
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI
