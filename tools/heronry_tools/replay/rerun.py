@@ -71,8 +71,9 @@ class Planners:
 
     def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
         """Give every plan that could answer a question, the likeliest first."""
-        now = Situation(asked.down, {}, asked.phase)
-        made = None if self._table is None else self._table.plan(asked.down, asked.phase, asked.running)
+        now = Situation(asked.down, asked.limits, asked.phase)
+        table = None if asked.limits else self._table
+        made = None if table is None else table.plan(asked.down, asked.phase, asked.running)
         if made is not None:
             yield "the plan made ahead", made
         yield "the best plan", self._planner.plan(now, asked.running)
@@ -169,7 +170,7 @@ class Rerun:
         )
 
     def _as_plan(self, asked: RequestPlan, configuration: Configuration | None) -> Plan | None:
-        now = Situation(asked.down, {}, asked.phase)
+        now = Situation(asked.down, asked.limits, asked.phase)
         spec = self._planners.spec
         if configuration is None or verify(spec, now, configuration):
             return None
