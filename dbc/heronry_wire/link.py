@@ -134,7 +134,7 @@ class Link:
                 message = None if self._bus is None else self._bus.recv(0)
                 if message is None:
                     return arrivals
-                frame = _frame_of(message)
+                frame = frame_of(message)
                 age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
                 if frame.error:
                     self._take_error_frame(frame, now_ns)
@@ -335,7 +335,8 @@ def _name(config: Mapping[str, Any]) -> str:
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
-def _frame_of(message: can.Message) -> Frame:
+def frame_of(message: can.Message) -> Frame:
+    """Give a frame of python-can as one of ours."""
     return Frame(
         message.arbitration_id,
         b"" if message.is_remote_frame else bytes(message.data),

@@ -19,6 +19,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "operator_command": ("status", "phase", "fail", "clear"),
     "table_command": ("table",),
     "send_table_command": ("send-table",),
+    "doctor_command": ("doctor",),
     "sim_command": ("sim",),
     "exhaust_command": ("exhaust",),
     "scenario_command": ("scenario",),
@@ -52,6 +53,7 @@ examples:
   heronry contingencies big_blue -o big_blue.contingencies      every plan ahead, for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
+  heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
   heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
   heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
