@@ -49,3 +49,9 @@ def test_what_is_not_heard_fails(tmp_path: Path) -> None:
     ran = scenario(str(file), "-i", "softbus")
     assert ran.returncode == 1
     assert "expected function:balloon_release served within 400ms; at 1.500 s it was not so" in ran.stdout
+
+
+def test_the_ground_flies_it_until_the_radio_fades() -> None:
+    told = flown("the_ground_flies_it_until_the_radio_fades")
+    assert "radio has 8% of its bandwidth, says comms" in told["trace"]
+    assert "ground is lost: bus:radio is gone, says comms" in told["trace"]

@@ -252,3 +252,25 @@ def test_a_full_bus_refuses_one_more_client(hub: HubProcess) -> None:
         for stranger in strangers:
             stranger.close()
     assert_carries_frames(hub.path)
+
+
+def test_a_bus_can_be_made_a_bad_radio_and_a_good_one_again(hub: HubProcess) -> None:
+    with SoftBus(str(hub.path), receive_own_messages=True) as sender, SoftBus(str(hub.path)) as receiver:
+        sender.disturb(slowdown=20, loss_per_mille=1000)
+        sender.send(can.Message(arbitration_id=0x123, data=bytes(8)))
+        first = sender.recv(PATIENCE_S)
+        sender.send(can.Message(arbitration_id=0x124, data=bytes(8)))
+        second = sender.recv(PATIENCE_S)
+        assert first is not None
+        assert second is not None
+        assert second.timestamp - first.timestamp > 20 * 100e-6, "each takes twenty times its 110 us or more"
+        sender.disturb()
+        sender.send(can.Message(arbitration_id=0x125))
+        received = receiver.recv(PATIENCE_S)
+        assert received is not None
+        assert received.arbitration_id == 0x125, "the others have missed it"
+
+
+def test_what_no_bus_can_be_is_refused(hub: HubProcess) -> None:
+    with SoftBus(str(hub.path)) as bus, pytest.raises(can.CanOperationError, match="unknown command"):
+        bus.disturb(slowdown=0)

@@ -85,3 +85,11 @@ def test_frame_times_are_rounded_up_to_whole_nanoseconds() -> None:
     assert exact_bits(frame.frame) == 50
     assert Line(1_000_000).frame_ns(frame) == 50_000
     assert Line(83_333).frame_ns(frame) == 600_003
+
+
+def test_on_a_bus_that_is_slowed_down_frames_take_longer() -> None:
+    sent = BusFrame(Frame(0x123, bytes(8)), 8, 0)
+    line = Line(BITRATE)
+    usual_ns = line.frame_ns(sent)
+    line.slowdown = 10
+    assert line.frame_ns(sent) == 10 * usual_ns

@@ -1,8 +1,8 @@
 """A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
 
 Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, and no
-golden trace is compared. Kill, restore and phase can be done to processes; faults of wires, clocks and controllers can
-be made in the simulator alone.
+golden trace is compared. Kill, restore and phase can be done to processes, and a radio can be made a bad one
+(`bad_radios`); other faults of wires, clocks and controllers can be made in the simulator alone.
 
 The flight ends with everything that it has started, whichever way it ends (`Fleet`).
 """
@@ -20,6 +20,7 @@ import can
 from heronry_tools.demo.buses import BusChoice, choose
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import UserError
+from heronry_tools.scenario.bad_radios import KINDS, BadRadios
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
@@ -38,10 +39,15 @@ def check(script: Script) -> None:
     if not script.expectations:
         raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
     for deed in script.deeds:
-        if deed.what not in ("kill", "restore", "phase") or deed.target == MANAGER:
+        if deed.target == MANAGER or not (deed.what in ("kill", "restore", "phase") or _is_of_a_radio(script, deed)):
             raise UserError(
                 f"{script.file}:{deed.line}: '{deed.text}' can be done in the simulator alone; leave -i and -c out"
             )
+
+
+def _is_of_a_radio(script: Script, deed: Deed) -> bool:
+    """Tell whether a deed is a fault of a bus that is a software bus of our own in every flight."""
+    return deed.fault is not None and deed.fault.kind in KINDS and deed.fault.name != script.spec.manager.bus
 
 
 def fly(script: Script, arguments: argparse.Namespace) -> Flown:
@@ -53,7 +59,9 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         fleet.start_buses(choices)
         bus = stack.enter_context(_open(choices[spec.manager.bus]))
-        return _Show(script, fleet, bus).run(choices[spec.manager.bus].describe())
+        paths = {name: choice.channel for name, choice in choices.items() if choice.is_ours}
+        radios = stack.enter_context(BadRadios(script.deeds, paths))
+        return _Show(script, fleet, bus, radios).run(choices[spec.manager.bus].describe())
 
 
 def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
@@ -69,8 +77,8 @@ def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
 class _Show:
     """One flight in real time."""
 
-    def __init__(self, script: Script, fleet: Fleet, bus: can.BusABC) -> None:
-        self._script, self._fleet, self._bus = script, fleet, bus
+    def __init__(self, script: Script, fleet: Fleet, bus: can.BusABC, radios: BadRadios) -> None:
+        self._script, self._fleet, self._bus, self._radios = script, fleet, bus, radios
         self._heard = Observations(script.spec)
         self._deeds = list(script.deeds)
         self._start_ns: int | None = None
@@ -113,8 +121,11 @@ class _Show:
     def _wait_s(self) -> float:
         if self._start_ns is None:
             return _LONGEST_WAIT_S
+        elapsed_ns = self._elapsed_ns()
         next_ns = min([self._script.end_ns, *(deed.at_ns for deed in self._deeds)])
-        return max(0.0, min(_LONGEST_WAIT_S, (next_ns - self._elapsed_ns()) / 1e9))
+        radio_ns = self._radios.next_ns(elapsed_ns)
+        next_ns = next_ns if radio_ns is None else min(next_ns, radio_ns)
+        return max(0.0, min(_LONGEST_WAIT_S, (next_ns - elapsed_ns) / 1e9))
 
     def _take_events(self, stream: IO[bytes]) -> None:
         if not select.select([stream], [], [], 0)[0]:
@@ -142,8 +153,13 @@ class _Show:
             self._trace.append(deed_line(deed.at_ns / 1e9, deed.text))
             self._do(deed)
 
+        if self._start_ns is not None:
+            self._radios.follow(self._elapsed_ns())
+
     def _do(self, deed: Deed) -> None:
         match deed.what:
+            case "fault":
+                pass  # the radios follow the script
             case "kill":
                 self._fleet.kill_pe(deed.target.removeprefix("pe:"))
             case "restore":

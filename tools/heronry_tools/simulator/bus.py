@@ -370,4 +370,4 @@ class SimulatedBus:
         station.off, station.transmit_errors, station.receive_errors = False, 0, 0
         station.reconsider()
         if station.present:
-            self._refill(station)
+            self._wake(station)

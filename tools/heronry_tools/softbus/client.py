@@ -85,6 +85,13 @@ class SoftBus(can.BusABC):
         """Ask the hub for its counters: bus load, frames, and what each client sent, received and lost."""
         return decode_statistics(self._link.ask({"do": "statistics"}))
 
+    def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
+        """Make a bad radio of the bus, for everybody and until the next call; without arguments a good one again.
+
+        slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
+        """
+        self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
+
     def fileno(self) -> int:
         """Return the descriptor that is readable when `recv` has something to return or to raise."""
         return self._receive.fileno()

@@ -10,6 +10,9 @@ the one of `epoll` counts whole milliseconds.
 Timestamps follow the system clock as it stood when the hub started: a clock that is set later changes the
 date of no frame and no interval between two of them.
 
+A bus can be made a bad radio (`disturb`): bits take longer, receivers miss frames, each its own. The sender cannot see
+the latter: its frame has left.
+
 What if: a client is slow, stopped or dead: `port.py`. A client breaks the protocol: it is told why and
 removed. The hub dies: its clients read the end of both sockets. It restarts: they connect anew; nothing was
 stored. Two hubs, one path: `address.py`. Its starter dies, even of SIGKILL: `starter.py`.
@@ -21,6 +24,7 @@ import select
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 from heronry_tools.softbus.address import Address
@@ -56,6 +60,8 @@ class Hub:
         self._ports: list[Port] = []
         self._by_fd: dict[int, Port] = {}
         self._last_number = 0
+        self._loss_per_mille = 0
+        self._random = Random(0)
         self._looked_ns = time.monotonic_ns()
         self._epoch_offset_ns = time.time_ns() - self._looked_ns
 
@@ -147,6 +153,9 @@ class Hub:
                     return filters
                 port.set_filters(filters)
                 port.answer(encode_command({}))
+            case {"do": "disturb", "slowdown": int(slowdown), "loss": int(loss)} if slowdown > 0 <= loss:
+                self._line.slowdown, self._loss_per_mille = slowdown, loss
+                port.answer(encode_command({}))
             case {"do": "statistics"}:
                 port.answer(encode_command(self._statistics()))
             case _:
@@ -172,8 +181,12 @@ class Hub:
         for port in self._ports:
             if port.number == gone.client:
                 port.confirm(received)
-            elif port.accepts(frame.can_id, extended=frame.extended):
+            elif port.accepts(frame.can_id, extended=frame.extended) and not self._is_missed():
                 port.deliver(record)
+
+    def _is_missed(self) -> bool:
+        """Tell whether a receiver misses a frame, as receivers of a radio do."""
+        return self._loss_per_mille > 0 and self._random.randrange(1000) < self._loss_per_mille
 
     def _remove_the_gone(self) -> None:
         for port in [port for port in self._ports if port.gone]:

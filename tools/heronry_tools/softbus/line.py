@@ -41,6 +41,7 @@ class Line:
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
+        self.slowdown = 1  # how many times longer bits take: a radio far from home
         self.frames = 0
         self.busy_ns = 0
         self._idle_since_ns = 0
@@ -78,7 +79,7 @@ class Line:
 
     def frame_ns(self, sent: BusFrame) -> int:
         """Return how long a frame occupies the bus, rounded up to whole ns."""
-        return -(-exact_bits(sent.frame) * NS_PER_S // self.bitrate)
+        return -(-exact_bits(sent.frame) * self.slowdown * NS_PER_S // self.bitrate)
 
     def _next_start_ns(self) -> int:
         return max(self._idle_since_ns, min(offered.time_ns for _, offered in self._offers.values()))

@@ -1,0 +1,74 @@
+"""The judge of a radio sees what is old, and what is too much for it."""
+
+from collections.abc import Iterator
+
+from heronry_dg.loader import load
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.check_radio import RadioCheck
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkReport, LinkState
+
+SPEC = load("tests/scenarios/ground_autopilot.dg.yaml")
+MS = 1_000_000
+S = 1_000 * MS
+LINK_ID, DATUM_ID = 291, 1536
+FRAME_BITS = 135
+BUDGET_BITS_PER_S = 112_500 * 3 // 10
+
+
+def datum(t_ns: int, bus: str, number: int, sender: str) -> Sent:
+    return Sent(t_ns, bus, sender, Frame(DATUM_ID, number.to_bytes(8, "big")))
+
+
+def report(t_ns: int, usable: int, state: LinkState = LinkState.UP) -> Sent:
+    return Sent(t_ns, "can0", "comms", Frame(LINK_ID, LinkReport(93, state, 0, usable, 100, 0, 0).encode()))
+
+
+def judged(*frames: Sent) -> list[str]:
+    check = RadioCheck(SPEC)
+    for sent in sorted(frames):
+        if sent.frame.can_id == LINK_ID:
+            check.reported(sent)
+        else:
+            check.published(sent)
+    return [violation.story for violation in check.violations]
+
+
+def reports(usable: int, from_ns: int, to_ns: int, state: LinkState = LinkState.UP) -> Iterator[Sent]:
+    return (report(t_ns, usable, state) for t_ns in range(from_ns, to_ns, 200 * MS))
+
+
+def flood(share: float, from_ns: int, seconds: int) -> Iterator[Sent]:
+    """Data of so much of the radio's budget."""
+    every_ns = round(S * FRAME_BITS / (BUDGET_BITS_PER_S * share))
+    return (datum(t_ns, "radio", t_ns, "ground") for t_ns in range(from_ns, from_ns + seconds * S, every_ns))
+
+
+def test_a_datum_that_crosses_at_once_is_fine_and_one_that_waited_is_not() -> None:
+    fresh = (datum(10 * MS, "can0", 1, "nav"), datum(15 * MS, "radio", 1, "comms"))
+    old = (datum(20 * MS, "can0", 2, "nav"), datum(480 * MS, "radio", 2, "comms"))
+    assert judged(*fresh) == []
+    assert judged(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
+
+
+def test_what_was_made_beyond_or_by_the_gateway_has_no_age() -> None:
+    assert judged(datum(10 * MS, "radio", 1, "ground"), datum(900 * MS, "radio", 2, "comms")) == []
+
+
+def test_no_more_than_can_be_used() -> None:
+    assert judged(*reports(1000, 0, 10 * S), *flood(1.0, 0, 10)) == []
+    assert judged(*reports(500, 0, 10 * S), *flood(0.5, 0, 10)) == []
+    assert judged(*reports(1000, 0, 10 * S), *flood(1.5, 0, 10)) != []
+    assert judged(*reports(500, 0, 10 * S), *flood(1.0, 0, 10)) != []
+
+
+def test_a_fall_may_take_as_long_as_patience_lasts() -> None:
+    falls = (*reports(1000, 0, 2 * S), *reports(100, 2 * S, 20 * S))
+    assert judged(*falls, *flood(1.0, 0, 6)) == []
+    assert judged(*falls, *flood(1.0, 0, 12)) != []
+
+
+def test_a_radio_that_is_gone_or_of_which_nothing_is_said_is_not_judged() -> None:
+    assert judged(*flood(3.0, 0, 5)) == []
+    assert judged(*reports(0, 0, 5 * S, LinkState.GONE), *flood(3.0, 0, 5)) == []
+    assert judged(*reports(1000, 0, 1 * S), *flood(3.0, 5 * S, 5)) == []
