@@ -5,16 +5,11 @@ thereby recognised and dropped.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from fractions import Fraction
+from dataclasses import dataclass
 from typing import Any
 
 from heronry_dg.plan import Plan
-from heronry_manager.memory import Record
 from heronry_wire.sansio import Received, Send, Tick
-
-Limits = Mapping[str, Fraction]
-"""Share of its capacity that an element has left, by `bus:NAME` or `pe:NAME`; what is not named has all of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +24,6 @@ class RequestPlan:
     phase: str | None
     running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
     at_leisure: bool = False
-    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +49,6 @@ class Settled:
     down: frozenset[str]
     phase: str | None
     running: Mapping[str, tuple[str, str]]  # module -> (mode, PE)
-    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,20 +56,6 @@ class Emit:
     """An event for the stream."""
 
     event: dict[str, Any]
-
-
-@dataclass(frozen=True, slots=True)
-class Keep:
-    """Keep this over a restart; what may never be used twice, before anything that comes after it is sent."""
-
-    record: Record
-
-
-@dataclass(frozen=True, slots=True)
-class JournalTold:
-    """Whether the journal can keep what it is given: what is wrong, or None where it can again."""
-
-    problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +87,18 @@ class ClearElement:
 
 
 @dataclass(frozen=True, slots=True)
+class UnlockPe:
+    """The operator wants other tools to write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
 class AskStatus:
     """The operator wants to know how things stand."""
 
 
-Order = EnterPhase | FailElement | ClearElement | AskStatus
+Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,5 +119,5 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold
-ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid
+ManagerAction = Send | RequestPlan | Settled | Emit | Reply | Stop

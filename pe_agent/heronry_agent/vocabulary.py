@@ -90,12 +90,5 @@ class Note:
     text: str
 
 
-class Left(NamedTuple):
-    """A frame has left the controller of a port, `took_ns` after it was handed over; 0: nobody knows."""
-
-    port: int
-    took_ns: int
-
-
-Event = Received | Tick | Stepped | StepFailed | StartFailed | Left
+Event = Received | Tick | Stepped | StepFailed | StartFailed
 Action = Send | Withdraw | StartModule | StopModule | StepModule | Heard | Note

@@ -27,8 +27,7 @@ CORES = (  # what decides in flight, sans I/O
 NOT_CORES = frozenset(  # shells, and what only describes
     (
         *("__init__", "__main__", "cli", "control_socket", "driver", "events", "host", "incarnation"),
-        "journal",
-        *("module", "ports", "vocabulary"),
+        *("module", "ports", "term_file", "vocabulary"),
     )
 )
 STAGES: tuple[Stage, ...] = (("tests/manager", "tests/agent", "-m", "not live and not vcan"), ("tests/scenarios",))
