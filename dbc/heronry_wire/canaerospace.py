@@ -92,6 +92,7 @@ _LAYOUTS = tuple(
     )
 )
 _TYPES = tuple(DataType)
+_IS_TEXT = tuple(layout.format.endswith("s") for layout in _LAYOUTS)
 _RANGES = {
     "": "no value (None)",
     "hbb": "an ErrorReport of -32768..32767 and twice -128..127",
@@ -171,10 +172,10 @@ def encode_data(can_id: int, datum: Datum, *, extended: bool = False) -> Frame:
     limit = EXTENDED_MASK if extended else STANDARD_MASK
     if not 0 <= can_id <= limit:
         raise WireError(f"identifier {can_id} is outside 0..{limit}")
-    header = (datum.node_id, int(datum.data_type), datum.service_code, datum.message_code)
     try:
-        data = bytes(header)
+        data = bytes(datum[:4])
     except ValueError:
+        header = tuple(map(int, datum[:4]))
         raise WireError(f"header {header} does not fit: each of its four fields takes 0..255") from None
     return Frame(can_id, data + _encode_value(datum.data_type, datum.value), extended)
 
@@ -188,7 +189,7 @@ def _encode_value(code: int, value: Value) -> bytes:
         raise WireError(f"data type {code} is reserved: use 0..31, or 100..255 for your own")
     layout = _LAYOUTS[code]
     try:
-        if layout.format.endswith("s"):
+        if _IS_TEXT[code]:
             return _encode_text(layout.size, value)
         arguments = () if value is None else value if isinstance(value, tuple) else (value,)
         return layout.pack(*arguments)
@@ -225,14 +226,15 @@ def decode_data(frame: Frame) -> Datum | Malformed:
         layout = _LAYOUTS[code]
         if len(payload) != layout.size:
             return Malformed(f"{_TYPES[code].name} has {layout.size} bytes of payload, not {len(payload)}")
-        return Datum(node_id, _TYPES[code], service_code, message_code, _decode_value(code, layout, payload))
+        return Datum(node_id, _TYPES[code], service_code, message_code, decode_payload(code, payload))
     if code < _FIRST_USER_TYPE or len(payload) > MAX_PAYLOAD_BYTES:
         return Malformed(f"data type {code} with {len(payload)} bytes of payload: reserved, or more than 4 bytes")
     return Datum(node_id, code, service_code, message_code, payload)
 
 
-def _decode_value(code: int, layout: struct.Struct, payload: bytes) -> Value:
-    values = layout.unpack(payload)
+def decode_payload(code: int, payload: bytes) -> Value:
+    """Read the value behind the header of a frame of type `code`, 0..31; the payload has the length of that type."""
+    values = _LAYOUTS[code].unpack(payload)
     if len(values) != 1:
         if code == DataType.ERROR:
             return ErrorReport(*values)

@@ -34,6 +34,7 @@ class Layout:
             shift -= field.bits
             steps.append((field.name, shift, (1 << field.bits) - 1))
         self._steps = tuple(steps)
+        self._places = tuple((shift, mask) for _, shift, mask in steps)
 
     def pack(self, *values: int) -> bytes:
         """Encode one value per field; raises ValueError where one does not fit its field."""
@@ -53,4 +54,4 @@ class Layout:
     def fields_of(self, data: bytes) -> tuple[int, ...]:
         """Decode one value per field of a payload that is known to have this layout's length."""
         number = int.from_bytes(data, "big")
-        return tuple((number >> shift) & mask for _, shift, mask in self._steps)
+        return tuple([number >> shift & mask for shift, mask in self._places])

@@ -10,8 +10,16 @@ What arrives is dated: its time-stamp is turned into the monotonic clock, so tha
 not take old frames for news.
 
 A back-end asked to send while the controller's own queue is full (ENOBUFS, a busy mailbox) is tried again a
-millisecond later. Anything else that goes wrong with the bus raises LinkError with one sentence: no agent flies on a
-dead link.
+millisecond later; no error is ever the end of a link that was once open:
+
+    open   frames go in and out
+    lost   the interface is down or gone, the hub has ended, the controller is bus-off, or whatever a back-end raises:
+           the bus is closed, what waited to be sent is dropped, as is what is sent meanwhile, and every REOPEN_NS it is
+           opened again. A SocketCAN interface whose controller is bus-off is restarted before, unless Linux will do it
+           (restart-ms); one at another bit rate than was asked for is left alone: speaking there would destroy frames
+
+`health` says since when it is lost, tells it in sentences, and counts. Only a bus that cannot be opened at the start
+raises LinkError, with one sentence.
 
 A node need not hear everything: `accept` has the kernel (or the hub of a software bus) keep back what means nothing to
 it. Filters keep back echoes as well, so an identifier that is sent for the first time is let in before it goes out.
@@ -21,22 +29,31 @@ are driven without: there a frame counts as sent when `send` returns, and has ar
 """
 
 import errno
+import socket
+import struct
 import time
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import can
 
+from heronry_wire.bus_health import BusHealth
+from heronry_wire.can_interface import CanInterface, read_interface, take_down_and_up
+from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.errors import HeronryError
 from heronry_wire.frame import Frame
 from heronry_wire.transmit_queue import TransmitQueue
 
 ECHO_TIMEOUT_NS = 100_000_000
 RETRY_NS = 1_000_000
+REOPEN_NS = 250_000_000
+STUCK_NS = 1_000_000_000  # nothing has got out for so long
 _WELL_KNOWN = ("socketcan", "softbus")
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): nine counters, the last are frames dropped for want of room
 _REMEDIES = {
     errno.EAFNOSUPPORT: "this kernel has no CAN: use a software bus, or run under tools/with-vcan",
     errno.ENODEV: "there is no such interface: 'ip link' lists those there are",
@@ -61,22 +78,40 @@ class Link:
     def __init__(self, config: Mapping[str, Any]) -> None:
         """Open the bus that python-can's keyword arguments `config` describe; raises LinkError."""
         self.name = _name(config)
+        self.health = BusHealth(self.name)
         self.echoes_lost = 0
         self.queue = TransmitQueue()
         self._in_flight: Frame | None = None
+        self._handed_ns = 0  # when it was handed over
+        self._departed: deque[int] = deque(maxlen=_BURST)  # how long frames took to leave, since somebody last asked
         self._given_up: deque[Frame] = deque(maxlen=_LATE_ECHOES)
-        self._deadline_ns: int | None = None  # of the echo, or of the next try
+        self._waiting_since_ns: int | None = None  # for anything that was sent to get out
+        self._deadline_ns: int | None = None  # of the echo, of the next try, or of opening the bus again
         self._wanted: frozenset[int] | None = None  # None: everything
         self._sent: set[int] = set()  # identifiers whose echoes must come in
-        self._bus, self._fileno = open_bus({**config, "receive_own_messages": True})
-        self._is_well_known = self._bus.channel_info.startswith(_WELL_KNOWN)
+        self._overruns = 0
+        self._config = {**config, "receive_own_messages": True}
+        self._interface = config.get("channel") if config.get("interface") == "socketcan" else None
+        self._is_well_known = False
+        self._fileno = -1
+        self._bus: can.BusABC | None = None
+        self._open()
+
+    @property
+    def is_open(self) -> bool:
+        """Tell whether there is a descriptor to wait on."""
+        return self._bus is not None
 
     def fileno(self) -> int:
-        """Descriptor that is readable when `receive` has something."""
+        """Descriptor that is readable when `receive` has something; only while `is_open`."""
         return self._fileno
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
         """Queue a frame; it goes out when it is the most urgent one and the bus is free, if that is by `until_ns`."""
+        if self._bus is None:
+            self.health.counts["not sent while lost"] += 1
+            self._departed.append(0)  # gone, as far as anybody who waits for it goes
+            return
         self.queue.push(frame, until_ns)
         self.pump(now_ns)
 
@@ -87,36 +122,47 @@ class Link:
     def accept(self, identifiers: Collection[int]) -> None:
         """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
         self._wanted = frozenset(identifiers)
-        self._set_filters()
+        with self._surviving(time.monotonic_ns()):
+            self._set_filters()
 
     def receive(self, now_ns: int) -> list[Arrival]:
-        """Take what has arrived, without waiting, at most a burst; own echoes are taken out."""
-        arrivals = []
+        """Take what has arrived, without waiting, at most a burst; own echoes and error frames are taken out."""
+        arrivals: list[Arrival] = []
         wall_ns = time.time_ns()
-        try:
+        with self._surviving(now_ns):
             for _ in range(_BURST):
-                message = self._bus.recv(0)
+                message = None if self._bus is None else self._bus.recv(0)
                 if message is None:
-                    break
-                frame = _frame_of(message)
-                if not self._is_echo(frame, now_ns):
-                    age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
+                    return arrivals
+                frame = frame_of(message)
+                age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
+                if frame.error:
+                    self._take_error_frame(frame, now_ns)
+                elif not self._is_echo(frame, now_ns, age_ns):
                     arrivals.append(Arrival(now_ns - age_ns, frame))
-        except (can.CanError, OSError) as error:
-            raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
+            self._count_overruns(now_ns)
         return arrivals
 
     def pump(self, now_ns: int) -> None:
         """Hand over the next frame if none is in flight; also to be called when `next_deadline_ns` has come."""
         if self._deadline_ns is not None and now_ns < self._deadline_ns:
             return
+        self._deadline_ns = None
+        if self._bus is None:
+            self._open_again(now_ns)
         if self._in_flight is not None:
             self._given_up.append(self._in_flight)
             self._in_flight = None
             self.echoes_lost += 1
-        self._deadline_ns = None
-        while (frame := self.queue.first(now_ns)) is not None and self._hand_over(frame, now_ns):
-            pass
+        if self._waiting_since_ns is not None and now_ns - self._waiting_since_ns > STUCK_NS:
+            self.health.stuck(now_ns)
+        with self._surviving(now_ns):
+            while (
+                self._bus is not None
+                and (frame := self.queue.first(now_ns)) is not None
+                and self._hand_over(self._bus, frame, now_ns)
+            ):
+                pass
 
     def next_deadline_ns(self) -> int | None:
         """When to call `pump` at the latest."""
@@ -124,29 +170,97 @@ class Link:
 
     def close(self) -> None:
         """Close the bus."""
-        self._bus.shutdown()
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
 
-    def _is_echo(self, frame: Frame, now_ns: int) -> bool:
+    @contextmanager
+    def _surviving(self, now_ns: int) -> Iterator[None]:
+        """Whatever the bus raises in here, it is lost, and nothing else happens."""
+        try:
+            yield
+        except (can.CanError, OSError) as error:
+            self._lose(_sentence(error), now_ns)
+
+    def _lose(self, reason: str, now_ns: int) -> None:
+        with suppress(can.CanError, OSError):  # it is broken, and may say so again
+            self.close()
+        self._bus = None
+        self.health.lost(now_ns, reason)
+        dropped = self.queue.clear() + (self._in_flight is not None)
+        self.health.counts["not sent while lost"] += dropped
+        self._departed.extend([0] * dropped)
+        self._in_flight = self._waiting_since_ns = None
+        self._given_up.clear()
+        self._deadline_ns = now_ns + REOPEN_NS
+
+    def _open(self) -> None:
+        """Open the bus and see that it works; raises LinkError."""
+        obstacle = None if self._interface is None else _obstacle(self._interface, self._config.get("bitrate"))
+        if obstacle is not None:
+            raise LinkError(f"{self.name} cannot be opened: {obstacle}")
+        bus, self._fileno = open_bus(self._config)
+        try:
+            bus.recv(0)  # an interface that is down can be opened, and says so here
+            self._bus = bus
+            self._set_filters()
+        except (can.CanError, OSError) as error:
+            self._bus = None
+            bus.shutdown()
+            raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
+        self._overruns = 0
+        self._is_well_known = bus.channel_info.startswith(_WELL_KNOWN)
+
+    def _open_again(self, now_ns: int) -> None:
+        try:
+            self._open()
+        except LinkError as error:
+            self.health.lost(now_ns, str(error).partition(": ")[2])
+            self._deadline_ns = now_ns + REOPEN_NS
+        else:
+            self.health.back(now_ns)
+
+    def departures_ns(self) -> list[int]:
+        """How long each frame that has left since the last call was in the controller; 0 where nobody knows."""
+        departed = list(self._departed)
+        self._departed.clear()
+        return departed
+
+    def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
         """Tell whether a frame is one of our own, and let the next one follow."""
         if frame == self._in_flight:
-            self._in_flight = self._deadline_ns = None
+            self._departed.append(max(1, now_ns - age_ns - self._handed_ns))
+            self._in_flight = self._deadline_ns = self._waiting_since_ns = None
             self.pump(now_ns)
             return True
         if frame in self._given_up:
             self._given_up.remove(frame)
+            self._waiting_since_ns = None
             return True
         return False
 
+    def _take_error_frame(self, frame: Frame, now_ns: int) -> None:
+        report = read_error_frame(frame)
+        self.health.reported(report, now_ns)
+        if report.state is ControllerState.BUS_OFF:
+            self._lose("its controller is bus-off", now_ns)
+
+    def _count_overruns(self, now_ns: int) -> None:
+        """After a full burst: ask SocketCAN how many frames it had to drop."""
+        raw = getattr(self._bus, "socket", None)
+        if isinstance(raw, socket.socket):
+            counters = raw.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+            dropped = struct.unpack(f"={_MEMINFO_DROPS + 1}I", counters)[_MEMINFO_DROPS]
+            self.health.overrun(dropped - self._overruns, now_ns)
+            self._overruns = dropped
+
     def _set_filters(self) -> None:
-        if self._wanted is None:
+        if self._wanted is None or self._bus is None:
             return
         accepted = sorted(self._wanted | self._sent)
-        try:
-            self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
-        except (can.CanError, OSError) as error:
-            raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
+        self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])
 
-    def _hand_over(self, frame: Frame, now_ns: int) -> bool:
+    def _hand_over(self, bus: can.BusABC, frame: Frame, now_ns: int) -> bool:
         """Send the first frame of the queue; tells whether another may follow at once."""
         if frame.can_id not in self._sent:
             self._sent.add(frame.can_id)
@@ -154,17 +268,48 @@ class Link:
         message = can.Message(
             arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
         )
+        if self._waiting_since_ns is None:
+            self._waiting_since_ns = now_ns
         try:
-            self._bus.send(message, timeout=0)
+            bus.send(message, timeout=0)
         except (can.CanError, OSError) as error:
             if not _is_full(error):
-                raise LinkError(f"{self.name} is lost: {_sentence(error)}") from error
+                raise
+            self.health.counts["queue full"] += 1
             self._deadline_ns = now_ns + RETRY_NS
             return False
         self.queue.pop()
         if self._is_well_known:
-            self._in_flight, self._deadline_ns = frame, now_ns + ECHO_TIMEOUT_NS
+            self._in_flight, self._deadline_ns, self._handed_ns = frame, now_ns + ECHO_TIMEOUT_NS, now_ns
+        else:
+            self._departed.append(0)
+            self._waiting_since_ns = None
         return not self._is_well_known
+
+
+def _obstacle(name: str, bitrate: int | None) -> str | None:
+    """Why a SocketCAN interface should not be used now; restarts one that is bus-off. None: nothing known against."""
+    interface = read_interface(name)
+    if interface is None or not interface.is_up:
+        return None  # opening it tells
+    if interface.state is ControllerState.BUS_OFF:
+        return _restarted(interface)
+    if bitrate is not None and interface.bitrate not in (None, bitrate):
+        mend = f"ip link set {name} down && ip link set {name} up type can bitrate {bitrate}"
+        return f"it runs at {interface.bitrate} bit/s, and this bus at {bitrate}: '{mend}'"
+    return None
+
+
+def _restarted(interface: CanInterface) -> str | None:
+    name = interface.name
+    if interface.restart_ms:
+        return f"its controller is bus-off; Linux restarts it after {interface.restart_ms} ms"
+    try:
+        take_down_and_up(name)
+    except OSError:
+        mend = f"ip link set {name} down && ip link set {name} up type can restart-ms 100"
+        return f"its controller is bus-off, and this user may not restart it: '{mend}'"
+    return None
 
 
 def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
@@ -190,7 +335,8 @@ def _name(config: Mapping[str, Any]) -> str:
     return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
 
 
-def _frame_of(message: can.Message) -> Frame:
+def frame_of(message: can.Message) -> Frame:
+    """Give a frame of python-can as one of ours."""
     return Frame(
         message.arbitration_id,
         b"" if message.is_remote_frame else bytes(message.data),

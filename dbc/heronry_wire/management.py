@@ -116,6 +116,8 @@ REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo t
 
 
 _STEPS = {step.value: step.name for step in Step}
+_PE_STATES = tuple(PeState)
+_PE_FLAGS = tuple(map(PeFlags, range(8)))
 _STATES = {state.value: state.name for state in PeState}
 _REASONS = {reason.value: reason.name for reason in Reason}
 _OPERATIONS = {operation.value: operation.name for operation in Operation}
@@ -456,7 +458,7 @@ def decode_state(data: bytes) -> StatePage | Malformed:
     """Decode a state frame, any page."""
     if len(data) != STATE_0.length or _state_of(data) not in _STATES:
         return Malformed("STATE has a wrong length or state")
-    return _PAGES[data[0] >> 6](PeState(_state_of(data)), PeFlags(data[0] & 7), data)
+    return _PAGES[data[0] >> 6](_PE_STATES[_state_of(data)], _PE_FLAGS[data[0] & 7], data)
 
 
 def _state_of(data: bytes) -> int:

@@ -20,7 +20,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from heronry_wire.errors import HeronryError
-from heronry_wire.identifiers import PE_NODES, Use, classify
+from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
 
 FORMAT = 1
 _REMEDY = "write the table anew with 'heronry table'"
@@ -42,6 +42,8 @@ class Port:
     wireless: bool
     channels: int
     nodes: tuple[int, ...]  # PEs that are reached through this port, directly or over gateways
+    data_per_mille: int = 700  # what data may take of the bit rate (`max_load` - `reserve`); management has the rest
+    link_id: int | None = None  # under which to report on a radio away from the manager, where this PE is to
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +175,8 @@ def _faults(table: PeTable) -> Iterator[str]:
         yield f"uplink {table.uplink} names no port; there are {len(table.ports)}"
     if _SHA_256.fullmatch(table.spec_digest) is None:
         yield f"spec_digest {table.spec_digest:.70} is not a SHA-256 in hexadecimal"
+    for port in table.ports:
+        yield from _port_faults(port)
     for source in table.sources:
         if classify(source.identifier).use not in (Use.STANDARD_DATA, Use.ALLOCATED_DATA):
             yield f"{source.variable} of {source.module} has identifier {source.identifier}, which is not for data"
@@ -184,6 +188,13 @@ def _faults(table: PeTable) -> Iterator[str]:
             yield f"module {module.name} is not number {module.index} of module_names"
         for mode in module.modes:
             yield from _mode_faults(f"module {module.name}", mode, table.variables)
+
+
+def _port_faults(port: Port) -> Iterator[str]:
+    if not 0 < port.data_per_mille <= 1000:
+        yield f"bus {port.bus} has {port.data_per_mille} thousandths for data, which must be 1 to 1000"
+    if port.link_id is not None and port.link_id not in GATEWAY_IDS:
+        yield f"bus {port.bus} is reported on under {port.link_id}, which is not a gateway's"
 
 
 def _mode_faults(module: str, mode: ModeEntry, variables: Collection[str]) -> Iterator[str]:

@@ -43,6 +43,12 @@ class TransmitQueue:
         """Take back every 11-bit frame with one of these identifiers."""
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]
 
+    def clear(self) -> int:
+        """Drop every frame; gives how many there were."""
+        count = len(self._frames)
+        self._frames.clear()
+        return count
+
     def first(self, now_ns: int) -> Frame | None:
         """Look at the most urgent frame that is still of use; None where there is none."""
         while self._frames and self._frames[-1][3] < now_ns:

@@ -167,7 +167,7 @@ class Transitions:
         budget = mixtures.makes_room(
             exclusive, mixtures.limits(known=True), [pe for pe in left.pe_cpu_millis if pe in self._wired]
         )
-        return frozenset(exclusive) | budget.keys()
+        return frozenset(exclusive).union(budget)
 
     def parts(self, configuration: Configuration) -> dict[str, Part]:
         """Part of every PE of the spec in a configuration of it."""

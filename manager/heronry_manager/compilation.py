@@ -13,7 +13,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
-from heronry_manager.topology import uplink_bus
+from heronry_manager.topology import radios, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.pe_table import (
     FORMAT,
@@ -46,6 +46,7 @@ class Compiler:
         self._module_index = {name: i for i, name in enumerate(spec.modules)}
         self._source_index = {source: i for i, source in enumerate(spec.sources())}
         self._all_up = survivors(spec, Situation())
+        self._radios = radios(spec)
 
     @cached_property
     def _identifiers(self) -> Mapping[tuple[str, str], int]:
@@ -97,6 +98,7 @@ class Compiler:
 
     def _port(self, pe: str, bus: str) -> Port:
         entry = self._spec.buses[bus]
+        radio = self._radios.get(bus)
         beyond = (self._spec.pes[p] for p in self._spec.pes if bus in (self._all_up.route(pe, p) or ())[:1])
         return Port(
             bus=bus,
@@ -106,6 +108,8 @@ class Compiler:
             wireless=entry.kind == "wireless",
             channels=entry.channels,
             nodes=tuple(p.node_id for p in beyond),
+            data_per_mille=int(1000 * (entry.max_load - entry.reserve)) or 1,
+            link_id=radio.link_id if radio is not None and radio.gateway == pe else None,
         )
 
     def _module_entry(self, module: Module) -> ModuleEntry:

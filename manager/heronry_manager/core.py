@@ -22,9 +22,9 @@ A fault while an epoch is being prepared abandons its number. A fault after the 
 (LEASE goes on repeating its step) until the next one is ready to take its place. A manager that was paused finds frames
 and deadlines waiting: the driver gives it the frames first.
 
-What a restart does: a new term (the driver keeps the last one on disk), then the same start as ever; PEs go on with
-what they run, and where that is what would be planned now, it is adopted; else until the first new epoch. The phase is
-the first one again, until the PEs repeat their requests.
+What a restart does: a new term, then the same start as ever, with all that is remembered (`memory`, kept by the driver
+in the journal): the phase, latched faults, quarantines. PEs go on with what they run, and where that is what would be
+planned now, it is adopted; else until the first new epoch.
 """
 
 from collections.abc import Iterable
@@ -33,12 +33,13 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_manager.authenticity import Authenticity
 from heronry_manager.beacon import Beacon
 from heronry_manager.deployment import Deployment
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.known_situation import KnownSituation
+from heronry_manager.memory import Memory, Quarantined, Released, TermBegun
+from heronry_manager.numbering import next_term
 from heronry_manager.operator_orders import OperatorOrders
 from heronry_manager.planning import Planning
 from heronry_manager.reconfiguration import Cause
@@ -46,6 +47,7 @@ from heronry_manager.status import status
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import (
     AskStatus,
+    JournalTold,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
@@ -55,7 +57,6 @@ from heronry_manager.vocabulary import (
     Settled,
     Stop,
 )
-from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
@@ -77,7 +78,7 @@ from heronry_wire.management import (
     decode_emergency,
     decode_state,
 )
-from heronry_wire.sansio import Received, Tick
+from heronry_wire.sansio import Received, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 
@@ -98,44 +99,38 @@ class ManagerCore:
         self,
         spec: Spec,
         node: int,
-        term: int,
+        memory: Memory,
         now_ns: int,
         window_ns: int = START_UP_WINDOW_NS,
         *,
         advise: bool = False,
-        key: Key | None = None,
     ) -> None:
-        """Start listening at `now_ns` as manager `node` (126 or 127) in reign number `term`.
+        """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
         advise: say nothing on the bus, ever, and tell what would be done instead.
-        key: of the fleet; with one every command is tagged, and nothing is believed that was not.
+        Raises NoTermError where all terms have been used.
         """
-        self._spec, self._node, self._term = spec, node, term
+        self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * period_ns
-        self._advise, self._key = advise, key
-        self._turn = Turn(node, now_ns, silent=advise)
+        self._advise = advise
+        self._journal_problem: str | None = None
+        term = next_term(node, memory.term)
+        self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
         self._health = Health(spec, now_ns, window_ns)
         self._exclusion = Exclusion(spec)
-        self._situation = KnownSituation(spec, self._turn, self._health, self._take, self._replan)
-        self._orders = OperatorOrders(spec, self._turn, term, self._health, self._situation, has_key=key is not None)
-        self._planning = Planning(self._turn)
-        self._deployment = Deployment(
-            self._turn, spec, term, self._health, self._exclusion, frames_per_command=1 if key is None else 2
+        self._situation = KnownSituation(
+            spec, self._turn, self._health, self._take, self._replan, limited=self._limited
         )
-        self._authenticity: Authenticity | None = None
-        if key is not None:
-            self._authenticity = Authenticity(spec, self._turn, term, key, self._deployment.digest_of)
+        self._orders = OperatorOrders(spec, self._turn, self._health, self._situation)
+        self._planning = Planning(self._turn)
+        self._deployment = Deployment(self._turn, spec, self._health, self._exclusion)
         self._beacon = Beacon(node, period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
-        self._manager_ids = {
-            management_id(node, command): (node, command)
-            for node in MANAGER_NODES
-            for command in (Command.LEASE, *((Command.CONTROL, Command.TAG) if key is not None else ()))
-        }
+        self._manager_lease_ids = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
         self._turn.emit(
             "manager_started",
             spec=spec.name,
@@ -145,7 +140,6 @@ class ManagerCore:
             bus=self._bus.name,
             phase=self._situation.phase,
             advises=advise,
-            key=None if key is None else key.fingerprint,
         )
 
     def hears(self, identifier: int) -> bool:
@@ -153,7 +147,8 @@ class ManagerCore:
         return (
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
-            or identifier in self._manager_ids
+            or identifier in self._manager_lease_ids
+            or identifier in self._situation.links.records
             or identifier == REQUEST_ID
         )
 
@@ -173,6 +168,8 @@ class ManagerCore:
                 self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
+            case JournalTold(problem):
+                self._journal_told(problem)
         if self._reign in (Reign.STARTING, Reign.REIGNING):
             self._advance()
         return self._turn.end()
@@ -190,6 +187,20 @@ class ManagerCore:
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
         self._deployment.validate()
+        if not self._advise:
+            self._validate_memory()
+
+    def _validate_memory(self) -> None:
+        """What a restart would find is what is known now."""
+        memory, situation, recent = self._turn.memory, self._situation, self._turn.recent
+        current, runs = self._deployment.current, self._turn.memory.runs
+        require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)
+        require(memory.latched.keys() == situation.failed.elements, "latched faults are not remembered: {}", recent)
+        quarantined = {pe: self._health.losses(pe) for pe in self._spec.pes if self._health.is_quarantined(pe)}
+        require(memory.quarantined == quarantined, "quarantines are not remembered: {}", recent)
+        if current is not None:
+            told = runs is not None and (runs.epoch, runs.digest) == (current.epoch, current.compiled.digest)
+            require(told, "what runs is not remembered: {}", recent)
 
     # Frames
 
@@ -198,39 +209,17 @@ class ManagerCore:
             return
         pe = self._pe_of_state_id.get(frame.can_id)
         if pe is not None:
-            self._on_state(pe, self._believed(pe, frame.data))
+            self._on_state(pe, decode_state(frame.data))
         elif frame.can_id in self._pe_of_emcy_id:
             self._on_emergency(self._pe_of_emcy_id[frame.can_id], decode_emergency(frame.data))
+        elif frame.can_id in self._situation.links.records:
+            self._situation.link_reported(frame)
         elif frame.can_id == REQUEST_ID:
             self._identification.asked(0, frame, self._turn.now_ns)
-        elif frame.can_id in self._manager_ids:
-            self._on_manager(*self._manager_ids[frame.can_id], frame)
+        elif frame.can_id in self._manager_lease_ids:
+            self._on_lease(self._manager_lease_ids[frame.can_id], decode_command(Command.LEASE, frame.data))
 
-    def _believed(self, pe: str, data: bytes) -> StatePage | Malformed | None:
-        """What a PE says of itself, as far as it is believed."""
-        page = decode_state(data)
-        if self._authenticity is None or isinstance(page, Malformed):
-            return page
-        return self._authenticity.believed(pe, page, data)
-
-    def _on_manager(self, node: int, command: Command, frame: Frame) -> None:
-        """Another manager has spoken; with a key its LEASE counts when it is proven."""
-        if self._authenticity is None:
-            self._on_lease(node, decode_command(Command.LEASE, frame.data))
-        elif command is Command.LEASE:
-            self._authenticity.hold_lease(node, Received(0, frame))
-        elif command is Command.CONTROL:
-            if self._advise:
-                self._authenticity.overhear(node, frame.data)
-        else:
-            lease = self._authenticity.proven_lease(node, frame.data)
-            if lease is not None:
-                self._on_lease(node, decode_command(Command.LEASE, lease))
-
-    def _speaks(self) -> bool:
-        return self._reign in (Reign.STARTING, Reign.REIGNING) and not self._advise
-
-    def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
+    def _on_state(self, pe: str, page: StatePage | Malformed) -> None:
         now_ns = self._turn.now_ns
         match page:
             case StatePage0():
@@ -243,13 +232,10 @@ class ManagerCore:
                 else:
                     self._fail_if(pe, cause)
             case StatePage1():
-                if self._authenticity is None:
-                    self._take(self._health.heard(pe, None, now_ns))
+                self._take(self._health.heard(pe, None, now_ns))
                 if not self._advise:
                     self._fail_if(pe, self._deployment.staging(pe, page))
-            case StatePage2() if self._authenticity is not None and self._speaks():
-                self._authenticity.answer(pe, page)
-            case StatePage2() | StatePage3() | Malformed() | None:
+            case StatePage2() | StatePage3() | Malformed():
                 pass
 
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
@@ -261,7 +247,7 @@ class ManagerCore:
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
             node, number = self._spec.pes[pe].node_id, emergency.detail if is_request else emergency.index
-            told = Control(self._term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
+            told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
             self._turn.send(Command.CONTROL, told)
 
     def _on_lease(self, node: int, lease: object) -> None:
@@ -269,10 +255,8 @@ class ManagerCore:
             return
         if self._reign is Reign.LISTENING:
             self._retire(node, lease, f"manager {node} already reigns on {self._bus.name} (term {lease.term})")
-        elif lease.term > self._term:
+        elif lease.term > self._turn.term:
             self._retire(node, lease, f"manager {node} reigns with the higher term {lease.term}")
-        elif lease.term == self._term and node < self._node:
-            self._retire(node, lease, f"manager {node} has the same term {lease.term} and goes first")
 
     def _retire(self, node: int, lease: Lease, reason: str) -> None:
         self._reign = Reign.RETIRED
@@ -285,7 +269,7 @@ class ManagerCore:
     def _tick(self) -> None:
         now_ns = self._turn.now_ns
         if self._reign is Reign.LISTENING and now_ns >= self._listen_until_ns:
-            self._reign = Reign.STARTING
+            self._take_over()
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
@@ -297,6 +281,12 @@ class ManagerCore:
         first = self._reign is Reign.STARTING and not self._health.starting()
         if first or self._planning.is_due_again():
             self._ask_for_plan()
+
+    def _take_over(self) -> None:
+        """Begin to speak: from now on the PEs know this term."""
+        self._reign = Reign.STARTING
+        self._turn.keep(TermBegun(self._turn.term))
+        self._deployment.numbers.begin(self._turn.term)
 
     def _beat(self) -> None:
         """LEASE, ALIVE, and PING for whoever is suspect."""
@@ -330,7 +320,7 @@ class ManagerCore:
                 silent = now_ns - last if last is not None else None
                 self._turn.emit("pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
                 if self._reign is not Reign.LISTENING:
-                    self._turn.ask(self._beacon.ping(self._term, self._spec.pes[pe].node_id))
+                    self._turn.ask(self._beacon.ping(self._turn.term, self._spec.pes[pe].node_id))
             case Change.ANSWERED:
                 self._turn.emit("pe_answered", pe=pe)
             case Change.LOST | Change.REBOOTED | Change.FAILED:
@@ -339,6 +329,8 @@ class ManagerCore:
                 elif change.change is Change.LOST:
                     self._exclusion.declared_down(pe)
                 self._turn.emit("pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
+                if self._health.is_quarantined(pe):
+                    self._turn.keep(Quarantined(pe, self._health.losses(pe)))
                 self._deployment.lost(pe)
                 self._situation.lost(pe)
                 self._replan(f"pe:{pe}: {change.cause}", since_ns=last)
@@ -348,6 +340,8 @@ class ManagerCore:
             case Change.HEARD_AGAIN:
                 self._turn.emit("pe_heard_again", pe=pe, cause=change.cause)
             case Change.JOINED:
+                if pe in self._turn.memory.quarantined:
+                    self._turn.keep(Released(pe))
                 self._turn.emit("pe_joined", pe=pe, cause=change.cause)
                 self._deployment.joined(pe)
                 self._replan(f"pe:{pe} joined")
@@ -371,11 +365,11 @@ class ManagerCore:
         """Everything the manager knows, as plain data (`status`)."""
         manager = {
             "node": self._node,
-            "term": self._term,
+            "term": self._turn.term,
             "state": self._reign.value,
             "advises": self._advise,
             "planning": self._planning.waiting,
-            "key": None if self._key is None else self._key.fingerprint,
+            "journal": self._journal_problem,
         }
         return status(
             self._spec,
@@ -384,8 +378,16 @@ class ManagerCore:
             health=self._health,
             situation=self._situation,
             deployment=self._deployment,
-            authenticity=self._authenticity,
         )
+
+    # The journal
+
+    def _journal_told(self, problem: str | None) -> None:
+        before, self._journal_problem = self._journal_problem, problem
+        if problem is None:
+            self._turn.emit("journal_kept", before=before)
+        else:
+            self._turn.emit("journal_failed", problem=problem)
 
     # Plans
 
@@ -400,9 +402,17 @@ class ManagerCore:
         if self._reign is not Reign.LISTENING and not self._health.starting():
             self._ask_for_plan()
 
+    def _limited(self, cause: str) -> None:
+        """A radio has another limit: if what runs is as good as any under it, nothing is to be done."""
+        plan = self._deployment.plan
+        if plan is not None and self._planning.idle and self._situation.spares(plan):
+            self._settle()
+        else:
+            self._replan(cause)
+
     def _ask_for_plan(self) -> None:
         self._reign = Reign.REIGNING
-        self._planning.ask(self._situation.down(), self._situation.phase, self._deployment.running)
+        self._planning.ask(self._situation.now(), self._deployment.running)
 
     def _settle(self) -> None:
         """Say that nothing is under way, if nothing is."""
@@ -410,9 +420,10 @@ class ManagerCore:
         if running is None or self._deployment.next is not None or self._planning.waiting:
             return
         if plan is not None and not plan.optimal and not self._planning.at_leisure:
-            self._planning.ask_at_leisure(self._situation.down(), self._situation.phase, running)
+            self._planning.ask_at_leisure(self._situation.now(), running)
         else:
-            self._turn.ask(Settled(self._situation.down(), self._situation.phase, running))
+            now = self._situation.now()
+            self._turn.ask(Settled(now.down, now.phase, running, now.limits))
 
     def _plan_ready(self, answer: PlanReady) -> None:
         if not self._planning.awaits(answer):

@@ -12,7 +12,7 @@ commanded; it cannot stage its slice.
 *Adopting*: a new reign takes over what runs as it is, without a new epoch, where every PE counted on is ACTIVE in one
 epoch whose digest is that of the very plan that would be deployed. What is not that clean gets a new epoch.
 
-The numbers of epochs only rise, also over what the PEs are seen to run; each term begins further up.
+The numbers of epochs are `numbering`'s to give. What is activated or adopted is remembered over a restart.
 """
 
 from collections import OrderedDict
@@ -26,8 +26,11 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_dg.transition import Transitions
 from heronry_manager.compilation import CompiledConfiguration, Compiler
+from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Health
+from heronry_manager.memory import Runs
+from heronry_manager.numbering import EpochNumbers
 from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.topology import reached_by_wire
 from heronry_manager.turn import Turn
@@ -43,12 +46,9 @@ from heronry_wire.management import (
     StatePage0,
     StatePage1,
     Step,
-    newest_epoch,
-    next_epoch,
 )
 from heronry_wire.sansio import require
 
-EPOCHS_PER_TERM = 16
 _EPOCHS_REMEMBERED = 8
 
 
@@ -65,26 +65,17 @@ class Observed:
 class Deployment:
     """The epochs of one reign."""
 
-    def __init__(
-        self,
-        turn: Turn,
-        spec: Spec,
-        term: int,
-        health: Health,
-        exclusion: Exclusion,
-        *,
-        frames_per_command: int = 1,
-    ) -> None:
-        """`frames_per_command` is 2 where each has its TAG: slices take half of the bus with all that they need."""
-        self._turn, self._spec, self._term = turn, spec, term
+    def __init__(self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion) -> None:
+        self._turn, self._spec = turn, spec
         self._health, self._exclusion = health, exclusion
-        self._bitrate = spec.buses[spec.manager.bus].bitrate // frames_per_command
+        self._bitrate = spec.buses[spec.manager.bus].bitrate
         self._compiler = Compiler(spec)
         self._wired = reached_by_wire(spec)
         self._transitions = Transitions(spec)
         self._observed = {pe: Observed() for pe in spec.pes}
         self._before = Configuration()  # what ran before the current epoch
-        self._highest_epoch = (term - 1) * EPOCHS_PER_TERM  # the numbers of older reigns are not used again
+        self.numbers = EpochNumbers(turn)
+        self._code = ConfigurationCode(spec)
         self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
         self._plans: dict[int, Plan] = {}  # of the epochs that are remembered
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
@@ -106,17 +97,12 @@ class Deployment:
         """What a PE said last that it runs."""
         return self._observed[pe]
 
-    def digest_of(self, epoch: int) -> int | None:
-        """Digest of an epoch of this reign; None of one that is not known."""
-        known = self._epochs.get(epoch)
-        return None if known is None else known.compiled.digest
-
     def lease(self) -> Lease:
         """What LEASE repeats."""
         current = self.current
         if current is None:
-            return Lease(self._term, 0, Step.PREPARED, 0)
-        return Lease(self._term, current.epoch, current.step, current.compiled.digest)
+            return Lease(self._turn.term, 0, Step.PREPARED, 0)
+        return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
 
     def next_deadlines_ns(self) -> list[int]:
         """When `tick` has something to do."""
@@ -128,7 +114,7 @@ class Deployment:
         recent = self._turn.recent
         if self.next is not None:
             require(self.next.stage is Stage.PREPARING, "an epoch being prepared has left PREPARING: {}", recent)
-            require(self.next.epoch == self._highest_epoch, "an epoch number was used twice: {}", recent)
+            require(self.next.epoch == self.numbers.last, "an epoch number was used twice: {}", recent)
         if self.current is not None:
             require(self.current.stage is not Stage.PREPARING, "the current epoch was never activated: {}", recent)
 
@@ -212,12 +198,12 @@ class Deployment:
         """Open the next epoch."""
         compiled = self._compiler.configuration(plan.configuration)
         observed = (seen.epoch for seen in self._observed.values())
-        self._highest_epoch = next_epoch(newest_epoch((self._highest_epoch, *observed)))
-        self.next = self._reconfiguration(self._highest_epoch, plan, compiled, tuple(causes), Stage.PREPARING)
+        epoch = self.numbers.next(observed)
+        self.next = self._reconfiguration(epoch, plan, compiled, tuple(causes), Stage.PREPARING)
         self._next_plan = plan
         self._turn.emit(
             "epoch_prepared",
-            epoch=self._highest_epoch,
+            epoch=epoch,
             digest=f"{compiled.digest:06X}",
             pes=self._health.counted_on(),
             bytes=sum(len(body) for body in compiled.slices.values()),
@@ -280,7 +266,7 @@ class Deployment:
         self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
     ) -> Reconfiguration:
         return Reconfiguration(
-            term=self._term,
+            term=self._turn.term,
             epoch=epoch,
             configuration=plan.configuration,
             compiled=compiled,
@@ -336,6 +322,8 @@ class Deployment:
         return [known.configuration, *late]
 
     def _remember(self, epoch: Reconfiguration, plan: Plan) -> None:
+        row = self._code.encode(epoch.configuration).hex()
+        self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._epochs[epoch.epoch], self._plans[epoch.epoch] = epoch, plan
         if len(self._epochs) > _EPOCHS_REMEMBERED:
             forgotten, _ = self._epochs.popitem(last=False)

@@ -15,7 +15,7 @@ from typing import Any
 VERSION = 1
 
 KINDS: Mapping[str, str] = {
-    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): it listens, then reigns",
+    "manager_started": "spec, spec_digest, node, term, bus, phase, advises: it listens, then reigns or advises",
     "second_manager": "node, term: somebody else sends LEASE",
     "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
     "pe_answered": "pe: a suspect is heard again in time",
@@ -25,10 +25,13 @@ KINDS: Mapping[str, str] = {
     "pe_joined": "pe, cause: counted on from now",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element is taken for well again",
+    "link_limited": "bus, by, share: so much of a radio's bandwidth is planned with from now on, by its gateway's word",
+    "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs there are lost",
+    "link_back": "bus, by: something is heard from beyond again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
     "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
-    "plan_requested": "request, down, phase, causes",
+    "plan_requested": "request, down, limits, phase, causes",
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
@@ -37,11 +40,12 @@ KINDS: Mapping[str, str] = {
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
-    "commands_refused": "pe, unproven, untagged, other: so many commands a PE with a key has refused so far",
-    "states_doubted": "pe, refused: so many states were not tagged by who they say; from now on two in a row must be",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
+    "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
+    "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",
     "stopped": "reason: the manager ends",
     "bus": "name, interface, channel, models: which bus this is, and what it does not model",
+    "bus_trouble": "sentence: the manager's bus is lost, back, or full of errors",
     "process": "pe, pid, what (started, killed, restored): what the demo did to a PE's process",
     "outage": "function, from_ns, to_ns (null: not back yet): its outputs were not heard on the bus",
     "summary": "served, unserved, rivals, pending (null: nothing): what the witness saw and the manager was at",
@@ -68,6 +72,7 @@ class Snapshot:
     phase: str | None = None
     pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
     failed: list[str] = field(default_factory=list)  # latched elements
+    links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
     plan: dict[str, Any] = field(default_factory=dict)
     stage: str = "starting"  # planning, preparing, activating, running
     reconfigurations: list[dict[str, Any]] = field(default_factory=list)
@@ -106,6 +111,7 @@ def _copy(view: Snapshot) -> Snapshot:
         view,
         pes=dict(view.pes),
         failed=list(view.failed),
+        links=dict(view.links),
         reconfigurations=list(view.reconfigurations),
         problems=list(view.problems),
     )
@@ -121,6 +127,10 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
             view.spec, view.phase = one["spec"], one.get("phase")
         case "fault_cleared":
             view.failed = [element for element in view.failed if element != one["element"]]
+        case "link_limited" if one["share"] == "100%":
+            view.links.pop(one["bus"], None)
+        case "link_limited" | "link_gone" | "link_back":
+            view.links[one["bus"]] = one.get("share", kind.removeprefix("link_"))
         case "phase_changed":
             view.phase = one["phase"]
         case "fault_reported" if one["element"] not in view.failed:
@@ -130,7 +140,7 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
         case "reconfigured":
             view.epoch = one["epoch"]
             view.reconfigurations.append(dict(one))
-        case "plan_failed" | "second_manager" | "pe_refused":
+        case "plan_failed" | "second_manager" | "pe_refused" | "bus_trouble":
             view.problems.append(to_line(one))
         case _:
             pass

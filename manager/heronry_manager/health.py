@@ -20,6 +20,7 @@ last one, so that a beat on its way when the last period ends still counts. What
 against anybody: the driver hands over all frames before it lets a deadline pass.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -187,10 +188,32 @@ class Health:
         record.barred, record.losses = False, 0
         return kept_out
 
+    def quarantine(self, pe: str, losses: int) -> None:
+        """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
+        record = self._records[pe]
+        record.standing, record.losses, record.cause = Standing.DOWN, losses, f"it was lost {losses} times"
+        self._close_window_if_all_heard()
+
+    def is_quarantined(self, pe: str) -> bool:
+        """Tell whether a PE is held out for longer than who was lost once."""
+        return not self.is_counted_on(pe) and self._records[pe].losses > 1
+
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
         record = self._records[pe]
         return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+
+    def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
+        """A gateway hears none of these any more: those that have missed their periods here too are lost, all at once.
+
+        One that may miss more is given up, but may still drive what it drove: a word that is not true frees nothing.
+        """
+        changes: list[HealthChange] = []
+        for record in map(self._records.__getitem__, pes):
+            last = record.heard_ns
+            silent = last is not None and now_ns - last >= record.period_ns * record.misses
+            changes += self._lose(record, last, now_ns, cause, Change.LOST if silent else Change.FAILED)
+        return changes
 
     def tick(self, now_ns: int) -> list[HealthChange]:
         """Let time pass."""

@@ -1,18 +1,26 @@
-"""The situation as the manager knows it: what is down, and the mission phase. Whatever changes it asks for a new plan.
+"""The situation as the manager knows it: what is down, what has shrunk, and the phase. A change asks for a plan.
 
-Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). The phase is
-`mission_phase`'s. What a lost, late, doubled or forged message does to either is written there.
+Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
+`radio_links`'s to say, and the phase is `mission_phase`'s. What a lost, late, doubled or forged message does to any of
+them is written there.
 
 A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
+
+All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
 """
 
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, survivors
 from heronry_manager.health import Health, HealthChange
 from heronry_manager.latched_faults import LatchedFault, LatchedFaults
+from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
+from heronry_manager.radio_links import RadioLinks
 from heronry_manager.turn import Turn
+from heronry_wire.frame import Frame
 from heronry_wire.management import Emergency
 
 
@@ -26,17 +34,62 @@ class KnownSituation:
         health: Health,
         take: Callable[[list[HealthChange]], None],
         replan: Callable[[str], None],
+        *,
+        limited: Callable[[str], None],
     ) -> None:
-        """`take` is given changes of health that were made here, `replan` the cause of any other change."""
+        """`take` is given changes of health that were made here, `limited` those of radios, `replan` any other."""
         self._spec, self._turn, self._health = spec, turn, health
-        self._take, self._replan = take, replan
+        self._take, self._replan, self._limited = take, replan, limited
         self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
+        self.links = RadioLinks(spec)
+        self._remember()
 
     @property
     def phase(self) -> str | None:
         """Mission phase that plans are made for; None where the spec has none."""
         return self._mission.current
+
+    def now(self) -> Situation:
+        """What plans are made for."""
+        return Situation(self.down(), self.links.limits(), self.phase)
+
+    def spares(self, plan: Plan) -> bool:
+        """Tell whether a plan for other limits is legal under these, and none has risen: it is as good as any."""
+        limits = self.links.limits()
+        room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
+        fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
+        return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
+
+    def link_reported(self, frame: Frame) -> None:
+        """A gateway says how a radio is doing."""
+        beyond = self.links.records[frame.can_id].radio.beyond
+        anybody = any(self._health.is_counted_on(pe) for pe in beyond)
+        for change in self.links.heard(frame, self._turn.now_ns, anybody_beyond=anybody):
+            radio = change.radio
+            cause = f"bus:{radio.bus} is {change.what}, says {radio.gateway}"
+            match change.what:
+                case "gone":
+                    self._turn.emit("link_gone", bus=radio.bus, by=radio.gateway)
+                    self._take(self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns))
+                case "back":
+                    self._turn.emit("link_back", bus=radio.bus, by=radio.gateway)
+                case _:
+                    share = f"{change.step / 10:g}%"
+                    self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
+                    self._limited(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}")
+
+    def _remember(self) -> None:
+        """Take up what was known before a restart."""
+        memory, now_ns = self._turn.memory, self._turn.now_ns
+        self._mission.current = memory.phase or self._mission.current
+        for one in memory.latched.values():
+            self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
+            kind, _, name = one.element.partition(":")
+            if kind == "pe":
+                self._health.bar(name, f"failed, reported by {one.by}", now_ns)
+        for pe, losses in memory.quarantined.items():
+            self._health.quarantine(pe, losses)
 
     def down(self) -> frozenset[str]:
         """Everything that is down, as `kind:name`."""
@@ -68,6 +121,7 @@ class KnownSituation:
         """An element has failed, as somebody says."""
         if not self.failed.latch(fault):
             return
+        self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
         self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
         cause = f"{fault.element} failed, reported by {fault.by}"
         kind, _, name = fault.element.partition(":")
@@ -84,6 +138,10 @@ class KnownSituation:
         let_in = kind == "pe" and self._health.forgive(name)
         if fault is None and not let_in:
             return False
+        if fault is not None:
+            self._turn.keep(Cleared(element))
+        if name in self._turn.memory.quarantined and let_in:
+            self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)
         if kind != "pe":  # a PE is planned with when it has joined
             self._replan(f"{element} cleared by {by}")
@@ -92,5 +150,6 @@ class KnownSituation:
     def enter(self, phase: str, by: str) -> None:
         """Somebody wants another mission phase."""
         before, self._mission.current = self._mission.current, phase
+        self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)
         self._replan(f"phase {phase}, asked for by {by}")

@@ -6,7 +6,7 @@
 
 Lost: a PE repeats its report until it is acknowledged. Late: a report that comes after the operator has cleared the
 element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged: it takes the element out
-of use until the operator clears it. A restart forgets all of it: who is still being watched is reported again.
+of use until the operator clears it. A restart remembers all of it but since when.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,8 @@ after the other, each counts when it comes; so the last one heard wins, and of r
 A request is repeated until it is acknowledged and carries a number: one that comes twice is acknowledged twice and
 counts once. One from a PE that is not counted on is neither: it will be repeated when that PE is back, or not made by
 anybody any more. Late: it was meant, and still is, or its PE would have taken it back. Forged: it changes priorities,
-and an operator can change them back. A restart begins with the first phase; the PEs make their requests again.
+and an operator can change them back. A restart goes on with the phase that was entered last; the PEs make
+their requests again.
 """
 
 from heronry_dg.model import Spec

@@ -19,6 +19,7 @@ forgets them: what is wrong then is found out again.
 
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.reconfiguration import Cause
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
@@ -39,22 +40,26 @@ class Planning:
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
 
-    def ask(
-        self, down: frozenset[str], phase: str | None, running: Placement | None, *, at_leisure: bool = False
-    ) -> None:
+    def ask(self, now: Situation, running: Placement | None, *, at_leisure: bool = False) -> None:
         """Ask for a plan in this situation."""
         if not at_leisure:
             self.causes = [cause for cause in self.causes if cause.what != _AT_LEISURE]
         self._request += 1
         self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
-        self._turn.ask(RequestPlan(self._request, down, phase, running, at_leisure))
+        self._turn.ask(RequestPlan(self._request, now.down, now.phase, running, at_leisure, now.limits))
         self._turn.emit(
             "plan_requested",
             request=self._request,
-            down=sorted(down),
-            phase=phase,
+            down=sorted(now.down),
+            limits={element: f"{float(100 * share):g}%" for element, share in sorted(now.limits.items())},
+            phase=now.phase,
             causes=[cause.what for cause in self.causes],
         )
+
+    @property
+    def idle(self) -> bool:
+        """Tell whether nothing is awaited, owed or on its way."""
+        return not self.waiting and self.again_ns is None and not self.causes
 
     def is_due_again(self) -> bool:
         """Tell whether it is time to ask again."""
@@ -87,10 +92,10 @@ class Planning:
         self._turn.emit("plan_kept", request=answer.request)
         return True
 
-    def ask_at_leisure(self, down: frozenset[str], phase: str | None, running: Placement) -> None:
+    def ask_at_leisure(self, now: Situation, running: Placement) -> None:
         """Ask for the best plan, in place of one that was made at once and runs now."""
         self.causes.append(Cause(_AT_LEISURE, self._turn.now_ns, self._turn.now_ns))
-        self.ask(down, phase, running, at_leisure=True)
+        self.ask(now, running, at_leisure=True)
 
     def done(self, causes: tuple[Cause, ...]) -> None:
         """These have been taken into account, by what runs now."""

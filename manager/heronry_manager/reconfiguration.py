@@ -242,9 +242,10 @@ class Reconfiguration:
         deadlines = [progress.again_ns() for progress in self._waiting_for().values()]
         if self._paced:
             deadlines.append(self._next_paced_ns)
-        free_ns = {Stage.BREAKING: self.identifiers_free_ns, Stage.HOLDING: self.demux_free_ns}.get(self.stage)
-        if free_ns is not None:
-            deadlines.append(free_ns)
+        if self.stage is Stage.BREAKING and self.identifiers_free_ns is not None:
+            deadlines.append(self.identifiers_free_ns)
+        if self.stage is Stage.HOLDING and self.demux_free_ns is not None:
+            deadlines.append(self.demux_free_ns)
         return min(deadlines, default=None)
 
     def _enter(self, stage: Stage, now_ns: int) -> None:

@@ -2,11 +2,13 @@
 
 A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
 
-    v, spec, spec_digest, manager {node, term, state, advises, planning, key}, phase, epoch, stage
+    v, spec, spec_digest, phase, epoch, stage
+    manager         node, term, state, advises, planning, journal (what is wrong with it, or null)
     next            epoch that is being prepared, or null
-    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands as it says)
+    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns
     latched         list of element, by, code, detail, for_ns
+    links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
+                    delivered (per cent), queued, dropped
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch)
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
@@ -17,10 +19,10 @@ from typing import Any
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
-from heronry_manager.authenticity import Authenticity
 from heronry_manager.deployment import Deployment
 from heronry_manager.health import Health
 from heronry_manager.known_situation import KnownSituation
+from heronry_manager.radio_links import LinkRecord
 
 VERSION = 1
 
@@ -33,7 +35,6 @@ def status(
     health: Health,
     situation: KnownSituation,
     deployment: Deployment,
-    authenticity: Authenticity | None = None,
 ) -> dict[str, Any]:
     """Build the document; `manager` is what the core says of itself."""
     current, plan, phase = deployment.current, deployment.plan, situation.phase
@@ -46,20 +47,19 @@ def status(
         "epoch": None if current is None else current.epoch,
         "stage": None if current is None else current.stage.value,
         "next": None if deployment.next is None else deployment.next.epoch,
-        "pes": {pe: _pe(pe, now_ns, health, deployment, authenticity) for pe in spec.pes},
+        "pes": {pe: _pe(pe, now_ns, health, deployment) for pe in spec.pes},
         "latched": [
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
             for f in situation.failed.all()
         ],
+        "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "functions": {f.name: _function(f, phase, plan) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),
     }
 
 
-def _pe(
-    pe: str, now_ns: int, health: Health, deployment: Deployment, authenticity: Authenticity | None
-) -> dict[str, Any]:
+def _pe(pe: str, now_ns: int, health: Health, deployment: Deployment) -> dict[str, Any]:
     seen = deployment.seen(pe)
     return {
         "state": health.standing(pe).value,
@@ -68,7 +68,20 @@ def _pe(
         "runs": seen.state.name,
         "losses": health.losses(pe),
         "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
-        "authentic": None if authenticity is None else authenticity.status(pe),
+    }
+
+
+def _link(record: LinkRecord) -> dict[str, Any]:
+    report = record.report
+    if report is None:
+        return {"state": "unheard", "limit": record.step, "usable": None, "delivered": None, "queued": 0, "dropped": 0}
+    return {
+        "state": report.state.name.lower(),
+        "limit": record.step,
+        "usable": report.usable,
+        "delivered": report.delivered,
+        "queued": report.queued,
+        "dropped": report.dropped,
     }
 
 

@@ -1,7 +1,21 @@
 """How the PEs of a spec hang together, seen from the manager's bus. Nothing here depends on what is down."""
 
+from dataclasses import dataclass
+
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
+from heronry_wire.gateway_report import link_id
+from heronry_wire.identifiers import GATEWAY_IDS
+
+
+@dataclass(frozen=True, slots=True)
+class Radio:
+    """A wireless bus, the PE that stands between it and the manager, and the PEs that are lost with it."""
+
+    bus: str
+    link_id: int  # of the gateway's reports
+    gateway: str
+    beyond: frozenset[str]
 
 
 def uplink_bus(spec: Spec, pe: str) -> str:
@@ -24,3 +38,16 @@ def reached_by_wire(spec: Spec) -> frozenset[str]:
     """PEs that have no radio between themselves and the manager's bus."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")
     return frozenset(survivors(spec, Situation(radios)).pe_cpu_millis)
+
+
+def radios(spec: Spec) -> dict[str, Radio]:
+    """Every radio that a gateway reports on, by name: the first nine that are not the manager's own bus."""
+    wireless = [bus.name for bus in spec.buses.values() if bus.kind == "wireless"][: len(GATEWAY_IDS)]
+    everybody = survivors(spec, Situation()).pe_cpu_millis.keys()
+    found = {}
+    for number, bus in enumerate(wireless):
+        near = survivors(spec, Situation(frozenset({f"bus:{bus}"}))).pe_cpu_millis.keys()
+        gateway = next((pe for pe in spec.pes if pe in near and bus in spec.pes[pe].buses), None)
+        if gateway is not None:
+            found[bus] = Radio(bus, link_id(number), gateway, frozenset(everybody - near))
+    return found

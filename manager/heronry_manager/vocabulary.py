@@ -5,11 +5,16 @@ thereby recognised and dropped.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 from heronry_dg.plan import Plan
+from heronry_manager.memory import Record
 from heronry_wire.sansio import Received, Send, Tick
+
+Limits = Mapping[str, Fraction]
+"""Share of its capacity that an element has left, by `bus:NAME` or `pe:NAME`; what is not named has all of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +29,7 @@ class RequestPlan:
     phase: str | None
     running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
     at_leisure: bool = False
+    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,7 @@ class Settled:
     down: frozenset[str]
     phase: str | None
     running: Mapping[str, tuple[str, str]]  # module -> (mode, PE)
+    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +63,20 @@ class Emit:
     """An event for the stream."""
 
     event: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """Keep this over a restart; what may never be used twice, before anything that comes after it is sent."""
+
+    record: Record
+
+
+@dataclass(frozen=True, slots=True)
+class JournalTold:
+    """Whether the journal can keep what it is given: what is wrong, or None where it can again."""
+
+    problem: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,18 +108,11 @@ class ClearElement:
 
 
 @dataclass(frozen=True, slots=True)
-class UnlockPe:
-    """The operator wants other tools to write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
-
-    element: str
-
-
-@dataclass(frozen=True, slots=True)
 class AskStatus:
     """The operator wants to know how things stand."""
 
 
-Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
+Order = EnterPhase | FailElement | ClearElement | AskStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,5 +133,5 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid
-ManagerAction = Send | RequestPlan | Settled | Emit | Reply | Stop
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold
+ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop

@@ -1,11 +1,10 @@
 """The command `pe-agent`: the agent of one PE, from its table, on its buses.
 
-Exit codes: 0 stopped in order, 1 ended by itself (a bus lost, its node-ID taken), 2 a wrong command line or table.
+Exit codes: 0 stopped in order, 1 not started (no bus, its node-ID taken), 2 a wrong command line or table.
 Whatever ends it is one sentence on standard error.
 """
 
 import argparse
-import os
 import signal
 import sys
 import time
@@ -15,10 +14,9 @@ from pathlib import Path
 
 from can.cli import add_bus_arguments
 
-from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
-from heronry_agent.driver import AgentDriver, hears_own_id
+from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.host import ModuleHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.ports import bus_configs
@@ -27,13 +25,11 @@ from heronry_agent.vocabulary import Note
 from heronry_wire.bus_arguments import BusArgumentError, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
-from heronry_wire.key_file import KeyFileError, read_key
 from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.service_manager import ServiceManager
 
-_LISTEN_PERIODS = 2
 _LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
-_SALT_BYTES = 16
 _USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
 
 _EPILOG = """\
@@ -42,7 +38,6 @@ examples:
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
-  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
   pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
@@ -55,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         return _run(arguments)
-    except (TableError, BusArgumentError, KeyFileError) as error:
+    except (TableError, BusArgumentError) as error:
         return _complain(error, 2)
     except HeronryError as error:
         return _complain(error, 1)
@@ -86,9 +81,6 @@ def _parser() -> argparse.ArgumentParser:
         "--state-dir", type=Path, metavar="DIR", help="where the boot count is kept (default: drawn from the clock)"
     )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: from now on nobody without it commands"
-    )
-    parser.add_argument(
         "--bench-origin",
         type=int,
         metavar="NS",
@@ -110,9 +102,6 @@ def _node(text: str) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     tell = _silent if arguments.quiet else _print_note
-    secret = None if arguments.key is None else Secret(read_key(arguments.key), os.urandom(_SALT_BYTES))
-    if secret is not None and arguments.table is None:
-        raise KeyFileError("a PE with a key takes no table from the bus: give it one with --table")
     table = _wait_for_table(arguments, tell) if arguments.table is None else _read_table(arguments.table)
     if table is None:
         return 0
@@ -126,18 +115,23 @@ def _run(arguments: argparse.Namespace) -> int:
         for config in configs:
             links.append(Link(config))
             undo.callback(links[-1].close)
-        if hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns):
+        if id_is_taken(links, table):
             sentence = f"another node on the bus has node-ID {table.node_id}; give one of them another in the spec"
             return _complain(sentence, 1)
-        incarnation = next_incarnation(arguments.state_dir, table.node_id)
-        missing = frozenset(host.missing_images)
-        core = AgentCore(table, incarnation, time.monotonic_ns(), missing_images=missing, secret=secret)
-        driver = AgentDriver(core, host, links, tell)
+
+        def new_core() -> AgentCore:
+            incarnation = next_incarnation(arguments.state_dir, table.node_id)
+            return AgentCore(table, incarnation, time.monotonic_ns(), missing_images=frozenset(host.missing_images))
+
+        service = ServiceManager()
+        undo.callback(service.close)
+        driver = AgentDriver(table, new_core, host, links, tell=tell, service=service)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
         driver.run(until_eof=arguments.until_eof)
+        service.stopping()
         if arguments.verbose:
-            _print_counts(core, links, table)
+            _print_counts(driver.core, links, table)
     return 0
 
 
@@ -175,11 +169,12 @@ def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> Non
     for (what, where), times in sorted(core.counts.items()):
         _print_note(Note("count", f"{what} ({where}): {times}"))
     for module, times in sorted(core.modules.schedule.overruns.items()):
-        if times:
-            _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+        _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
     for link in links:
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))
+        for what, times in sorted(link.health.counts.items()):
+            _print_note(Note("count", f"{link.name}: {what} {times}"))
 
 
 def _silent(note: Note) -> None:

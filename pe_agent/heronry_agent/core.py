@@ -18,13 +18,13 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from functools import partial
 
-from heronry_agent.authenticity import Authenticity, Secret
 from heronry_agent.canopen_node import CanopenNode
 from heronry_agent.gateway import Gateway
 from heronry_agent.obedience import Obedience
 from heronry_agent.pe_objects import Parts
 from heronry_agent.permission import Permission
 from heronry_agent.publishing import ECHO_NODES
+from heronry_agent.radio_port import RadioPort
 from heronry_agent.reconfiguration import Reconfiguration
 from heronry_agent.reign import Reign
 from heronry_agent.reporting import Facts, Reporting
@@ -33,11 +33,11 @@ from heronry_agent.slice_reading import SliceReader
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
-from heronry_agent.vocabulary import Action, Event, Heard, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import Action, Event, Heard, Left, StartFailed, StepFailed, Stepped
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import InvariantError, Received, Tick, require
+from heronry_wire.sansio import InvariantError, Received, Send, Tick, Withdraw, require
 
 _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
 _Handler = Callable[[Received], None]
@@ -50,19 +50,12 @@ class AgentCore:
     """The agent of one PE."""
 
     def __init__(
-        self,
-        table: PeTable,
-        incarnation: int,
-        now_ns: int,
-        *,
-        missing_images: frozenset[str] = frozenset(),
-        secret: Secret | None = None,
+        self, table: PeTable, incarnation: int, now_ns: int, *, missing_images: frozenset[str] = frozenset()
     ) -> None:
         """Start unconfigured; the first deadline is now.
 
         incarnation: 0..255, another one than at the last start of this PE.
         missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
-        secret: the key of the fleet; with one nothing is obeyed but what was tagged with it.
         Raises TableError where the table contradicts itself.
         """
         index = self._index = TableIndex(table)
@@ -75,8 +68,6 @@ class AgentCore:
         self.staging = Staging(SliceReader(index, missing_images), table.ports[index.uplink].heartbeat_ns // 2)
         self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
         self._gateway = Gateway(index)
-        self._secret = secret
-        authenticity = self.authenticity = self._make_authenticity(secret)
         self._obedience = Obedience(
             turn,
             index,
@@ -86,14 +77,13 @@ class AgentCore:
             self.reconfiguration,
             self.modules,
             self._gateway,
-            authenticity,
         )
-        self._reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
-        is_open = None if authenticity is None else lambda: authenticity.is_open
+        self._radios = {
+            port: RadioPort(port, index, now_ns) for port, entry in enumerate(table.ports) if entry.link_id is not None
+        }
+        self._reporting = Reporting(index, incarnation, now_ns)
         self._canopen = CanopenNode(
-            Parts(
-                turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts, is_open=is_open
-            )
+            Parts(turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts)
         )
         self._told: dict[str, bool] = {"output": True}
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
@@ -116,6 +106,11 @@ class AgentCore:
         """Every identifier that means something here now: another object whenever they have changed."""
         return self._handlers
 
+    @property
+    def radio_ports(self) -> Collection[int]:
+        """Ports whose every frame is measured: hand over all that comes there, and tell what has `Left`."""
+        return self._radios.keys()
+
     def step(self, now_ns: int, event: Event) -> list[Action]:
         """Take one event and give what is to be done, in this order; `now_ns` never goes back."""
         turn = self._turn
@@ -123,16 +118,18 @@ class AgentCore:
         if type(event) is Received:
             frame = event.frame
             identifier = frame.can_id
+            if self._radios:
+                self._measure(event)
             handler = self._handlers.get(identifier)
             if handler is None:
-                return out
+                return self._by_radio(out) if self._radios else out
             if frame.extended or frame.remote or frame.error:
                 turn.count("not a data frame of 11 bits", identifier)
                 return out
             turn.arrived_ns = now_ns - event.age_ns
             handler(event)
             if identifier in self._quiet:
-                return out
+                return self._by_radio(out) if self._radios else out
         else:
             self._take_own(event)
         self._recent.append((now_ns, event))
@@ -142,7 +139,7 @@ class AgentCore:
             self._quiet = self._find_quiet()
         if turn.wants_page_0 or turn.wants_page_1:
             out += self._reporting.at_once(self._facts(), page_0=turn.wants_page_0, page_1=turn.wants_page_1)
-        return out
+        return self._by_radio(out) if self._radios else out
 
     def next_deadline_ns(self) -> int:
         """When to call with Tick, if nothing comes before."""
@@ -155,7 +152,7 @@ class AgentCore:
                 self.staging.ask_ns,
                 self._canopen.next_ns,
             )
-        return due_ns
+        return min(due_ns, *(radio.next_ns for radio in self._radios.values())) if self._radios else due_ns
 
     def validate(self) -> None:
         """Check every invariant; raises InvariantError with the recent events."""
@@ -168,6 +165,29 @@ class AgentCore:
             story = "\n".join(f"  {at_ns} {event}" for at_ns, event in self._recent)
             raise InvariantError(f"{error}; recent events:\n{story}") from None
 
+    def _measure(self, event: Received) -> None:
+        frame, radio = event.frame, self._radios.get(event.port)
+        if radio is not None and not (frame.extended or frame.remote or frame.error):
+            self._turn.out += radio.heard(frame, self._turn.now_ns)
+
+    def _by_radio(self, out: list[Action]) -> list[Action]:
+        """Let what goes to a radio wait for its turn, and whatever has its turn now go.
+
+        What is passed on is as old as it is: after a pause of this process nothing stale goes by radio.
+        """
+        now_ns, passed = self._turn.now_ns, []
+        for action in out:
+            if type(action) is Send and action.port in self._radios:
+                self._radios[action.port].send(action.frame, action.until_ns, self._turn.arrived_ns)
+                continue
+            if isinstance(action, Withdraw):
+                for radio in self._radios.values():
+                    radio.withdraw(action.identifiers)
+            passed.append(action)
+        for radio in self._radios.values():
+            passed += radio.step(now_ns)
+        return passed
+
     def _take_own(self, event: Event) -> None:
         """Take what comes from this PE itself: time, and the answers of its modules."""
         match event:
@@ -179,6 +199,8 @@ class AgentCore:
                 self.modules.step_failed(event)
             case StartFailed():
                 self.modules.fail(event.module, event.reason)
+            case Left(port, took_ns):
+                self._radios[port].left(took_ns)
             case Received():
                 raise AssertionError
         self.modules.release()
@@ -193,24 +215,14 @@ class AgentCore:
             self._canopen.tick()
         if turn.now_ns >= self._reporting.next_ns:
             turn.out += self._reporting.tick(turn.now_ns, self._facts())
-            if self.authenticity is not None:
-                self.authenticity.beat()
         if turn.now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()
 
     def _note_start(self) -> None:
         table = self._index.table
         self._turn.note("start", f"PE {table.name} of {table.spec}, node {table.node_id}")
-        secret = self._secret
-        told = "no key: whoever can send on the bus can command it" if secret is None else f"{secret.key!r}"
-        self._turn.note("start", told)
         if table.without_manager == "safe_mode":
             self._turn.note("start", "without_manager: safe_mode is not built yet; this PE keeps what it runs")
-
-    def _make_authenticity(self, secret: Secret | None) -> Authenticity | None:
-        if secret is None:
-            return None
-        return Authenticity(self._turn, self._index, self.reign, self._gateway, facts=self._facts, secret=secret)
 
     def _facts(self) -> Facts:
         """What the state frames tell now; a change that nobody commanded is noted on the way."""
@@ -244,11 +256,10 @@ class AgentCore:
     def _find_quiet(self) -> frozenset[int]:
         """Identifiers whose frames move no deadline and no state frame: most of all that comes."""
         quiet = (self._state, self._echo, self._from_beyond, self._forward)
-        often = (self._datum,) if self.authenticity is None else (self._datum, self.authenticity.hold)
         return frozenset(
             identifier
             for identifier, handler in self._handlers.items()
-            if handler in quiet or (isinstance(handler, partial) and handler.func in often)
+            if handler in quiet or (isinstance(handler, partial) and handler.func == self._datum)
         )
 
     def _find_fixed_handlers(self) -> dict[int, _Handler]:
@@ -256,8 +267,7 @@ class AgentCore:
         handlers: dict[int, _Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
         handlers |= dict.fromkeys(ECHO_NODES, self._echo)
-        commands = self._obedience.handlers()
-        handlers |= commands if self.authenticity is None else self.authenticity.guarded(commands)
+        handlers |= self._obedience.handlers()
         handlers |= self._canopen.handlers()
         own = (identify(self._index.node) for identify in _OWN)
         return handlers | dict.fromkeys(own, self._own_identifier)
@@ -294,14 +304,15 @@ class AgentCore:
             epoch, running = data[2] << 8 | data[3], self.reconfiguration.running.epoch
             if epoch != running:
                 self.permission.saw_epoch(epoch, running)
-        self._turn.out += self._gateway.up(event.port, event.frame)
+        if event.port != self._index.uplink:
+            self._from_beyond(event)
 
     def _echo(self, event: Received) -> None:
         """Another PE's actuator was told something, which moves the world here too, or an output ran there."""
         heard = self.modules.heard_echo(event.frame)
         if heard is not None:
             self._turn.out.append(Heard(*heard))
-        self._turn.out += self._gateway.up(event.port, event.frame)
+        self._from_beyond(event)
 
     def _own_identifier(self, event: Received) -> None:
         self._turn.count("node-ID clash", event.frame.can_id)

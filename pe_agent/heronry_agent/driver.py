@@ -14,8 +14,14 @@ A frame that could not leave within T_lease does not leave at all: rule 6 allowe
 
 Nothing runs in a thread, and nothing repeats frames for us: when this loop stands still, the PE is silent.
 
-It ends when `stop` is called (a signal), with `until_eof` when standard input ends, or with LinkError when a bus is
-lost.
+A bus that is lost ends nothing (`heronry_wire.link` gets it back). Meanwhile the core goes on, its frames go nowhere,
+and rule 6 takes its exclusive outputs away. When the bus toward the manager comes back after more than T_lease, others
+have been told to do what this PE did: its modules are stopped, it listens whether its node-ID is still its own, and
+starts unconfigured, as a new incarnation. While another node has its node-ID it stays silent, and goes on listening.
+
+Frames are taken in bounded bursts, of more than a socket holds: a flood delays heartbeats, and stops none.
+
+It ends when `stop` is called (a signal), and with `until_eof` when standard input ends.
 """
 
 import os
@@ -27,21 +33,25 @@ from typing import Any
 
 from heronry_agent.core import AgentCore
 from heronry_agent.host import ModuleHost
-from heronry_agent.vocabulary import Action, Event, Note, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import Action, Event, Left, Note, StartFailed, StepFailed, Stepped, StopModule
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
+from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick, Withdraw
+from heronry_wire.service_manager import ServiceManager
 
 _NS_PER_S = 1_000_000_000
+_BURSTS = 8  # of 64 frames, taken in one turn; SocketCAN's default buffer holds fewer
+_LISTEN_PERIODS = 2  # heartbeats of a node that runs
 
 
 def hears_own_id(links: Sequence[Link], node: int, listen_ns: int) -> bool:
-    """Listen before speaking: tell whether another node already has this node-ID. Raises LinkError."""
+    """Listen before speaking: tell whether another node already has this node-ID."""
     own = (state_id(node), heartbeat_id(node))
     end_ns = time.monotonic_ns() + listen_ns
     while (left_ns := end_ns - time.monotonic_ns()) > 0:
-        select.select(links, [], [], left_ns / _NS_PER_S)
+        select.select([link for link in links if link.is_open], [], [], left_ns / _NS_PER_S)
         for link in links:
             if any(_is_plain(frame) and frame.can_id in own for _, frame in link.receive(time.monotonic_ns())):
                 return True
@@ -52,14 +62,32 @@ def _is_plain(frame: Frame) -> bool:
     return not (frame.extended or frame.remote or frame.error)
 
 
+def id_is_taken(links: Sequence[Link], table: PeTable) -> bool:
+    """Listen for as long as a PE with this table's node-ID could be silent: tell whether there is one."""
+    return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
+
+
 class AgentDriver:
     """Runs a core on its links, one per port."""
 
-    def __init__(self, core: AgentCore, host: ModuleHost, links: Sequence[Link], tell: Callable[[Note], None]) -> None:
-        """`tell` gets every note as it happens."""
-        self._core, self._host, self._links, self._tell = core, host, links, tell
+    def __init__(
+        self,
+        table: PeTable,
+        new_core: Callable[[], AgentCore],
+        host: ModuleHost,
+        links: Sequence[Link],
+        *,
+        tell: Callable[[Note], None],
+        service: ServiceManager,
+    ) -> None:
+        """`new_core` makes the core of the next incarnation, `tell` gets every note as it happens."""
+        self.core = new_core()
+        self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
+        self._service, self._own_state = service, state_id(table.node_id)
+        self._off_since_ns: int | None = None  # the outage of the uplink that is not dealt with yet
         self._answer: Stepped | StepFailed | None = None
         self._accepted: Collection[int] = ()  # what the links were last told to take in
+        self._until_eof = False
         self._stopping = False
 
     def stop(self) -> None:
@@ -67,39 +95,84 @@ class AgentDriver:
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> None:
-        """Run until stopped. Raises LinkError."""
-        readers: list[Any] = [*self._links, *([sys.stdin] if until_eof else [])]
+        """Run until stopped."""
+        self._until_eof = until_eof
         while not self._stopping:
-            ready, _, _ = select.select(readers, [], [], self._wait_s())
-            if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
+            readers: list[Any] = [link for link in self._links if link.is_open]
+            ready, _, _ = select.select([*readers, *([sys.stdin] if until_eof else [])], [], [], self._wait_s())
+            if sys.stdin in ready and self._is_abandoned():
                 break
             self._take_frames()
             self._take_answer()
             now_ns = time.monotonic_ns()
-            if now_ns >= self._core.next_deadline_ns():
+            if now_ns >= self.core.next_deadline_ns():
                 self._step(now_ns, Tick())
             for link in self._links:
                 link.pump(now_ns)
-            if self._core.identifiers is not self._accepted:
-                self._accept(self._core.identifiers)
+            self._take_departures()
+            self._look_at_links(now_ns)
+            if self.core.identifiers is not self._accepted:
+                self._accept(self.core.identifiers)
+
+    def _is_abandoned(self) -> bool:
+        """Tell whether whoever started the agent is gone."""
+        return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
+
+    def _look_at_links(self, now_ns: int) -> None:
+        """Tell what has befallen them, and begin anew after an outage in which this PE will have been replaced."""
+        for link in self._links:
+            for sentence in link.health.take_news():
+                self._tell(Note("bus", sentence))
+                self._service.status(sentence)
+        before_ns, self._off_since_ns = self._off_since_ns, self._links[self._table.uplink].health.off_since_ns
+        if before_ns is not None and self._off_since_ns is None and now_ns - before_ns > self.core.lease_ns:
+            self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Stop all modules, listen, and be a new incarnation of this PE."""
+        for module in self.core.reconfiguration.live:
+            self._host.carry_out(StopModule(module), time.monotonic_ns())
+        self._answer = None
+        is_told = False
+        while id_is_taken(self._links, self._table):
+            if not is_told:
+                who = f"another node has taken node-ID {self._table.node_id}"
+                self._tell(Note("clash", f"{who}; this one is silent until that is gone"))
+                is_told = True
+            self._service.lives(time.monotonic_ns())  # it may be silent for long, and does what it should
+            self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
+            if self._stopping:
+                return
+        self.core, self._accepted = self._new_core(), ()
 
     def _accept(self, identifiers: Collection[int]) -> None:
         self._accepted = identifiers
-        for link in self._links:
-            link.accept(identifiers)
+        for port, link in enumerate(self._links):
+            if port not in self.core.radio_ports:
+                link.accept(identifiers)
 
     def _wait_s(self) -> float:
         if self._answer is not None:
             return 0.0
-        deadlines = [self._core.next_deadline_ns()]
+        deadlines = [self.core.next_deadline_ns()]
         deadlines += [at_ns for link in self._links if (at_ns := link.next_deadline_ns()) is not None]
         return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
 
     def _take_frames(self) -> None:
-        while arrivals := self._arrivals():
+        for _ in range(_BURSTS):
+            arrivals = self._arrivals()
             for arrival, port in arrivals:
                 now_ns = time.monotonic_ns()
                 self._step(now_ns, Received(port, arrival.frame, max(0, now_ns - arrival.time_ns)))
+            if not arrivals:
+                return
+
+    def _take_departures(self) -> None:
+        """Say what has left for a radio; what follows it leaves at once where nobody knows when that is."""
+        for port in self.core.radio_ports:
+            while departures := self._links[port].departures_ns():
+                for took_ns in departures:
+                    self._step(time.monotonic_ns(), Left(port, took_ns))
 
     def _arrivals(self) -> list[tuple[Arrival, int]]:
         """What has come on all ports, in the order in which it came."""
@@ -116,14 +189,16 @@ class AgentDriver:
             self._step(time.monotonic_ns(), answer)
 
     def _step(self, now_ns: int, event: Event) -> None:
-        for action in self._core.step(now_ns, event):
+        for action in self.core.step(now_ns, event):
             self._carry_out(action, now_ns)
 
     def _carry_out(self, action: Action, decided_ns: int) -> None:
         match action:
             case Send(port, frame, until_ns):
-                latest_ns = decided_ns + self._core.lease_ns if until_ns is None else until_ns
+                latest_ns = decided_ns + self.core.lease_ns if until_ns is None else until_ns
                 self._links[port].send(frame, time.monotonic_ns(), latest_ns)
+                if frame.can_id == self._own_state:
+                    self._service.lives(decided_ns)
             case Withdraw(identifiers):
                 for link in self._links:
                     link.withdraw(identifiers)

@@ -2,8 +2,11 @@
 
     down, from the uplink   commands that this PE obeys itself. LEASE and ALIVE at once when they say something new,
                             else once in the heartbeat period of the far bus; SLICE only toward its node
-    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond
+    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and what
+                            gateways there report
     data                    what the slice says: a source, from the node it names, to the ports it names
+
+What goes to a radio away from the manager goes through `radio_port`, which knows its bandwidth.
 
 The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
 has a gateway that forwards nothing.
@@ -15,7 +18,15 @@ from collections.abc import Mapping
 
 from heronry_agent.table_index import TableIndex
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
+from heronry_wire.identifiers import (
+    GATEWAY_IDS,
+    Command,
+    actuator_echo_id,
+    emcy_id,
+    emergency_event_id,
+    heartbeat_id,
+    state_id,
+)
 from heronry_wire.sansio import Send
 
 
@@ -27,7 +38,9 @@ class Gateway:
         self._far = [port for port in index.ports if port != index.uplink]
         self._ports = index.table.ports
         self._beyond = {port: frozenset(self._ports[port].nodes) for port in self._far}
-        self._rising = {(port, identifier) for port in self._far for identifier in _told_up(self._beyond[port])}
+        self._rising = {
+            (port, identifier) for port in self._far for identifier in (*_told_up(self._beyond[port]), *GATEWAY_IDS)
+        }
         self._last: dict[
             tuple[int, Command], tuple[bytes, int]
         ] = {}  # what was said last on a far port, and when it is due again
@@ -46,14 +59,10 @@ class Gateway:
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
         """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
         if command is Command.SLICE:
-            return self.toward(frame.data[0], frame)
+            return [Send(port, frame) for port in self._far if frame.data[0] in self._beyond[port]]
         if command not in (Command.LEASE, Command.ALIVE):
             return [Send(port, frame) for port in self._far]
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
-
-    def toward(self, node: int, frame: Frame) -> list[Send]:
-        """Forward what concerns one node beyond, and only to where it is."""
-        return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
         """Forward what a node beyond says of itself."""

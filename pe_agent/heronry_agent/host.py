@@ -129,7 +129,7 @@ class ModuleHost:
             outputs: object = module.step(Inputs(action.inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
             return StepFailed(action.module, action.release, one_line(error))
-        if not isinstance(outputs, Mapping):
+        if not isinstance(outputs, (dict, Mapping)):  # a dict, mostly, which is told at once
             return StepFailed(action.module, action.release, f"its step gave {type(outputs).__name__}, not a mapping")
         writes, reports, phases = tuple(context.writes), tuple(context.reports), tuple(context.phases)
         return Stepped(action.module, action.release, dict(outputs), writes, reports, phases)

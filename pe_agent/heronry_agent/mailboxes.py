@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 from heronry_agent.module import Datum, Value
 from heronry_agent.table_index import TableIndex
-from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_data, unpack_status
+from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, unpack_status
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.frame import Frame, Malformed
+from heronry_wire.frame import Malformed
 
 FRESH_PERIODS = 3
 
@@ -65,15 +65,9 @@ class Mailbox:
         if age_ns > self._max_age_ns:
             return None
         if self._value is None:
-            self._value = _decode(self._data)
+            value = decode_payload(self._type_code, self._data[HEADER_BYTES:])
+            self._value = 0 if value is None else value  # type NODATA has none
         return Datum(self._value, self._status.version, age_ns, self._status.validity in _TRUSTED)
-
-
-def _decode(data: bytes) -> Value:
-    """Value of a data frame whose type and length have been checked; one of type NODATA is 0."""
-    datum = decode_data(Frame(0, data))
-    assert not isinstance(datum, Malformed)
-    return 0 if datum.value is None else datum.value
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from heronry_wire.frame import Frame, Malformed, WireError
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 
 ECHO_NODES = {actuator_echo_id(node): node for node in PE_NODES}
+_VALID = {version: pack_status(Status(version, Validity.VALID)) for version in range(1, 16)}  # byte 2 of a datum
 
 
 class Publisher:
@@ -38,9 +39,9 @@ class Publisher:
         """Frame of a source, with the message code that comes next; raises WireError."""
         data_type = self._index.types[source]
         identifier = self._index.table.sources[source].identifier
-        status = pack_status(Status(version, Validity.VALID))
         carried = None if data_type is DataType.NODATA else value
-        return encode_data(identifier, Datum(self._index.node, data_type, status, self._codes[identifier], carried))
+        datum = Datum(self._index.node, data_type, _VALID[version], self._codes[identifier], carried)
+        return encode_data(identifier, datum)
 
     def sent(self, frame: Frame) -> None:
         """A frame goes out: the next one of its identifier has the next message code."""
@@ -60,7 +61,7 @@ class Publisher:
         except WireError:
             return None
 
-    def _own_echo(self, data_type: DataType, service_code: int, value: float) -> Frame:
+    def _own_echo(self, data_type: DataType, service_code: int, value: Value) -> Frame:
         identifier = actuator_echo_id(self._index.node)
         datum = Datum(self._index.node, data_type, service_code, self._codes[identifier], value)
         frame = encode_data(identifier, datum)
@@ -70,7 +71,7 @@ class Publisher:
     def heard(self, frame: Frame) -> tuple[str, float] | None:
         """Read another PE's echo: device and value; None where it is none of a device of that PE."""
         datum = decode_data(frame)
-        if isinstance(datum, Malformed) or datum.data_type is not DataType.FLOAT:
+        if isinstance(datum, Malformed) or datum.data_type != DataType.FLOAT:
             return None
         devices = self._index.table.devices
         if datum.service_code >= len(devices) or datum.node_id != ECHO_NODES.get(frame.can_id):

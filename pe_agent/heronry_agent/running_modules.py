@@ -51,7 +51,7 @@ class RunningModules:
         self._reconfiguration = reconfiguration
         self._permission = permission
         self._running: dict[int, _Running] = {}
-        self._publish: dict[int, int] = {}
+        self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
@@ -67,7 +67,10 @@ class RunningModules:
             self._stop(module)
         if moves.rewire:
             self.mailboxes.rewire(wanted)
-        self._publish = dict(wanted.publish)
+        self._publish = {
+            source: tuple(port for port in self._index.ports if mask >> port & 1)
+            for source, mask in wanted.publish.items()
+        }
         for module, mode in moves.start:
             self._start(module, mode)
         self._take_stock()
@@ -183,8 +186,8 @@ class RunningModules:
         box = self.mailboxes.boxes.get(source)
         if box is not None:
             box.put(frame.data, self._turn.now_ns)
-        mask = self._publish.get(source, 0)
-        if not mask:
+        ports = self._publish.get(source)
+        if not ports:
             return
         until_ns = None
         if running.entry.movable:
@@ -194,7 +197,7 @@ class RunningModules:
                 self._held_ns = self._turn.now_ns
                 return
         self._publisher.sent(frame)
-        self._turn.out += [Send(port, frame, until_ns) for port in self._index.ports if mask >> port & 1]
+        self._turn.out += [Send(port, frame, until_ns) for port in ports]
 
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))

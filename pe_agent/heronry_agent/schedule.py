@@ -15,6 +15,7 @@ before has answered, so that a chain of modules on one PE passes a value on with
 from collections import Counter
 from collections.abc import KeysView
 from dataclasses import dataclass
+from heapq import heapify, heappush, heapreplace
 
 from heronry_wire.sansio import NEVER_NS
 
@@ -26,15 +27,11 @@ NS_MHZ = 1_000_000_000_000
 
 @dataclass(slots=True)
 class _Grid:
-    module: int
     rate_mhz: int
     started_ns: int
-    index: int = 0  # of the next release
-    due_ns: int = 0
+    due_ns: int  # the next release
+    index: int = 0  # its number
     late_steps: int = 0  # in a row
-
-    def __post_init__(self) -> None:
-        self.due_ns = self.started_ns
 
     def release(self, now_ns: int) -> int:
         """Move on to the first release after now; returns how many were passed over."""
@@ -51,16 +48,16 @@ class Schedule:
 
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
+        self._queue: list[tuple[int, int]] = []  # a heap: when each module is due, of equals the first of the spec
         self._busy: tuple[int, int] | None = None  # module and release being computed
         self._begun_ns = 0
         self._releases = 0
-        self._next_ns = NEVER_NS
         self.overruns: Counter[int] = Counter()
 
     @property
     def next_ns(self) -> int:
         """When a module is due; NEVER_NS while one computes, since nothing can be released before it answers."""
-        return self._next_ns if self._busy is None else NEVER_NS
+        return self._queue[0][0] if self._queue and self._busy is None else NEVER_NS
 
     @property
     def modules(self) -> KeysView[int]:
@@ -69,24 +66,28 @@ class Schedule:
 
     def start(self, module: int, rate_mhz: int, now_ns: int) -> None:
         """Begin a grid; its first release is now."""
-        self._grids[module] = _Grid(module, rate_mhz, now_ns)
-        self._next_ns = min(self._next_ns, now_ns)
+        self._grids[module] = _Grid(rate_mhz, now_ns, due_ns=now_ns)
+        heappush(self._queue, (now_ns, module))
 
     def stop(self, module: int) -> None:
         """End a grid; an answer that is still to come will not be recognised."""
         self._grids.pop(module, None)
         if self._busy is not None and self._busy[0] == module:
             self._busy = None
-        self._find_next()
+        self._queue = [due for due in self._queue if due[1] != module]
+        heapify(self._queue)
 
     def due(self, now_ns: int) -> int | None:
         """Take the module to be stepped now, if any: the earliest due, of equals the first of the spec."""
         if now_ns < self.next_ns:
             return None
-        grid = min(self._grids.values(), key=lambda g: (g.due_ns, g.module))
-        self.overruns[grid.module] += grid.release(now_ns)
-        self._find_next()
-        return grid.module
+        module = self._queue[0][1]
+        grid = self._grids[module]
+        missed = grid.release(now_ns)
+        if missed:
+            self.overruns[module] += missed
+        heapreplace(self._queue, (grid.due_ns, module))
+        return module
 
     def begin(self, module: int, now_ns: int) -> int:
         """A module is being stepped; returns the number of this release, which its answer repeats."""
@@ -108,6 +109,3 @@ class Schedule:
     def overruns_now(self, module: int) -> bool:
         """Tell whether a module has taken too long too often."""
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
-
-    def _find_next(self) -> None:
-        self._next_ns = min((grid.due_ns for grid in self._grids.values()), default=NEVER_NS)

@@ -127,10 +127,10 @@ class Waiting:
         self._stopping = True
 
     def run(self, *, until_eof: bool) -> PeTable | None:
-        """Wait until there is a table and the answer to it is on the bus; None when stopped. Raises LinkError."""
+        """Wait until there is a table and the answer to it is on the bus; None when stopped."""
         core, link = self._core, self._link
-        readers: list[Any] = [link, *([sys.stdin] if until_eof else [])]
         while not self._stopping:
+            readers: list[Any] = [*([link] if link.is_open else []), *([sys.stdin] if until_eof else [])]
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
@@ -140,6 +140,8 @@ class Waiting:
             if now_ns >= core.next_deadline_ns():
                 self._carry_out(core.step(now_ns, Tick()), now_ns)
             link.pump(now_ns)
+            for sentence in link.health.take_news():
+                self._tell(Note("bus", sentence))
             if core.table is not None and not link.queue and link.next_deadline_ns() is None:
                 return core.table
         return None

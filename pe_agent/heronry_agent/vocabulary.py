@@ -90,5 +90,12 @@ class Note:
     text: str
 
 
-Event = Received | Tick | Stepped | StepFailed | StartFailed
+class Left(NamedTuple):
+    """A frame has left the controller of a port, `took_ns` after it was handed over; 0: nobody knows."""
+
+    port: int
+    took_ns: int
+
+
+Event = Received | Tick | Stepped | StepFailed | StartFailed | Left
 Action = Send | Withdraw | StartModule | StopModule | StepModule | Heard | Note

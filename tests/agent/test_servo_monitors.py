@@ -13,6 +13,7 @@ from heronry_agent.bench import Bench
 from heronry_agent.module import Datum
 
 RATE_HZ = 40
+COMMANDS = ("elevator_demand", "elevator_servo_command")
 
 
 def swing(tick: int) -> float:
@@ -76,6 +77,15 @@ def test_a_healthy_servo_is_left_in_peace(image: str) -> None:
     tail = Tail(image)
     tail.fly(60)
     assert (tail.reported, tail.health) == ([], 0)
+
+
+@BOTH
+def test_one_slow_look_accuses_nobody(image: str) -> None:
+    """Command and angle are of different moments: at one step a second they may well be far apart once."""
+    slow = Rig(image, rate_hz=1)
+    for commanded, measured in [(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0), (0.0, 0.0)]:
+        slow.feed({name: Datum(commanded, 1, 0) for name in COMMANDS} | {"elevator_angle": Datum(measured, 1, 0)})
+    assert slow.host.reported == []
 
 
 @BOTH

@@ -5,6 +5,7 @@ Three PEs on one bus: `left` and `right` can each drive one servo of the elevato
 """
 
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 from heronry_dg.loader import loads
@@ -13,9 +14,9 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
 from heronry_manager.core import ManagerCore
+from heronry_manager.memory import NOTHING, Memory
 from heronry_manager.planner.exact import plan
-from heronry_manager.vocabulary import Emit, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
-from heronry_wire.authentication import Key
+from heronry_manager.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
@@ -70,11 +71,14 @@ def two_tails() -> Spec:
 class OneManager:
     """The core, its clock, and all it has asked for."""
 
-    def __init__(self, spec: Spec | None = None, *, node: int = NODE, term: int = TERM, key: Key | None = None) -> None:
+    def __init__(
+        self, spec: Spec | None = None, *, node: int = NODE, term: int = TERM, memory: Memory = NOTHING
+    ) -> None:
         self.spec = spec or two_tails()
         self.now_ns = 1_000 * MS
-        self.core = ManagerCore(self.spec, node, term, self.now_ns, key=key)
-        self.node, self.term = node, term
+        self.memory = replace(memory, term=max(memory.term, term - 1))  # as a journal would have it
+        self.core = ManagerCore(self.spec, node, self.memory, self.now_ns)
+        self.node = node
         self.events: list[dict[str, Any]] = []
         self.requests: list[RequestPlan] = []
         self.commands: list[ManagementMessage] = []
@@ -96,6 +100,8 @@ class OneManager:
                     self.requests.append(action)
                 case Stop(reason):
                     self.stops.append(reason)
+                case Keep(record):
+                    self.memory = self.memory.after(record)
                 case Send(_, frame):
                     self._note(frame)
         return actions
@@ -169,7 +175,7 @@ class OneManager:
     def answer(self) -> Plan:
         """Answer the last request as the planner does."""
         request = self.requests[-1]
-        found = plan(self.spec, Situation(request.down, {}, request.phase), request.running)
+        found = plan(self.spec, Situation(request.down, request.limits, request.phase), request.running)
         self.give(PlanReady(request.request, found))
         return found
 

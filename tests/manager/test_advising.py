@@ -3,6 +3,7 @@
 import pytest
 
 from heronry_manager.core import ManagerCore
+from heronry_manager.memory import NOTHING
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode, Lease, PeFlags, PeState, Reason, StatePage1, Step
@@ -14,7 +15,7 @@ LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 5
 @pytest.fixture
 def advisor() -> OneManager:
     manager = OneManager()
-    manager.core = ManagerCore(manager.spec, manager.node, manager.term, manager.now_ns, advise=True)
+    manager.core = ManagerCore(manager.spec, manager.node, NOTHING, manager.now_ns, advise=True)
     return manager
 
 

@@ -36,13 +36,12 @@ START = [
         bus="can0",
         phase="ascent",
         advises=False,
-        key=None,
     ),
     event("bus", 1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
     event("pe_joined", 10 * MS, pe="nav", cause="first heard"),
     event("pe_joined", 11 * MS, pe="air", cause="first heard"),
     event("pe_absent", 12 * MS, pe="ground", cause="not heard since the start"),
-    event("plan_requested", 12 * MS, request=1, down=["pe:ground"], phase="glide", causes=["pe:air joined"]),
+    event("plan_requested", 12 * MS, request=1, down=["pe:ground"], limits={}, phase="glide", causes=["pe:air joined"]),
     event("plan_ready", 60 * MS, request=1, plan=FIRST_PLAN, decide_ns=48 * MS),
     event("epoch_prepared", 60 * MS, epoch=1, digest="0000AB", pes=["nav", "air"], bytes=40),
     event("epoch_step", 69 * MS, epoch=1, step="GO_ALL", waiting_for=[]),
@@ -52,11 +51,27 @@ LOSS = [
     event("pe_suspected", 1025 * MS, pe="nav", cause="a period was missed", silent_ns=25 * MS),
     event("pe_lost", 1065 * MS, pe="nav", cause="silent for 3 periods", last_heard_ns=1000 * MS),
     event("fault_reported", 1066 * MS, element="device:pitot", by="air", detail=7, code="REPORTED"),
-    event("plan_requested", 1066 * MS, request=2, down=["pe:ground", "pe:nav"], phase="glide", causes=["pe:nav"]),
+    event(
+        "plan_requested",
+        1066 * MS,
+        request=2,
+        down=["pe:ground", "pe:nav"],
+        limits={},
+        phase="glide",
+        causes=["pe:nav"],
+    ),
 ]
 RECOVERY = [
     event("plan_failed", 1070 * MS, request=2, reason="the planner was restarted"),
-    event("plan_requested", 2070 * MS, request=3, down=["pe:ground", "pe:nav"], phase="glide", causes=["pe:nav"]),
+    event(
+        "plan_requested",
+        2070 * MS,
+        request=3,
+        down=["pe:ground", "pe:nav"],
+        limits={},
+        phase="glide",
+        causes=["pe:nav"],
+    ),
     event("plan_ready", 2100 * MS, request=3, plan=SECOND_PLAN, decide_ns=1030 * MS),
     event("epoch_prepared", 2100 * MS, epoch=2, digest="0000AC", pes=["air"], bytes=20),
     event("epoch_step", 2110 * MS, epoch=2, step="GO_ALL", waiting_for=[]),
@@ -65,9 +80,13 @@ RECOVERY = [
 ]
 END = [
     event("pe_joined", 3200 * MS, pe="nav", cause="steady again"),
-    event("plan_requested", 3200 * MS, request=4, down=["pe:ground"], phase="glide", causes=["pe:nav joined"]),
+    event(
+        "plan_requested", 3200 * MS, request=4, down=["pe:ground"], limits={}, phase="glide", causes=["pe:nav joined"]
+    ),
     event("plan_ready", 3230 * MS, request=4, plan=SECOND_PLAN, decide_ns=30 * MS),
     event("plan_unchanged", 3230 * MS, request=4),
+    event("journal_failed", 4990 * MS, problem="No space left on device"),
+    event("journal_kept", 4995 * MS, before="No space left on device"),
     event("second_manager", 5000 * MS, node=127, term=4),
     event("stopped", 5000 * MS, reason="manager 127 reigns with the higher term 4"),
 ]

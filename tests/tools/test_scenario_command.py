@@ -179,7 +179,7 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
         ),
         ("expect epoch unchanged\nend 1s\nat 2s kill pe:tail_a", 6, "nothing comes after 'end'"),
         ("expect epoch unchanged", 4, "it does not say when it ends"),
-        ("end 1s", 4, "it expects nothing"),
+        ("loss 0.7", 4, "'loss SHARE'"),
         ("spec big_blue", 4, "there is one spec in a scenario"),
         ("at 1s kill pe:tail_a\nwithout pe:tail_b", 5, "'without pe:NAME' (before anything is done)"),
         ("seed x", 4, "cannot be read"),

@@ -33,7 +33,11 @@ def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]
 
 def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1", "--loss", "0.01", "--json"]) == 0
-    flights = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    *flights, whole = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert (whole["flights"], whole["failed"]) == (3, 0)
+    assert sum(cell["count"] for cell in whole["coverage"]["cells"]) == sum(
+        hit["count"] for flight in flights for hit in flight["hits"]
+    )
     assert [flight["seed"] for flight in flights] == [0, 1, 2]
     assert len({json.dumps(flight["acts"]) for flight in flights}) == 3
     program, *words = shlex.split(flights[2]["replay"])
@@ -114,10 +118,35 @@ def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
     assert main([*words, "--shrink"]) == 1
     head = capsys.readouterr().out.splitlines()[0]
     assert head.count("doubled") == 1
-    (file,) = tmp_path.glob("*.acts")
+    (file,) = tmp_path.glob("*.scenario")
     assert "module:state_estimator is reported" in file.read_text()
-    assert main(["sim", str(raising), "--seconds", "1", "--acts", str(file)]) == 1
-    assert capsys.readouterr().out.startswith(head)
+    assert main(["scenario", str(file)]) == 1
+    assert "module:state_estimator is reported" in capsys.readouterr().out
+    assert main(["scenario", str(file), "-i", "softbus"]) == 2
+    assert "it expects nothing" in capsys.readouterr().err
+
+
+def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
+    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [
+        "sim",
+        str(raising),
+        "--seconds",
+        "1",
+        "--loss",
+        "0.01",
+        "--act",
+        "0.5 pause pe:tail_pe for 0.08 in suspect",
+    ]
+    assert main([*words, "--shrink"]) == 1
+    (file,) = tmp_path.glob("*.scenario")
+    lines = file.read_text().splitlines()
+    assert "loss 0.01" in lines
+    assert "at 0.5s pause pe:tail_pe for 0.01s" in lines
+    assert main(["scenario", str(file)]) == 1
+    capsys.readouterr()
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The one way onto a bus, on a software bus and on a back-end that fails as it is told."""
 
 import errno
+import re
 import select
 import time
 from collections.abc import Iterator
@@ -11,8 +12,11 @@ import can
 import pytest
 
 from heronry_tools.softbus.starter import start_hub
+from heronry_wire import link as link_module
+from heronry_wire.can_interface import CanInterface
+from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
-from heronry_wire.link import ECHO_TIMEOUT_NS, RETRY_NS, Arrival, Link, LinkError
+from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Arrival, Link, LinkError
 
 PATIENCE_S = 10.0
 
@@ -83,12 +87,30 @@ def test_no_hub_is_one_sentence_with_a_remedy(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_hub_that_goes_is_one_sentence(tmp_path: Path) -> None:
-    process = start_hub(str(tmp_path / "can0.sock"), 1_000_000)
-    with closing(link_to(tmp_path / "can0.sock")) as link:
-        process.close()
-        with pytest.raises(LinkError, match="is lost"):
-            turn(link)
+def test_a_hub_that_goes_is_told_once_and_its_return_as_well(tmp_path: Path) -> None:
+    hub = tmp_path / "can0.sock"
+    with closing(start_hub(str(hub), 1_000_000)) as first, closing(link_to(hub)) as link:
+        link.accept({5})
+        first.close()
+        now_ns = time.monotonic_ns()
+        while link.is_open:
+            assert turn(link) == []
+        link.send(Frame(5, b"lost"), now_ns)
+        link.pump(now_ns + REOPEN_NS)
+        (sentence,) = link.health.take_news()
+        assert sentence.startswith(f"softbus {hub} is lost: ")
+        assert link.health.counts["not sent while lost"] == 1
+        with closing(start_hub(str(hub), 1_000_000)), closing(link_to(hub)) as other:
+            link.pump(now_ns + 3 * REOPEN_NS)
+            assert link.is_open
+            assert re.fullmatch(r".* is back after 0\.\d s", link.health.take_news()[-1])
+            link.send(Frame(700, b""), time.monotonic_ns())
+            for can_id in (4, 5):
+                other.send(Frame(can_id, b"heard"), time.monotonic_ns())
+            arrivals: list[Arrival] = []
+            while not arrivals or link.next_deadline_ns() is not None:
+                arrivals += turn(other, link)
+            assert [arrival.frame for arrival in arrivals] == [Frame(5, b"heard")]
 
 
 def test_an_interface_that_cannot_be_waited_on_is_refused() -> None:
@@ -106,6 +128,7 @@ class Stubborn(can.BusABC):
 
     channel_info = "socketcan of the test"
     current: "Stubborn"
+    broken: Exception | None = None  # what everything but `send` raises
 
     def __init__(self, channel: str, **_: object) -> None:
         super().__init__(channel)
@@ -120,7 +143,13 @@ class Stubborn(can.BusABC):
         self.sent.append(msg)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:  # noqa: ARG002
+        if self.broken is not None:
+            raise self.broken
         return (self.arrived.pop(0) if self.arrived else None), True
+
+    def _apply_filters(self, filters: object) -> None:  # noqa: ARG002
+        if self.broken is not None:
+            raise self.broken
 
     def fileno(self) -> int:
         return 0
@@ -153,10 +182,93 @@ def test_a_full_controller_is_tried_again_in_the_same_order(stubborn: Link, refu
     assert [bytes(message.data) for message in bus.sent] == [b"first", b"second"]
 
 
-def test_any_other_refusal_is_the_end_of_the_link(stubborn: Link) -> None:
-    Stubborn.current.refusals = [can.CanOperationError("Network is down", errno.ENETDOWN)]
-    with pytest.raises(LinkError, match="the interface is down"):
-        stubborn.send(Frame(5, b""), 0)
+def test_any_other_refusal_loses_the_bus_and_what_waits(stubborn: Link) -> None:
+    bus = Stubborn.current
+    bus.refusals = [can.CanOperationError("Network is down", errno.ENETDOWN)]
+    stubborn.send(Frame(5, b""), 0)
+    assert (stubborn.is_open, stubborn.health.off_since_ns) == (False, 0)
+    assert "x is lost: the interface is down" in stubborn.health.take_news()[0]
+    stubborn.send(Frame(6, b""), 1)
+    assert stubborn.receive(1) == []
+    stubborn.pump(REOPEN_NS)
+    assert stubborn.is_open
+    assert Stubborn.current is not bus
+    assert Stubborn.current.sent == []
+    assert stubborn.health.counts == {"lost": 1, "not sent while lost": 2}
+
+
+@pytest.mark.parametrize("when", ["it receives", "it filters"])
+def test_a_back_end_that_raises_loses_the_bus_and_nothing_else(stubborn: Link, when: str) -> None:
+    bus = Stubborn.current
+    bus.broken = OSError(errno.ENODEV, "gone")
+    if when == "it receives":
+        assert stubborn.receive(0) == []
+    else:
+        stubborn.accept({5})
+    assert not stubborn.is_open
+    assert "there is no such interface" in stubborn.health.take_news()[0]
+
+
+def test_a_bus_that_opens_and_does_not_work_is_refused_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(can, "Bus", Stubborn)
+    monkeypatch.setattr(Stubborn, "broken", can.CanOperationError("Network is down", errno.ENETDOWN))
+    with pytest.raises(LinkError, match="x cannot be opened: the interface is down"):
+        Link({"channel": "x"})
+
+
+def test_a_controller_that_is_bus_off_is_off_the_bus(stubborn: Link) -> None:
+    bus = Stubborn.current
+    stubborn.send(Frame(5, b""), 0)
+    bus.arrived = [can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False, data=bytes(8))]
+    assert stubborn.receive(1) == []
+    assert stubborn.health.off_since_ns == 1
+    assert "its controller is bus-off" in stubborn.health.take_news()[0]
+    stubborn.pump(1 + REOPEN_NS)
+    assert stubborn.is_open
+
+
+def test_a_bus_on_which_nobody_acknowledges_is_told_once(stubborn: Link) -> None:
+    for can_id in range(25):
+        stubborn.send(Frame(can_id, b""), can_id * ECHO_TIMEOUT_NS)
+        stubborn.pump(can_id * ECHO_TIMEOUT_NS)
+    (sentence,) = stubborn.health.take_news()
+    assert "no other node acknowledges" in sentence
+
+
+def test_an_interface_at_another_bit_rate_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = CanInterface("can0", "can", is_can=True, is_up=True, queue_length=10, bitrate=500_000)
+    monkeypatch.setattr(link_module, "read_interface", lambda _: slow)
+    with pytest.raises(LinkError, match=r"it runs at 500000 bit/s, and this bus at 1000000: 'ip link set can0 down"):
+        Link({"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000})
+
+
+@pytest.mark.parametrize(
+    ("restart_ms", "refusal", "says"),
+    [
+        (100, None, "Linux restarts it after 100 ms"),
+        (0, PermissionError(), "can restart-ms 100"),
+        (0, None, None),
+    ],
+)
+def test_a_controller_that_is_still_bus_off_is_restarted_where_that_may_be(
+    monkeypatch: pytest.MonkeyPatch, restart_ms: int, refusal: Exception | None, says: str | None
+) -> None:
+    off = CanInterface(
+        "can0", "can", is_can=True, is_up=True, queue_length=10, state=ControllerState.BUS_OFF, restart_ms=restart_ms
+    )
+    restarted: list[str] = []
+
+    def restart(name: str) -> None:
+        if refusal is not None:
+            raise refusal
+        restarted.append(name)
+
+    monkeypatch.setattr(link_module, "read_interface", lambda _: off)
+    monkeypatch.setattr(link_module, "take_down_and_up", restart)
+    with pytest.raises(LinkError) as caught:  # this kernel has no can0, so after all it cannot be opened
+        Link({"interface": "socketcan", "channel": "can0"})
+    assert (says is None) == (restarted == ["can0"])
+    assert says is None or says in str(caught.value)
 
 
 def test_an_echo_that_does_not_come_is_given_up_and_one_that_comes_late_is_still_ours(stubborn: Link) -> None:

@@ -16,12 +16,14 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "plan_command": ("plan", "verify"),
     "demo.command": ("demo",),
     "manager_command": ("manager",),
-    "operator_command": ("status", "phase", "fail", "clear", "unlock"),
-    "key_command": ("key",),
+    "operator_command": ("status", "phase", "fail", "clear"),
     "table_command": ("table",),
     "send_table_command": ("send-table",),
+    "doctor_command": ("doctor",),
     "sim_command": ("sim",),
+    "exhaust_command": ("exhaust",),
     "scenario_command": ("scenario",),
+    "replay_command": ("replay",),
     "dbc_command": ("dbc",),
     "eds_command": ("eds",),
     "check_command": ("check",),
@@ -50,10 +52,12 @@ examples:
   heronry why big_blue guidance --down device:gps --phase glide
   heronry contingencies big_blue -o big_blue.contingencies      every plan ahead, for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
-  heronry key fleet.key                          from now on nobody else commands
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
+  heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses
+  heronry exhaust my.dg.yaml --sample 100        lose, double, delay any message of its reconfigurations
   heronry scenario kill.scenario                 a text file: what happens, and what is expected to be heard then
+  heronry replay flight.log big_blue             a recording through the manager again: why it decided so
   heronry dbc big_blue >big_blue.dbc             read the bus with cantools
   heronry eds -o heronry_pe.eds                  read a PE with CANopen tools
   heronry check my.dg.yaml                       what is wrong with it? for editors, hooks and CI

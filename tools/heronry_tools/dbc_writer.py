@@ -18,8 +18,11 @@ from cantools.database.namedsignalvalue import NamedSignalValue
 
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
+from heronry_manager.topology import radios
 from heronry_wire.canaerospace import HEADER_BYTES, DataType, Validity
+from heronry_wire.gateway_report import LINK, link_id
 from heronry_wire.identifiers import (
+    GATEWAY_IDS,
     MANAGER_NODES,
     PE_NODES,
     Command,
@@ -64,7 +67,7 @@ _COMMANDS: Mapping[Command, Layout] = {
 def dbc_text(spec: Spec | None) -> str:
     """DBC of the management protocol and, with a spec, of its PEs' names and all its data."""
     nodes = {node: f"node_{node}" for node in PE_NODES} if spec is None else _nodes_of(spec)
-    messages = [*_management(), *_per_node(nodes, spec)]
+    messages = [*_management(), *_per_node(nodes, spec), *_links(spec)]
     if spec is not None:
         messages += _data(spec)
     senders = [*nodes.values(), *(f"manager_{node}" for node in MANAGER_NODES)]
@@ -102,7 +105,7 @@ def _signals(layout: Layout) -> Iterator[Signal]:
 
 
 def _message(frame_id: int, name: str, length: int, signals: list[Signal], sender: str) -> Message:
-    return Message(frame_id, name, length, signals, senders=[sender], strict=False)
+    return Message(frame_id, name, length, signals, senders=[sender] if sender else [], strict=False)
 
 
 def _management() -> Iterator[Message]:
@@ -131,6 +134,16 @@ def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
         yield _message(emergency_event_id(node), f"EMERGENCY_{name}", 8, list(_emergency_event()), name)
         yield _heartbeat(node, name)
         yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo(spec)), name)
+
+
+def _links(spec: Spec | None) -> Iterator[Message]:
+    """Reports on radios: by name where a spec says which there are."""
+    if spec is None:
+        for number in range(len(GATEWAY_IDS)):
+            yield _message(link_id(number), f"LINK_{number}", LINK.length, list(_signals(LINK)), "")
+        return
+    for radio in radios(spec).values():
+        yield _message(radio.link_id, f"LINK_{radio.bus}", LINK.length, list(_signals(LINK)), radio.gateway)
 
 
 def _heartbeat(node: int, name: str) -> Message:

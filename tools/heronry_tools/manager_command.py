@@ -10,7 +10,6 @@ examples:
   heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
   heronry manager big_blue -i socketcan -c can0 --advise
-  heronry manager big_blue -i socketcan -c can0 --key fleet.key
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 It listens first: a bus with another manager on it is left alone. Where the spec has several buses, -c is the one that
@@ -35,10 +34,12 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--node", type=int, choices=(126, 127), default=126, help="node-ID (default 126)")
     parser.add_argument(
-        "--state-dir", type=Path, metavar="DIR", help="where the term is kept over restarts (default: the user's state)"
+        "--state-dir", type=Path, metavar="DIR", help="where its journal is kept (default: the user's state)"
     )
     parser.add_argument(
-        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: nobody without it commands, or is believed"
+        "--changed-spec",
+        action="store_true",
+        help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
     )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"

@@ -18,16 +18,17 @@ from heronry_manager.control_socket import ControlSocket
 from heronry_manager.core import ManagerCore
 from heronry_manager.driver import FILTERS, ManagerDriver
 from heronry_manager.events import event
+from heronry_manager.journal import Journal
+from heronry_manager.memory import NOTHING
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.foresight import Foresight
-from heronry_manager.term_file import next_term
 from heronry_tools.bus_flags import what_it_models
 from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import flagged_bus
-from heronry_wire.key_file import read_key
 from heronry_wire.link import Link
+from heronry_wire.service_manager import ServiceManager
 
 THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
 
@@ -35,11 +36,12 @@ THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as i
 def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
     spec = load_spec(arguments.spec)
-    key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
     table = contingency_table(spec, arguments.contingencies)
     tell = print_event if arguments.json else screen(spec)
-    link = Link({**flagged_bus(arguments), "can_filters": FILTERS})
+    rate = {"bitrate": spec.buses[spec.manager.bus].bitrate}
+    link = Link({**rate, **flagged_bus(arguments), "can_filters": FILTERS})
+    service = ServiceManager()
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:
@@ -53,17 +55,26 @@ def reign(arguments: argparse.Namespace) -> int:
                 return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
 
             tell(_bus_event(spec.manager.bus, arguments))
-            term = 1 if arguments.advise else next_term(arguments.state_dir or default_state_dir(spec.name))
-            core = ManagerCore(spec, arguments.node, term, time.monotonic_ns(), advise=arguments.advise, key=key)
-            driver = ManagerDriver(core, link, Foresight(spec, planner, start_thinker, table), control, tell)
+            journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
+            memory = NOTHING if journal is None else journal.memory
+            core = ManagerCore(spec, arguments.node, memory, time.monotonic_ns(), advise=arguments.advise)
+            foresight = Foresight(spec, planner, start_thinker, table)
+            driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)
+            service.stopping()
     finally:
         link.close()
+        service.close()
     if reason is not None:
         print(f"heronry: {reason}", file=sys.stderr)
     return 0 if reason is None else 1
+
+
+def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
+    folder = arguments.state_dir or default_state_dir(spec.name)
+    return Journal(folder, arguments.node, spec, accept_changed_spec=arguments.changed_spec)
 
 
 def _has_solver() -> bool:

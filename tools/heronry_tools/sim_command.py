@@ -8,8 +8,8 @@ import argparse
 import json
 import os
 import sys
-from collections import Counter
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,32 +64,34 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
     parser.add_argument(
-        "--shrink", action="store_true", help="look for the fewest acts that fail, and write them to SPEC-seed-N.acts"
+        "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object a run")
+    parser.add_argument("--json", action="store_true", help="one JSON object a run, and one for all of them")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
-    from heronry_tools.simulator.campaign import coverage_table, fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.simulator.campaign import Coverage, fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.simulator.scenario import play  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    _check_images(spec)
+    check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
-    hits: Counter[tuple[str, str]] = Counter()
-    failed = 0
-    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs), start=1):
+    coverage, failed = Coverage(spec), 0
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
         _show_progress("")
-        hits += outcome.hits
+        coverage.add(outcome)
         failed += bool(outcome.violations)
         shown = _shrink(spec, arguments, outcome) if outcome.violations and arguments.shrink else outcome
         lines = [json.dumps(_document(arguments, shown))] if arguments.json else _lines(arguments, shown)
         print("\n".join(lines), flush=True)
         if done < len(scenarios):
             _show_progress(f"{done} of {len(scenarios)} flights, {failed} failed")
-    if len(scenarios) > 1 and not arguments.json:
-        print("\n".join([*coverage_table(hits), f"{len(scenarios)} flights, {failed} failed"]))
+    if len(scenarios) > 1:
+        summary = {"flights": len(scenarios), "failed": failed, "coverage": coverage.document()}
+        lines = [*coverage.table(), f"{len(scenarios)} flights, {failed} failed"]
+        print(json.dumps(summary) if arguments.json else "\n".join(lines))
     return 1 if failed else 0
 
 
@@ -104,7 +106,8 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
     given = _given_acts(spec, arguments)
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind)
-        yield Scenario(seed, max((arguments.seconds, *(act.at_ms / 1000 for act in given))), acts, arguments.loss)
+        long = max((arguments.seconds, *(act.at_ms / 1000 for act in given)))
+        yield Scenario(seed, long, acts, arguments.loss, drawn=not given)
 
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
@@ -139,13 +142,26 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
 
     least = shrunk(outcome, fly)
     _show_progress("")
-    file = Path(f"{spec.name}-seed-{outcome.scenario.seed}.acts")
-    lines = [f"# {violation}" for violation in least.violations] + [str(act) for act in least.scenario.acts]
-    file.write_text("\n".join([f"# {_replay(arguments, least.scenario)}", *lines, ""]))
+    scenario = least.scenario
+    why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
+    named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
+    lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
+    lines += map(_line, scenario.acts)
+    file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
+    file.write_text("\n".join([*why, *lines, f"end {scenario.seconds:g}s", ""]))
     return least
 
 
-def _check_images(spec: "Spec") -> None:
+def _line(act: "Act") -> str:
+    """An act as a scenario file has it."""
+    at, *words = str(act).split()
+    return " ".join(
+        [f"at {at}s", *(f"{word}s" if before == "for" else word for before, word in pairwise(["", *words]))]
+    )
+
+
+def check_images(spec: "Spec") -> None:
+    """Refuse a spec whose modules have no code; raises UserError."""
     from heronry_agent.images import UnknownImageError, find_image  # noqa: PLC0415
 
     for module in spec.modules.values():
@@ -188,7 +204,10 @@ def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, An
 
 def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{scenario.seconds:g}"]
-    words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
+    if scenario.drawn:
+        words += [word for kind in arguments.kind for word in ("--kind", kind)]
+    else:
+        words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
 
 

@@ -16,19 +16,20 @@ Tone = Literal["plain", "good", "bad", "fault", "quiet", "title"]
 _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
-    "commands_refused": (
-        "{pe} has refused commands: {unproven} of no fitting tag, {untagged} without, {other} more",
-        "bad",
-    ),
-    "states_doubted": ("somebody else speaks as {pe}: {refused} of its states were refused", "bad"),
+    "bus_trouble": ("{sentence}", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "fault_reported": ("{element} has failed, says {by}", "fault"),
+    "link_limited": ("the link {bus} has {share} of its bandwidth, says {by}", "fault"),
+    "link_gone": ("the link {bus} is gone, says {by}", "fault"),
+    "link_back": ("the link {bus} is back, says {by}", "plain"),
     "plan_failed": ("no plan: {reason}; what runs goes on", "bad"),
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
     "second_manager": ("manager {node} reigns too", "bad"),
     "fault_cleared": ("{element} is taken for well again, says {by}", "good"),
     "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
+    "journal_failed": ("the journal cannot be kept: {problem}", "bad"),
+    "journal_kept": ("the journal is kept again", "good"),
     "adopted": ("epoch {epoch} runs already, and is what would be planned: it stays as it is", "good"),
 }
 
@@ -77,8 +78,6 @@ class Story:
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
                 yield from self._reconfigured(event)
-            case "manager_started" if event.get("key") is None:
-                yield Line("no key: whoever can send on the bus can command it", "quiet")
             case "advice":
                 yield Line(_advice(event))
             case "outage":

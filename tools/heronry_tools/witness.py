@@ -98,11 +98,11 @@ class Witness:
         datum = decode_data(frame)
         if isinstance(datum, Malformed) or datum.node_id != node:
             return None
-        if datum.data_type is DataType.FLOAT:
+        if datum.data_type == DataType.FLOAT:
             module = self._drivers.get((node, datum.service_code))
             value = datum.value if isinstance(datum.value, float) else None
             return None if module is None else Output(t_ns, module, node, value)
-        if datum.data_type is DataType.ULONG and isinstance(datum.value, int) and datum.value < len(self._modules):
+        if datum.data_type == DataType.ULONG and isinstance(datum.value, int) and datum.value < len(self._modules):
             return Output(t_ns, self._modules[datum.value].name, node, None)
         return None
 

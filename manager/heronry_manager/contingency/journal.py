@@ -1,7 +1,7 @@
 """What a sweep has found so far, on disk: a run that was killed loses nothing but what was being searched.
 
-The journal is a text file beside the one that is being made. Each line is a checksum (CRC-32, 8 hexadecimal digits), a
-space, and JSON. The first line says for what (spec digest, scope); every other one is an answer: phase, elements that
+The journal is a text file beside the one that is being made, of lines that know whether they are whole
+(`checked_lines`). The first line says for what (spec digest, scope); every other one is an answer: phase, elements that
 are down, configuration as a row, worth, proven or not. Lines are only ever appended. A kill can tear the last one: at
 the next start everything from the first bad line on is cut off. A journal of another spec or scope is written anew.
 
@@ -9,15 +9,14 @@ Only one run at a time may write it, which a lock sees to; the lock goes with th
 """
 
 import fcntl
-import json
 import os
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from heronry_dg.model import Spec
+from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
 from heronry_wire.errors import HeronryError
@@ -39,7 +38,7 @@ class Journal:
         self.known: dict[tuple[Phase, FaultSet], Outcome] = {}
         self._code = ConfigurationCode(spec)
         head = {"journal": _FORMAT, "spec": spec.digest, "faults": scope.faults}
-        self._head = _line({**head, "elements": scope.elements, "phases": scope.phases})
+        self._head = checked_line({**head, "elements": scope.elements, "phases": scope.phases})
         self._stream = os.fdopen(os.open(file, os.O_RDWR | os.O_CREAT, 0o644), "r+b")
         try:
             fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -62,7 +61,7 @@ class Journal:
         """Append an answer; it survives a kill from the moment this returns."""
         row = self._code.encode(outcome.configuration)
         content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
-        self._stream.write(_line(content))
+        self._stream.write(checked_line(content))
         self._stream.flush()
 
     def remove(self) -> None:
@@ -95,15 +94,10 @@ class Journal:
         return False
 
 
-def _line(content: object) -> bytes:
-    text = json.dumps(content, separators=(",", ":")).encode()
-    return b"%08x %s\n" % (zlib.crc32(text), text)
-
-
 def _whole_lines(data: bytes) -> Iterator[tuple[bytes, object]]:
     """Lines with what they say, up to the first that is torn or damaged."""
     for line in data.splitlines(keepends=True):
-        checksum, _, text = line.rstrip(b"\n").partition(b" ")
-        if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
+        content = line_content(line)
+        if content is DAMAGED:
             return
-        yield line, json.loads(text)
+        yield line, content

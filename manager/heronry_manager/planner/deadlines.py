@@ -6,9 +6,10 @@ there is ruled out, in one of two ways.
 *In time.* The first instance of a message leaves in time iff the bus has been free for it at some moment t of its
 window: by then B + sum of ceil((t + 1) / T) x C over everything more urgent is at most t (all in bit times). Demand
 only jumps just after multiples of the periods T, so few moments count: those, and the end of the window. One literal
-for each, and one of them must hold where the message is published. That is said of a message once, and with it of every
-set of others; not where its deadline is so far away that there are too many moments. It is necessary, not enough:
-jitter from other buses and later instances of the message are left out.
+for each, and one of them must hold where the message is published. What comes over a gateway needs a moment on either
+bus, and both waits together must fit its deadline: one literal for each pair. That is said of a message once, and with
+it of every set of others; not where its deadline is so far away that there are too many moments. It is necessary, not
+enough: the jitter of the others and later instances of the message are left out.
 
 *Not together.* What is late all the same is met with a cut: these messages not all at once. The analysis names all that
 a late message depends on; the set is shrunk, one message after the other, to one that is still late, since the smaller
@@ -18,9 +19,10 @@ late in every larger one (a message that comes from farther away counts as large
 Neither takes away a legal plan.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import count
 from math import ceil, floor
 
 from ortools.sat.python.cp_model import CpModel, IntVar
@@ -38,12 +40,36 @@ class PlannerDefectError(RuntimeError):
     """The planner has caught itself in an error of its own; the message says in which."""
 
 
+Demand = dict[MessageKey, int]
+
+
+@dataclass(frozen=True, slots=True)
+class _Room:
+    """What messages take, each if it is published, must not exceed `most`."""
+
+    demand: Demand
+    most: int
+
+    def holds(self, published: Set[MessageKey]) -> bool:
+        """Tell whether it does with these."""
+        return sum(taken for key, taken in self.demand.items() if key in published) <= self.most
+
+
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """A moment at which a message could leave: what everything more urgent may then have taken, in bits."""
+    """A moment at which a message could leave: what goes before it by then, in bits, and what of that always does."""
 
-    weights: dict[MessageKey, int]
-    room: int
+    end: int
+    always: int
+    demand: Demand
+
+    def room(self) -> _Room:
+        """Say that the bus has been free by then."""
+        return _Room(self.demand, self.end - self.always)
+
+
+Way = tuple[_Room, ...]
+"""How a message can be in time: all of these hold."""
 
 
 class Deadlines:
@@ -78,29 +104,54 @@ class Deadlines:
         if hop in self._stated:
             return False
         self._stated.add(hop)
-        taken = {self._publishing.key(one) for one in published}
-        moments = self._moments(hop)
-        if moments is None:
+        ways = self._ways(hop)
+        if ways is None:
             return False
-        literals: list[IntVar] = []
-        fits = False
-        for number, moment in enumerate(moments):
-            literals.append(self._free_at(moment, f"{hop.producer}:{hop.variable} leaves {hop.bus} at {number}"))
-            fits |= sum(weight for key, weight in moment.weights.items() if key in taken) <= moment.room
-        self._publishing.one_of(literals, hop)
-        return not fits
+        names = (f"{hop.producer}:{hop.variable} is in time on {hop.bus}, {number}" for number in count())
+        self._publishing.one_of(list(map(self._literal_of, ways, names)), hop)
+        taken = {self._publishing.key(one) for one in published}
+        return not any(all(room.holds(taken) for room in way) for way in ways)
 
-    def _free_at(self, moment: _Moment, name: str) -> IntVar:
+    def _literal_of(self, way: Way, name: str) -> IntVar:
         literal = self._model.new_bool_var(name)
-        terms: Terms = [(self._publishing.messages[key], weight) for key, weight in moment.weights.items()]
-        if sum(moment.weights.values()) > moment.room:
-            self._model.add(weighted(terms) <= moment.room).only_enforce_if(literal)
+        for room in way:
+            if sum(room.demand.values()) > room.most:
+                terms: Terms = [(self._publishing.messages[key], taken) for key, taken in room.demand.items()]
+                self._model.add(weighted(terms) <= room.most).only_enforce_if(literal)
         return literal
 
-    def _moments(self, hop: Hop) -> list[_Moment] | None:
-        """Give every moment at which a message could leave in time, the first one first; None: they are too many."""
+    def _ways(self, hop: Hop) -> list[Way] | None:
+        """Give every way in which a message can be in time; None: they are too many."""
+        moments = self._moments(hop, self._least_jitter(hop))
+        if moments is None:
+            return None
+        on_one_bus: list[Way] = [(moment.room(),) for moment in moments]
+        if hop.after is None:
+            return on_one_bus
+        before = replace(hop, bus=hop.after, after=None)
+        earlier = self._moments(before, Fraction(0))
+        if earlier is None or len(earlier) * len(moments) > MOST_MOMENTS:
+            return on_one_bus
+        both = ((first, then, self._together(before, first, hop, then)) for first in earlier for then in moments)
+        return [(first.room(), then.room(), together) for first, then, together in both if together.most >= 0]
+
+    def _together(self, before: Hop, first: _Moment, hop: Hop, then: _Moment) -> _Room:
+        """Say that what goes before a message on two buses leaves it the time to cross them: in ns, rounded down."""
+        left_ns = self._times.message(hop).deadline / self._times.bits_per_ns(hop.bus)
+        demand: Demand = {}
+        for one, moment in ((before, first), (hop, then)):
+            ns_per_bit = 1 / self._times.bits_per_ns(one.bus)
+            left_ns -= (moment.always + self._times.message(one).bits) * ns_per_bit
+            demand |= {key: floor(bits * ns_per_bit) for key, bits in moment.demand.items()}
+        return _Room(demand, floor(left_ns))
+
+    def _moments(self, hop: Hop, jitter: Fraction) -> list[_Moment] | None:
+        """Give every moment at which a message could leave in time, the first one first; None: they are too many.
+
+        jitter: bit times of its bus that the message may have taken to come there.
+        """
         own = self._times.message(hop)
-        window = own.deadline - own.bits - self._least_jitter(hop)
+        window = own.deadline - own.bits - jitter
         above = self._times.management[hop.bus]
         rivals = {
             key: self._times.message(one) for key, one in self._publishing.more_urgent(hop, self._times.identifiers)
@@ -111,9 +162,10 @@ class Deadlines:
         ends = {end for period in periods for end in _jumps(period, window)}
         moments = []
         for end in sorted(ends | {window} if window > 0 else ends):
-            room = floor(end) - WORST_BLOCKING_BITS - sum(_demand(message, end) for message in above)
-            if room >= 0:
-                moments.append(_Moment({key: _demand(message, end) for key, message in rivals.items()}, room))
+            always = WORST_BLOCKING_BITS + sum(_demand(message, end) for message in above)
+            if always <= floor(end):
+                demand = {key: _demand(message, end) for key, message in rivals.items()}
+                moments.append(_Moment(floor(end), always, demand))
         return moments
 
     def _least_jitter(self, hop: Hop) -> Fraction:

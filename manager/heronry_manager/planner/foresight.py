@@ -12,9 +12,9 @@ what is asked at leisure. It also stands in should the judge ever refuse a greed
 Without a solver (`planner` is None) there are no processes at all: everything is answered by the greedy planner, which
 needs no foresight. What is asked at leisure then gets the greedy plan of what runs, which may still be better.
 
-A plan is known under all that it depends on: what is down, the phase, and what runs. It was judged when it was made,
-and these three are its precondition; so nothing stale can be found here. When another configuration runs, everything
-known is forgotten.
+A plan is known under all that it depends on: what is down or limited, the phase, and what runs. It was judged when it
+was made, and these are its precondition; so nothing stale can be found here. When another configuration runs,
+everything known is forgotten.
 
 Faults of devices and modules, and pairs of faults, are not thought about here: they are in the contingency table
 (`heronry_manager.contingency`), if there is one. It is looked into first, and what it knows is not thought about again.
@@ -22,6 +22,7 @@ Faults of devices and modules, and pairs of faults, are not thought about here: 
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from typing import Protocol
 
 from heronry_dg.model import Spec
@@ -32,11 +33,14 @@ from heronry_dg.verify import verify
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.planner.client import Failed, Planned
 from heronry_manager.planner.greedy.planner import Greedy
-from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
+from heronry_manager.vocabulary import Limits, PlanFailed, PlanReady, RequestPlan
 
+_UNLIMITED: Limits = {}
 _AHEAD = 0  # number of every question to the thinker: one is answered at a time
 
-_Key = tuple[frozenset[str], str | None, frozenset[tuple[str, tuple[str, str]]]]
+_Key = tuple[
+    frozenset[str], frozenset[tuple[str, Fraction]], str | None, frozenset[tuple[str, tuple[str, str]]]
+]  # down, limits, phase, running
 
 
 class Asked(Protocol):
@@ -81,8 +85,8 @@ class Foresight:
 
     def request(self, asked: RequestPlan) -> PlanReady | PlanFailed | None:
         """Ask for a plan; gives the answer if it is there at once, else it comes from `poll`."""
-        plan = self._known.get(_key(asked.down, asked.phase, asked.running or {}))
-        if plan is None and self._table is not None:
+        plan = self._known.get(_key(asked.down, asked.limits, asked.phase, asked.running or {}))
+        if plan is None and self._table is not None and not asked.limits:
             plan = self._table.plan(asked.down, asked.phase, asked.running)
         if plan is not None:
             return PlanReady(asked.request, plan)
@@ -93,7 +97,7 @@ class Foresight:
         return self._answer_at_once(asked)
 
     def _answer_at_once(self, asked: RequestPlan) -> PlanReady | PlanFailed | None:
-        now = Situation(asked.down, {}, asked.phase)
+        now = Situation(asked.down, asked.limits, asked.phase)
         plan = self._greedy.plan(now, asked.running)
         refusals = verify(self._spec, now, plan.configuration)
         if not refusals:
@@ -104,7 +108,7 @@ class Foresight:
         return None
 
     def _ask(self, planner: Asked, asked: RequestPlan) -> None:
-        planner.request(asked.request, Situation(asked.down, {}, asked.phase), asked.running)
+        planner.request(asked.request, Situation(asked.down, asked.limits, asked.phase), asked.running)
 
     def poll(self) -> list[PlanReady | PlanFailed]:
         """Take what has been answered; the answers to questions ahead are kept."""
@@ -114,21 +118,21 @@ class Foresight:
         self._think()
         return [] if self._planner is None else [_told(answer) for answer in self._planner.poll()]
 
-    def settled(self, down: frozenset[str], phase: str | None, running: Placement) -> None:
-        """This configuration runs now, with these elements down: think about what may come next."""
+    def settled(self, down: frozenset[str], phase: str | None, running: Placement, limits: Limits = _UNLIMITED) -> None:
+        """This configuration runs now, with these elements down or limited: think about what may come next."""
         if self._planner is None:
             return
         losses = [down | {f"pe:{pe}"} for pe in self._spec.pes if f"pe:{pe}" not in down]
         returns = [down - {element} for element in sorted(down) if element.startswith("pe:")]
-        ahead = [_key(situation, phase, running) for situation in (*losses, *returns)]
-        ahead += [_key(down, following, running) for following in self._phases_after(phase)]
+        ahead = [_key(situation, limits, phase, running) for situation in (*losses, *returns)]
+        ahead += [_key(down, limits, following, running) for following in self._phases_after(phase)]
         self._known = {key: plan for key, plan in self._known.items() if key in ahead}
         self._questions = deque(key for key in ahead if key not in self._known and not self._is_in_table(key))
         self._think()
 
     def _is_in_table(self, key: _Key) -> bool:
-        down, phase, running = key
-        return self._table is not None and self._table.find(down, phase, dict(running)) is not None
+        down, limits, phase, running = key
+        return self._table is not None and not limits and self._table.find(down, phase, dict(running)) is not None
 
     def _phases_after(self, phase: str | None) -> list[str]:
         """The phase that comes next in the spec's order, if one does."""
@@ -141,8 +145,8 @@ class Foresight:
         if self._thinker is None:
             self._thinker = self._start_thinker()
         self._thinking = self._questions.popleft()
-        down, phase, running = self._thinking
-        self._thinker.request(_AHEAD, Situation(down, {}, phase), dict(running))
+        down, limits, phase, running = self._thinking
+        self._thinker.request(_AHEAD, Situation(down, dict(limits), phase), dict(running))
 
     def _keep(self, answer: Planned | Failed) -> None:
         key, self._thinking = self._thinking, None
@@ -150,8 +154,8 @@ class Foresight:
             self._known[key] = answer.plan
 
 
-def _key(down: frozenset[str], phase: str | None, running: Mapping[str, tuple[str, str]]) -> _Key:
-    return down, phase, frozenset(running.items())
+def _key(down: frozenset[str], limits: Limits, phase: str | None, running: Mapping[str, tuple[str, str]]) -> _Key:
+    return down, frozenset(limits.items()), phase, frozenset(running.items())
 
 
 def _told(answer: Planned | Failed) -> PlanReady | PlanFailed:

@@ -1,8 +1,8 @@
 """The servo monitors: they compare where a surface was told to go with where it stands, and name who is to blame.
 
 What they decide: which device has failed. The surface is expected where a healthy servo would have brought it (the
-command through a short lag). A difference beyond the tolerance that lasts for the delay is a failure; then the manager
-is given time to put the other servo to work.
+command through a short lag). A difference beyond the tolerance that lasts for the delay, and for several looks at it,
+is a failure; then the manager is given time to put the other servo to work.
 
 Whom to blame. In `big_blue` each servo driver publishes what it commands, in a version of its own, so the version of
 the datum says which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the monitor assumes
@@ -31,6 +31,7 @@ from heronry_agent.module import Context, Inputs, Module, Value
 _NS_PER_S = 1_000_000_000
 _TOLERANCE_DEG = 2.5
 _DELAY_NS = 500_000_000
+_LOOKS = 5  # command and angle are of different moments: one slow step between them proves nothing
 _TIME_TO_SWITCH_NS = 3_000_000_000
 _FOLLOWING_NS = 3_000_000_000  # longer than a swinging command needs to pass a stuck surface by
 _LAG_S = 0.1
@@ -79,7 +80,7 @@ class SurfaceMonitor(Module):
         elif difference_deg > _TOLERANCE_DEG:
             self._following_ns = 0
             self._apart_ns += self.ctx.period_ns
-            if self._apart_ns >= _DELAY_NS:
+            if self._apart_ns >= max(_DELAY_NS, _LOOKS * self.ctx.period_ns):
                 self._accuse(servo, difference_deg)
         else:
             self._apart_ns = 0

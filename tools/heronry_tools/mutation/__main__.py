@@ -27,7 +27,8 @@ CORES = (  # what decides in flight, sans I/O
 NOT_CORES = frozenset(  # shells, and what only describes
     (
         *("__init__", "__main__", "cli", "control_socket", "driver", "events", "host", "incarnation"),
-        *("module", "ports", "term_file", "vocabulary"),
+        "journal",
+        *("module", "ports", "vocabulary"),
     )
 )
 STAGES: tuple[Stage, ...] = (("tests/manager", "tests/agent", "-m", "not live and not vcan"), ("tests/scenarios",))

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from heronry_agent import faults, mailboxes, reporting, staging
-from heronry_manager import beacon, core, deployment, health, planning, reconfiguration
+from heronry_manager import beacon, core, health, numbering, planning, reconfiguration
 from heronry_tools.reference.markdown import code, table
-from heronry_wire import canopen_objects, link, management, transmit_queue
+from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Meaning, Use, classify, management_id
@@ -21,7 +21,7 @@ _USES = {
     Use.EMCY: "CANopen EMCY of node n: a fault",
     Use.TIME: "CANopen TIME: left free for it",
     Use.STATE: "state of PE n",
-    Use.GATEWAY: "gateways; not used yet",
+    Use.GATEWAY: "gateways: how a radio is doing",
     Use.STANDARD_DATA: "data with a standard CANaerospace identifier",
     Use.SDO_RESPONSE: "CANopen SDO, answer of PE n",
     Use.SDO_REQUEST: "CANopen SDO, request to PE n",
@@ -41,7 +41,10 @@ _LAYOUTS = {
     Command.CONTROL: (management.CONTROL,),
     Command.TAG: (management.TAG,),
 }
-_REPORTS = (management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3, management.EMCY)
+_REPORTS = (
+    *(management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3),
+    *(management.EMCY, gateway_report.LINK),
+)
 
 
 def identifiers() -> str:
@@ -127,7 +130,11 @@ def times() -> str:
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
-        ("epochs", f"{deployment.EPOCHS_PER_TERM} per term", "term t starts behind the (t - 1)-fold of this"),
+        (
+            "epochs",
+            f"{numbering.EPOCHS_PER_TERM} in a block",
+            "term t starts with block t - 1, and takes every second one",
+        ),
     ]
     return table(["name", "value", "what it is"], rows)
 

@@ -6,7 +6,6 @@ flight, and, once whatever can be ended has been ended after the script's end, t
 
 from collections.abc import Callable, Iterator
 
-from heronry_dg.model import Spec
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Order
 from heronry_tools.errors import UserError
 from heronry_tools.scenario.flown import Flown
@@ -16,6 +15,7 @@ from heronry_tools.scenario.script import MANAGER, Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS
 from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.scenario import lossy
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
 
@@ -26,9 +26,9 @@ _ORDERS: dict[str, Callable[[str], Order]] = {"phase": EnterPhase, "fail": FailE
 class _Flight(Simulation):
     """A simulation that can leave PEs at home, and knows what the operator said."""
 
-    def __init__(self, spec: Spec, seed: int, absent: frozenset[str]) -> None:
-        self._absent = set(absent)
-        super().__init__(spec, seed)
+    def __init__(self, script: Script) -> None:
+        self._absent = set(script.without)
+        super().__init__(script.spec, script.seed, faults=lossy(script.loss))
 
     def restore(self, pe: str) -> None:
         """Start a PE, unless it is not there yet."""
@@ -55,7 +55,7 @@ class _Flight(Simulation):
 
 def fly(script: Script) -> Flown:
     """Fly a script; raises UserError where something cannot be done at its time."""
-    flight = _Flight(script.spec, script.seed, script.without)
+    flight = _Flight(script)
     heard = Observations(script.spec)
     manager_bus = script.spec.manager.bus
     flight.buses[manager_bus].taps.append(lambda sent: _see(heard, sent))

@@ -24,7 +24,7 @@ from heronry_tools.scenario.bad_radios import KINDS, BadRadios
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
-from heronry_tools.scenario.script import MANAGER, Deed, Script
+from heronry_tools.scenario.script import EXAMPLE, MANAGER, Deed, Script
 from heronry_tools.scenario.trace import deed_line, event_line
 from heronry_wire.frame import Frame
 from heronry_wire.link import open_bus
@@ -35,7 +35,9 @@ _LONGEST_WAIT_S = 0.1
 
 
 def check(script: Script) -> None:
-    """Refuse what cannot be done to processes; raises UserError."""
+    """Refuse what cannot be done to processes, or judged; raises UserError."""
+    if not script.expectations:
+        raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
     for deed in script.deeds:
         if deed.target == MANAGER or not (deed.what in ("kill", "restore", "phase") or _is_of_a_radio(script, deed)):
             raise UserError(

@@ -3,6 +3,7 @@
     # A processor dies; another one takes its work.        the comment at the top says why the scenario exists
     spec elevator_and_chute                                a shipped spec, or a file, from the scenario's folder
     seed 7                                                 for the simulator; 0 where it is not said
+    loss 0.01                                              one frame in a hundred is destroyed (simulator)
     without pe:tail_pe                                     is not there from the start
     at 2.0s kill pe:control_pe
     expect function:elevator served within 200ms
@@ -41,14 +42,16 @@ from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
+_SHARE = re.compile(r"0\.[0-4]\d{0,5}", re.ASCII)
 _EXPECTATION = re.compile(
     r"(?P<subject>\S+) (?P<state>[a-z]+)( by (?P<by>\S+))? (within (?P<time>\S+)|(?P<throughout>throughout))"
 )
 _WITHOUT_TIME = ("epoch unchanged", "nothing reported")
 _ONCE = ("reported", "new")  # it happens, and does not last
 _PE_STATES = ("active", "partial", "broken", "unconfigured", "silent")
+EXAMPLE = "expect function:NAME served within 200ms"
 _EXAMPLES = {
-    "function": "expect function:NAME served within 200ms",
+    "function": EXAMPLE,
     "variable": "expect variable:NAME heard within 200ms",
     "pe": "expect pe:NAME active within 1s",
     "manager": "expect manager heard within 1s",
@@ -97,6 +100,7 @@ class Script:
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
     end_ns: int
+    loss: float = 0.0
 
 
 def read_script(file: Path) -> Script:
@@ -116,6 +120,7 @@ class _Reader:
     spec: Spec | None = None
     spec_file: Path = Path()
     seed: int = 0
+    loss: float = 0.0
     without: set[str] = field(default_factory=set)
     deeds: list[Deed] = field(default_factory=list)
     expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
@@ -138,8 +143,6 @@ class _Reader:
             self._refuse("it names no spec; write for example 'spec big_blue'")
         if self.end_ns is None:
             self._refuse("it does not say when it ends; write for example 'end 8s' as the last line")
-        if not self.expected:
-            self._refuse("it expects nothing; write for example 'expect function:NAME served within 200ms'")
         return Script(
             self.file,
             " ".join(self.why),
@@ -150,6 +153,7 @@ class _Reader:
             tuple(self.deeds),
             tuple(self._bounded(one, self.end_ns) for one in self.expected),
             self.end_ns,
+            self.loss,
         )
 
     def _comment(self, line: str) -> None:
@@ -168,6 +172,8 @@ class _Reader:
                 self._refuse("the first line names the spec; write for example 'spec big_blue' above this one")
             case ["seed", number] if number.isdecimal():
                 self.seed = int(number)
+            case ["loss", share] if _SHARE.fullmatch(share):
+                self.loss = float(share)
             case ["without", pe] if not self.deeds:
                 self.without.add(self._pe(pe))
             case ["at", time, *deed] if deed:
@@ -178,7 +184,7 @@ class _Reader:
                 self.end_ns = self._not_before(self._ns(time))
             case _:
                 self._refuse(
-                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', "
+                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
                     "'without pe:NAME' (before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 

@@ -20,6 +20,9 @@ _LINES: Mapping[str, str] = {
     "pe_joined": "{pe} joins: {cause}",
     "fault_reported": "{element} has failed, says {by}",
     "fault_cleared": "{element} is well again, says {by}",
+    "link_limited": "{bus} has {share} of its bandwidth, says {by}",
+    "link_gone": "{bus} is gone, says {by}",
+    "link_back": "{bus} is back, says {by}",
     "phase_changed": "phase {phase}, asked for by {by}",
     "adopted": "epoch {epoch} is adopted as it runs",
     "plan_failed": "no plan: {reason}",
@@ -28,6 +31,8 @@ _LINES: Mapping[str, str] = {
     "epoch_abandoned": "epoch {epoch} is given up: {reason}",
     "epoch_step": "epoch {epoch}: {step}",
     "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
+    "journal_failed": "the journal cannot be kept: {problem}",
+    "journal_kept": "the journal is kept again",
     "stopped": "the manager ends: {reason}",
 }
 

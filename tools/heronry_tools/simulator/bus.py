@@ -163,7 +163,7 @@ class SimulatedBus:
         if not station.present:
             return
         self._offers = offer = self._offers + 1
-        waiting = (arbitration_key(frame), offer, station, frame, until_ns)
+        waiting = Waiting(arbitration_key(frame), offer, station, frame, until_ns)
         if station.mailbox is None and not station.stalled:
             station.mailbox = waiting
             if self._errors_count:
@@ -175,7 +175,7 @@ class SimulatedBus:
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
         """Take back what waits at a station under these identifiers; what it has handed over is sent."""
-        station.queue = [waiting for waiting in station.queue if waiting[3].can_id not in identifiers]
+        station.queue = [waiting for waiting in station.queue if waiting.frame.can_id not in identifiers]
         heapify(station.queue)
 
     # Mailboxes
@@ -185,7 +185,7 @@ class SimulatedBus:
         queue, now_ns = station.queue, self._clock.now_ns
         while queue and not station.stalled:
             waiting = heappop(queue)
-            if waiting[4] >= now_ns:
+            if waiting.until_ns >= now_ns:
                 station.mailbox = waiting
                 self._enter(station)
                 return
@@ -220,12 +220,12 @@ class SimulatedBus:
         if head is None:
             return
         heappop(self._waiting)
-        frame = head[3]
+        frame = head.frame
         bits = exact_bits(frame)
         destroyed = False
-        if self._waiting and self._waiting[0][0] == head[0]:
+        if self._waiting and self._waiting[0].key == head.key:
             destroyed, bits = self._meet_rival(head, bits)
-        if self.noisy or head[2].fails or (self.faults.loss and self._random.random() < self.faults.loss):
+        if self.noisy or head.station.fails or (self.faults.loss and self._random.random() < self.faults.loss):
             destroyed = True
             bits = self._random.randint(1, bits)
         if destroyed:
@@ -243,9 +243,9 @@ class SimulatedBus:
         waiting, now_ns = self._waiting, self._clock.now_ns
         while waiting:
             head = waiting[0]
-            station = head[2]
+            station = head.station
             if station.mailbox is head and station.can_send:
-                if head[4] >= now_ns:
+                if head.until_ns >= now_ns:
                     return head
                 station.mailbox = None
                 heappop(waiting)
@@ -257,12 +257,13 @@ class SimulatedBus:
     def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
         """Another station may have won as well: its frame goes out with this one, or both are destroyed."""
         rival = self._head()
-        if rival is None or rival[0] != head[0] or rival[2] is head[2]:
+        if rival is None or rival.key != head.key or rival.station is head.station:
             return False, bits
-        self.clashes.append(Clash(self._clock.now_ns, self.name, head[3].can_id, (head[2].name, rival[2].name)))
+        stations = head.station.name, rival.station.name
+        self.clashes.append(Clash(self._clock.now_ns, self.name, head.frame.can_id, stations))
         heappop(self._waiting)
         self._rival = rival
-        mine, others = head[3].data, rival[3].data
+        mine, others = head.frame.data, rival.frame.data
         if mine == others:
             return False, bits
         differ = (i for i, (a, b) in enumerate(zip(mine, others, strict=False)) if a != b)
@@ -275,20 +276,22 @@ class SimulatedBus:
         assert self._on_air is not None
         head, destroyed = self._on_air
         rival, self._rival, self._on_air = self._rival, None, None
-        sender, frame = head[2], head[3]
+        sender, frame = head.station, head.frame
         if destroyed or not sender.can_send:
             self._fail(head, rival)
         else:
             sender.mailbox = None
             if sender.queue:
                 self._refill(sender)
-            if rival is not None and rival[2].mailbox is rival:
-                rival[2].mailbox = None
-                self._refill(rival[2])
+            if rival is not None and rival.station.mailbox is rival:
+                rival.station.mailbox = None
+                self._refill(rival.station)
             if self._errors_count:
                 self._forgive(sender)
             self.frames += 1
             self._hand_out(sender, frame)
+            if sender.left is not None:
+                sender.left()
         if self._waiting and not self._arbitration_due:
             if self._clock.is_last_now():
                 self._arbitrate()
@@ -308,13 +311,16 @@ class SimulatedBus:
             audience = tuple(station for station in self._stations if frame.can_id in station.wants)
             self._audience[frame.can_id] = audience
         perfect = tampering is None and not self.faults.omission and not self.faults.doubled
-        port, event = -1, None
+        event = Received(0, frame)
         for station in audience:
             if station is sender or not station.can_hear:
                 continue
-            if event is None or port != station.port:
-                port, event = station.port, Received(station.port, frame)
-            for _ in range(1 if perfect else self._copies(station, tampering)):
+            if event.port != station.port:
+                event = Received(station.port, frame)
+            if perfect:
+                station.listener(event)
+                continue
+            for _ in range(self._copies(station, tampering)):
                 if station.present:
                     station.listener(event)
 
@@ -332,7 +338,7 @@ class SimulatedBus:
         """A frame has been destroyed: everybody counts it, and who sent it sends it again."""
         self.destroyed += 1
         self._errors_count = True
-        senders = [waiting[2] for waiting in (head, rival) if waiting is not None]
+        senders = [waiting.station for waiting in (head, rival) if waiting is not None]
         for station in self._stations:
             if station in senders:
                 station.transmit_errors += _TRANSMIT_ERROR

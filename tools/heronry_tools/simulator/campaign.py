@@ -1,7 +1,7 @@
 """Many flights: in parallel, in the order of their seeds, and what they have reached all together.
 
-Hours alone say little. What counts is which faults have struck in which state of the protocol (`coverage_table`): a
-cell that was never hit was never tried.
+Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
+was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried.
 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
@@ -9,36 +9,81 @@ Processes share nothing: each loads the spec once, and keeps the plans it has ma
 import os
 import signal
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_tools.simulator.act import KINDS
+from heronry_tools.simulator.act import KINDS, possible_targets
 from heronry_tools.simulator.protocol_state import STATES
-from heronry_tools.simulator.scenario import Outcome, Scenario, play
+from heronry_tools.simulator.scenario import Outcome
 
+T = TypeVar("T")
+R = TypeVar("R")
+
+ENOUGH = 30
 _POLITENESS = 10
 _SPECS: list[Spec] = []  # the one of a worker process
 
 
-def fly_all(spec_file: Path, scenarios: Iterable[Scenario], jobs: int) -> Iterator[Outcome]:
-    """Fly scenarios on that many processors; what is not waited for any more is stopped."""
+def fly_all(spec_file: Path, flights: Iterable[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
+    """Fly on that many processors, each flight by `fly`; what is not waited for any more is stopped."""
     if jobs == 1:
         spec = load(spec_file)
-        yield from (play(spec, scenario) for scenario in scenarios)
+        yield from (fly(spec, flight) for flight in flights)
         return
     with get_context("spawn").Pool(jobs, _begin, (spec_file,)) as pool:
-        yield from pool.imap(_fly, scenarios)
+        yield from pool.imap(_Flier(fly), flights)
 
 
-def coverage_table(hits: Counter[tuple[str, str]]) -> list[str]:
-    """Lines of a table: kinds of faults by the state of the protocol in which they struck."""
-    kinds = [kind for kind in KINDS if any(hits[kind, state] for state in STATES)]
-    lines = [f"{'strikes in state':16}" + "".join(f"{state:>11}" for state in STATES)]
-    lines += [f"{kind:16}" + "".join(f"{hits[kind, state]:11}" for state in STATES) for kind in kinds]
-    return lines if kinds else []
+class Coverage:
+    """Which kinds of faults have struck in which states, of those that there are for a spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self.entered: Counter[str] = Counter()
+        self._kinds = [kind for kind in KINDS if KINDS[kind].drawn and possible_targets(spec, kind)]
+
+    def add(self, outcome: Outcome) -> None:
+        """Count one flight."""
+        self.hits += outcome.hits
+        self.entered += outcome.entered
+
+    def cells(self) -> dict[tuple[str, str], int]:
+        """Hits of every cell that can be reached: the kind has something to strike, and the state was entered."""
+        struck = {kind for kind, _ in self.hits}
+        kinds = [*self._kinds, *(kind for kind in KINDS if kind in struck and kind not in self._kinds)]
+        return {(kind, state): self.hits[kind, state] for kind in kinds for state in self._states()}
+
+    def table(self) -> list[str]:
+        """Lines: kinds of faults by states, how often each state was entered, and how thin the table is."""
+        cells = self.cells()
+        kinds = list(dict.fromkeys(kind for kind, _ in cells))
+        lines = [_row("strikes in state", STATES)]
+        lines += [_row(kind, [cells.get((kind, state), "-") for state in STATES]) for kind in kinds]
+        lines.append(_row("entered", [self.entered[state] for state in STATES]))
+        thin = sorted((count, kind, state) for (kind, state), count in cells.items() if count < ENOUGH)
+        least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
+        return [*lines, f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}"]
+
+    def document(self) -> dict[str, Any]:
+        """The same, for JSON."""
+        cells = self.cells()
+        return {
+            "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
+            "entered": {state: self.entered[state] for state in STATES},
+            "enough": ENOUGH,
+            "thin": sum(count < ENOUGH for count in cells.values()),
+        }
+
+    def _states(self) -> list[str]:
+        return [state for state in STATES if self.entered[state] or any(self.hits[kind, state] for kind in KINDS)]
+
+
+def _row(head: str, columns: Sequence[object]) -> str:
+    return f"{head:16}" + "".join(f"{column!s:>11}" for column in columns)
 
 
 def _begin(spec_file: Path) -> None:
@@ -48,5 +93,11 @@ def _begin(spec_file: Path) -> None:
     _SPECS.append(load(spec_file))
 
 
-def _fly(scenario: Scenario) -> Outcome:
-    return play(_SPECS[0], scenario)
+class _Flier(Generic[T, R]):
+    """Flies in a worker process, with the spec that is there."""
+
+    def __init__(self, fly: Callable[[Spec, T], R]) -> None:
+        self._fly = fly
+
+    def __call__(self, flight: T) -> R:
+        return self._fly(_SPECS[0], flight)

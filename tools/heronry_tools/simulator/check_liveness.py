@@ -10,17 +10,21 @@ From the moment at which nothing more is done to it (`bound_ns`), one after the 
                     often it was lost is read from ALIVE, which names the PEs that are counted on: losses that lie
                     further back than a minute of being counted on are forgiven, and a new reign knows of none. One
                     more loss may follow from what was done last
+    radios          what is measured of one is ten periods old, and more bandwidth is believed after a hold-down, in two
+                    steps at most: the first while the measure still rises
     new epochs      one for each of the last changes, `_LAST_EPOCHS` times a quarter of the patience, and the time that
                     silence goes unnoticed
 
 So the bound is long only where a PE has been lost again and again (quarantine).
 """
 
+from heronry_agent.link_meter import WINDOW_PERIODS
 from heronry_dg.model import Spec
 from heronry_manager.core import START_UP_WINDOW_NS
 from heronry_manager.health import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.radio_links import MOST_DOUBLINGS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
-from heronry_manager.topology import uplink_bus
+from heronry_manager.topology import radios, uplink_bus
 from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.station import RESTART_NS
 from heronry_wire.management import LEASE_PERIODS, Alive
@@ -35,6 +39,8 @@ class Losses:
         self._spec = spec
         self._names = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._periods = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
+        periods_ns = [spec.buses[radio].heartbeat_ns for radio in radios(spec)]
+        self._radios_ns = (WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << MOST_DOUBLINGS)) * max(periods_ns, default=0)
         self._term = 0
         self._counted_on: dict[str, int] = {}  # and since when
         self._losses = dict.fromkeys(spec.pes, 0)
@@ -68,4 +74,5 @@ class Losses:
             for pe, period_ns in self._periods.items()
         )
         new_epochs_ns = _LAST_EPOCHS * patience_ns // 4 + unnoticed_ns(self._spec)
-        return RESTART_NS + 2 * lease_ns + START_UP_WINDOW_NS + patience_ns + held_ns + new_epochs_ns
+        at_rest_ns = RESTART_NS + 2 * lease_ns + START_UP_WINDOW_NS + patience_ns
+        return at_rest_ns + held_ns + self._radios_ns + new_epochs_ns

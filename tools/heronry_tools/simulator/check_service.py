@@ -13,20 +13,26 @@ Not judged in flight: times in which a bus or a manager is struck, or in which w
 """
 
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 from itertools import pairwise
 from typing import NamedTuple
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation
+from heronry_manager.radio_links import STEPS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
+from heronry_manager.topology import radios
+from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Epoch
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
+from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
 from heronry_wire.management import Control, ElementKind, Operation
 
 _SECOND_NS = 1_000_000_000
+_DOUBTED_NS = 30 * _SECOND_NS
 
 
 class Struck(NamedTuple):
@@ -54,6 +60,8 @@ class ServiceCheck:
         self._acknowledged: dict[str, int] = {}  # and when first
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
         self._phases: list[tuple[int, str | None]] = []
+        self._radios = {radio.link_id: radio for radio in radios(spec).values()}
+        self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
     def acknowledged(self, t_ns: int, message: Control) -> None:
@@ -66,6 +74,21 @@ class ServiceCheck:
         """ALIVE names other PEs than before."""
         self._counted_on.append((t_ns, pes))
 
+    def measured(self, sent: Sent) -> None:
+        """A gateway reports on its radio."""
+        radio, report = self._radios.get(sent.frame.can_id), decode_link(sent.frame.data)
+        if radio is not None and isinstance(report, LinkReport) and report.usable < PER_MILLE:
+            self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
+
+    def _limits(self, t_ns: int) -> dict[str, Fraction]:
+        """The least that a manager may plan with at a time."""
+        limits: dict[str, Fraction] = {}
+        for at_ns, bus, usable in self._usable:
+            if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
+                step = Fraction(next(step for step in STEPS if step <= usable), PER_MILLE)
+                limits[bus] = min(step, limits.get(bus, step))
+        return limits
+
     def entered(self, t_ns: int, phase: str | None) -> None:
         """A mission phase has begun."""
         self._phases.append((t_ns, phase))
@@ -75,7 +98,7 @@ class ServiceCheck:
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe, node in self._node_of.items() if node not in epoch.heads}
-        now = Situation(frozenset(absent | self._acknowledged.keys()), {}, phase)
+        now = Situation(frozenset(absent | self._acknowledged.keys()), self._limits(t_ns), phase)
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = best_plan(self._spec, now, None).objective.critical
         if served < possible:
@@ -114,7 +137,7 @@ class ServiceCheck:
         counted_on = next((pes for t_ns, pes in reversed(self._counted_on) if t_ns <= begin_ns), frozenset[str]())
         down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
         phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
-        return Situation(frozenset(down), {}, phase)
+        return Situation(frozenset(down), self._limits(over_ns), phase)
 
     def _could_serve(self, name: str, now: Situation) -> bool:
         """Tell whether the oracle serves everything of a function's class, and of those above."""

@@ -16,16 +16,17 @@ from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_load import LoadCheck
 from heronry_tools.simulator.check_planned_load import PlannedLoadCheck
 from heronry_tools.simulator.check_publishing import PublishingCheck
+from heronry_tools.simulator.check_radio import RadioCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
-from heronry_wire.authentication import Key
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import (
     ALLOCATED_DATA_IDS,
+    GATEWAY_IDS,
     MANAGER_NODES,
     PE_NODES,
     STANDARD_DATA_IDS,
@@ -41,13 +42,13 @@ from heronry_wire.management import Alive, Control, StatePage0, decode_command
 class Checks:
     """The checkers of one run."""
 
-    def __init__(self, spec: Spec, key: Key | None = None) -> None:
-        """Watch runs of this spec, in which everything is tagged with a key or nothing is."""
+    def __init__(self, spec: Spec) -> None:
+        """Watch runs of this spec."""
         self._spec = spec
         self._phase = spec.initial_phase()
         self._commands = Commanded(spec)
         self._exclusion = ExclusionCheck(spec)
-        self._epochs = EpochCheck(spec, has_digests=key is None)
+        self._epochs = EpochCheck(spec)
         self._blame = BlameCheck(spec)
         self._configurations = ConfigurationCheck(spec)
         self._service = ServiceCheck(spec)
@@ -55,6 +56,7 @@ class Checks:
         self._publishing = PublishingCheck(spec, self._commands)
         self._load = LoadCheck(spec)
         self._planned_load = PlannedLoadCheck(spec)
+        self._radio = RadioCheck(spec)
         self._losses = Losses(spec)
         self.witness = Witness(spec)
         self._node_of_state = {state_id(node): node for node in PE_NODES}
@@ -66,6 +68,7 @@ class Checks:
         self._watchers |= dict.fromkeys(self._node_of_state, self._state)
         self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._blame.emergency)
         self._watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
+        self._watchers |= dict.fromkeys(GATEWAY_IDS, self._link)
         for manager in MANAGER_NODES:
             self._watchers[management_id(manager, Command.ALIVE)] = self._alive
             for command in (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL):
@@ -102,7 +105,7 @@ class Checks:
         blamed = self._blame.violations(truth)
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service),
-            *(self._freshness, self._publishing, self._load),
+            *(self._freshness, self._publishing, self._load, self._radio),
         )
         found = [violation for check in checks for violation in check.violations]
         return sorted([*found, *blamed, *stories])
@@ -138,6 +141,7 @@ class Checks:
         self._freshness.published(sent)
         self._publishing.published(sent)
         self._load.published(sent)
+        self._radio.published(sent)
         self._planned_load.published(sent)
 
     def _state(self, sent: Sent) -> None:
@@ -179,6 +183,11 @@ class Checks:
             self._losses.alive(sent.end_ns, message)
             if self._losses.counted_on != before:
                 self._service.counts_on(sent.end_ns, self._losses.counted_on)
+
+    def _link(self, sent: Sent) -> None:
+        if sent.bus == self._spec.manager.bus:
+            self._radio.reported(sent)
+            self._service.measured(sent)
 
     def _echo(self, sent: Sent) -> None:
         if sent.bus == self._spec.manager.bus:

@@ -1,9 +1,10 @@
 """What the managers have commanded, read back from the frames: configurations by epoch.
 
 PREPARE opens an epoch, SLICE heads say who takes part and how long each slice is, bodies bring the bytes, or the digest
-of a head names bytes that were sent before. From the first ACTIVATE of the epoch on the slices become a configuration
-again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may come later. Nothing here
-asks a manager: a slice that was never on the bus cannot be put together.
+of a head names bytes that were sent before. While a new epoch is prepared, who is late for the last one is still given
+that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
+become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
+come later. Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
 from dataclasses import dataclass, field
@@ -23,6 +24,17 @@ from heronry_wire.management import (
     StatePage1,
     Step,
 )
+
+
+def _low(message: ManagementMessage) -> int:
+    """Low byte of the epoch that a command is about; -1 where it is about none."""
+    match message:
+        case SliceHead() | SliceBody():
+            return message.epoch_low
+        case Prepare() | Activate() | Lease():
+            return message.epoch & 0xFF
+        case _:
+            return -1
 
 
 @dataclass(slots=True)
@@ -54,19 +66,20 @@ class Commanded:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
         self._bytes: dict[int, bytes] = {slice_digest(spec.digest, b""): b""}  # by digest of the slice
-        self._preparing: Epoch | None = None
+        self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
     def take(self, t_ns: int, message: ManagementMessage) -> Epoch | None:
         """Follow a command; gives an epoch once, when it has been activated and put together, or cannot be."""
-        epoch = self._preparing
+        epoch = self._prepared.get(_low(message))
         match message:
             case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
-                self._preparing = Epoch(message.epoch, message.digest, t_ns)
-            case SliceHead() if epoch is not None and message.epoch_low == epoch.number & 0xFF:
+                self._prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns)
+                return None
+            case SliceHead() if epoch is not None:
                 epoch.heads[message.node] = message
-            case SliceBody() if epoch is not None and message.epoch_low == epoch.number & 0xFF:
+            case SliceBody() if epoch is not None:
                 epoch.bodies.setdefault(message.node, {})[message.index] = message.body
                 self._keep(epoch.heads.get(message.node), epoch.bodies[message.node])
             case Activate() | Lease() if message.step is not Step.PREPARED and epoch is not None:
@@ -78,7 +91,7 @@ class Commanded:
 
     def staged(self, node: int, page: StatePage1) -> None:
         """A PE says what it has staged."""
-        epoch = self._preparing
+        epoch = self._prepared.get(page.staged_epoch & 0xFF)
         if epoch is not None and (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
             epoch.staged.add(node)
 

@@ -11,20 +11,21 @@ Every step of a module that drives an actuator or is a branch of a DEMUX is told
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from random import Random
 from typing import Any, NamedTuple
 
-from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
 from heronry_agent.module import Datum, Value
-from heronry_agent.vocabulary import Action, StepFailed, StepModule, Stepped
+from heronry_agent.vocabulary import Action, Left, StepFailed, StepModule, Stepped
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
 from heronry_manager.vocabulary import (
     Emit,
+    Keep,
     ManagerAction,
     ManagerEvent,
     OperatorSaid,
@@ -36,11 +37,11 @@ from heronry_manager.vocabulary import (
 )
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import Planners, best_plan, plan_at_once
 from heronry_tools.simulator.world import Window
-from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
@@ -75,7 +76,6 @@ class SimulatedPe(Node):
         buses: Mapping[str, SimulatedBus],
         *,
         incarnation: int,
-        secret: Secret | None,
         world: Bench,
         drive: Callable[[Driven], None],
         broken: Mapping[str, str],
@@ -91,7 +91,7 @@ class SimulatedPe(Node):
         self._drive, self._broken, self._broke = drive, broken, broke
         self._host = ModuleHost(table, Window(world, clock))
         missing = frozenset(self._host.missing_images)
-        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
+        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing)
         self._lease_ns = self.core.lease_ns
         self._names = {module.index: module.name for module in table.modules}
         actuators = {device.name for device in table.devices if device.kind == "actuator"}
@@ -110,6 +110,9 @@ class SimulatedPe(Node):
         self.stations = [
             (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
         ]
+        self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
+        for port in self.core.radio_ports:
+            self.stations[port][1].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
 
@@ -132,8 +135,16 @@ class SimulatedPe(Node):
         """Let the controllers filter out what means nothing here now."""
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
-        for bus, station in self.stations:
-            bus.wants(station, wanted)
+        for port, (bus, station) in enumerate(self.stations):
+            if port not in self.core.radio_ports:
+                bus.wants(station, wanted)
+
+    def _left(self, port: int) -> None:
+        """A frame has left for a radio; while the processor stands still nobody is told."""
+        if self.is_awake and port in self._handed_ns:
+            took_ns = self.time.now_ns() - self._handed_ns.pop(port)
+            self._carry_out(self.core.step(self.time.now_ns(), Left(port, max(1, took_ns))))
+            self._wake()
 
     def _take(self, event: Received) -> None:
         self._passing = event.frame
@@ -179,6 +190,8 @@ class SimulatedPe(Node):
 
     def _send(self, action: Send) -> None:
         port, frame, until_ns = action.port, action.frame, action.until_ns
+        if port in self.core.radio_ports:
+            self._handed_ns[port] = self.time.now_ns()
         bus, station = self.stations[port]
         latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
         if self.delays is None or frame is not self._passing:
@@ -257,21 +270,24 @@ class SimulatedManager(Node):
         bus: SimulatedBus,
         *,
         node: int,
-        term: int,
+        disk: Disk,
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
-        key: Key | None = None,
         planners: Planners = Planners.BEST,
     ) -> None:
-        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event."""
+        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event.
+
+        disk: where its journal is kept.
+        """
         super().__init__(clock, time)
         self._spec, self._bus, self._planners = spec, bus, planners
         self._decide_ns, self._tell = decide_ns, tell
         self._ready: list[PlanReady] = []
         self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
-        self.core = ManagerCore(spec, node, term, time.now_ns(), advise=advise, key=key)
+        self.core = ManagerCore(spec, node, disk.opened(), time.now_ns(), advise=advise)
+        self._disk = disk
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]
         self._set_alarm()
@@ -315,6 +331,8 @@ class SimulatedManager(Node):
                 self._plan(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
+            case Keep(record):
+                self._disk.write(record)
             case Reply():
                 self._replies.append(action)
             case Stop(reason):
@@ -322,7 +340,7 @@ class SimulatedManager(Node):
                 self.stop()
 
     def _plan(self, asked: RequestPlan) -> None:
-        now, at_once = Situation(asked.down, {}, asked.phase), self._planners.are_at_once(asked)
+        now, at_once = Situation(asked.down, asked.limits, asked.phase), self._planners.are_at_once(asked)
         plan = plan_at_once if at_once else best_plan
         ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
         after_ns = _AT_ONCE_NS if at_once else self._decide_ns()

@@ -9,6 +9,7 @@ not: the greedy plan first, the best one at leisure. `GREEDY` is a manager witho
 """
 
 from enum import Enum
+from fractions import Fraction
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
@@ -20,7 +21,9 @@ from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.vocabulary import RequestPlan
 from heronry_wire.sansio import require
 
-_Key = tuple[str, frozenset[str], str | None, frozenset[tuple[str, tuple[str, str]]] | None]
+_Key = tuple[
+    str, frozenset[str], frozenset[tuple[str, Fraction]], str | None, frozenset[tuple[str, tuple[str, str]]] | None
+]
 _KNOWN: dict[_Key, Plan] = {}
 _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
@@ -40,7 +43,8 @@ class Planners(Enum):
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Give the best legal plan; raises InvariantError where the judge refuses the planner's own."""
-    key = (spec.digest, now.down, now.phase, None if running is None else frozenset(running.items()))
+    runs = None if running is None else frozenset(running.items())
+    key = (spec.digest, now.down, frozenset(now.limits.items()), now.phase, runs)
     known = _KNOWN.get(key)
     if known is None:
         known = plan(spec, now, running)

@@ -11,6 +11,7 @@
 Whoever waits for a state is called at the moment at which it begins.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -35,7 +36,9 @@ class ProtocolState:
     """Follows the events of one run."""
 
     def __init__(self, clock: Clock) -> None:
+        self.entered: Counter[str] = Counter()  # how often each state has begun
         self._clock = clock
+        self._before = "idle"
         self._reconfiguring = "idle"
         self._suspects: set[str] = set()
         self._returning: dict[str, int] = {}
@@ -69,6 +72,9 @@ class ProtocolState:
         if kind == "manager_started":
             self._suspects.clear()
             self._returning.clear()
+        if self.now != self._before:
+            self._before = self.now
+            self.entered[self._before] += 1
         self._call_who_waits()
 
     def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:

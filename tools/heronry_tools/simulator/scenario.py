@@ -31,11 +31,12 @@ class Scenario:
     seconds: float
     acts: tuple[Act, ...]
     loss: float = 0.0
+    drawn: bool = False  # the acts are just those that the seed draws
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of it; `hits` counts the strikes by kind and state of the protocol."""
+    """What came of it; `hits` counts the strikes by kind and state of the protocol, `entered` the states."""
 
     scenario: Scenario
     digest: str
@@ -44,12 +45,17 @@ class Outcome:
     reconfigurations: tuple[dict[str, Any], ...]  # the events of that name
     violations: tuple[Violation, ...]
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
+    entered: Counter[str] = field(default_factory=Counter)
+
+
+def lossy(share: float) -> Faults:
+    """A bus on which this share of all frames is destroyed, and a tenth of it missed or received twice by somebody."""
+    return Faults(share, share / 10, share / 10)
 
 
 def play(spec: Spec, scenario: Scenario) -> Outcome:
     """Fly a scenario to its end."""
-    faults = Faults(scenario.loss, scenario.loss / 10, scenario.loss / 10)
-    simulation = Simulation(spec, scenario.seed, faults=faults)
+    simulation = Simulation(spec, scenario.seed, faults=lossy(scenario.loss))
     hits: Counter[tuple[str, str]] = Counter()
     try:
         violations = _fly(simulation, scenario, hits)
@@ -64,12 +70,13 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
         tuple(simulation.events_of("reconfigured")),
         tuple(violation for violation in violations if violation.rule not in unpromised),
         hits,
+        simulation.protocol.entered,
     )
 
 
 def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, str]]) -> list[Violation]:
     while not simulation.events_of("reconfigured"):
-        simulation.run_for(50 * _MS)
+        simulation.run_for(_MS)
         if simulation.now_ns > _LONGEST_START_NS:
             return [Violation(simulation.now_ns, "active", "no configuration has ever run")]
     start_ns = simulation.events_of("reconfigured")[0]["t_ns"]

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
@@ -23,14 +22,14 @@ from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
-from heronry_wire.authentication import Key
-from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
 from heronry_wire.pe_table import PeTable
 
 MS = 1_000_000
@@ -59,21 +58,18 @@ class Simulation:
         skew_ppm: int = DEFAULT_SKEW_PPM,
         planners: Planners = Planners.BEST,
         keep_trace: bool = False,
-        key: Key | None = None,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
         decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
         skew_ppm: how far clocks are off, at most.
-        key: what manager and PEs are given to prove what they say.
         """
         self.spec, self.seed, self.faults = spec, seed, faults
         self.clock = Clock()
         self.world = Bench(0)
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
-        self.key = key
-        self.checks = Checks(spec, key)
+        self.checks = Checks(spec)
         self.protocol = ProtocolState(self.clock)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
@@ -85,7 +81,7 @@ class Simulation:
         self._down: set[str] = set()
         self._cut: set[str] = set()
         self._incarnations = dict.fromkeys(spec.pes, 0)
-        self._terms = 0
+        self._disks = {node: Disk(spec) for node in MANAGER_NODES}
         self._hash = hashlib.sha256()
         self._unhashed = bytearray()
         self._numbers: dict[str, int] = {}  # of buses and nodes, for the digest
@@ -214,7 +210,6 @@ class Simulation:
             self._tables()[pe],
             self.buses,
             incarnation=self._incarnations[pe] % 256,
-            secret=self._secret(pe),
             world=self.world,
             drive=self.checks.driven,
             broken=self.broken_modules,
@@ -249,25 +244,19 @@ class Simulation:
         self._down.add(element)
 
     def start_manager(self, node: int = FIRST_MANAGER, *, advise: bool = False) -> None:
-        """Start a manager, with a term higher than any before; one that only advises, where that is asked for."""
-        self._terms += 1
+        """Start a manager, with its journal; one that only advises, where that is asked for."""
         self.manager = SimulatedManager(
             self.clock,
             self._drawn_clock(0),
             self.spec,
             self.buses[self.spec.manager.bus],
             node=node,
-            term=self._terms,
+            disk=self._disks[node],
             advise=advise,
-            key=self.key,
             planners=self._planners,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=self._tell,
         )
-
-    def _secret(self, pe: str) -> Secret | None:
-        salt = f"{self.seed} {pe} {self._incarnations[pe]}".encode()
-        return None if self.key is None else Secret(self.key, hashlib.sha256(salt).digest()[:16])
 
     def _drawn_clock(self, ahead_ns: int) -> LocalClock:
         return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))

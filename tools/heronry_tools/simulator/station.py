@@ -15,6 +15,7 @@ was in the mailbox is lost, and it is started again on purpose after `RESTART_NS
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received
@@ -26,8 +27,15 @@ RESTART_NS = 100_000_000
 RESTART_BITS = 128 * 11
 FOR_EVER_NS = 1 << 63
 
-Waiting = tuple[int, int, "Station", Frame, int]
-"""A frame on its way: arbitration key, number of the offer, station, frame, until when it serves."""
+
+class Waiting(NamedTuple):
+    """A frame on its way; the most urgent one is the least."""
+
+    key: int  # arbitration key
+    offer: int  # its number: of equal ones the first
+    station: "Station"
+    frame: Frame
+    until_ns: int  # it serves no longer
 
 
 class _Everything:
@@ -46,6 +54,7 @@ class Station:
     number: int  # among all stations there ever were on this bus
     listener: Callable[[Received], None]
     wants: Container[int] = field(default_factory=_Everything)  # identifiers; what else comes is filtered out
+    left: Callable[[], None] | None = None  # is told whenever a frame has left
     can_send: bool = True  # what is in the mailbox takes part in arbitration; follows from the next five
     can_hear: bool = True  # so does this
     present: bool = True

@@ -1,0 +1,79 @@
+"""What befalls one bus of one node, told in sentences and counted: lost and back, bus-off, passive, stuck, overrun.
+
+    on the bus   nothing to tell; or its controller counts errors, or nothing that is sent gets out: told once, and
+                 again at the earliest after TELL_AGAIN_NS, so that what flaps does not fill the log
+    off the bus  since `off_since_ns`, for a reason that is told when it changes
+
+Whoever drives a node looks at `off_since_ns`: what to do about an outage is not decided here. Nothing is decided by
+error frames but that a controller is bus-off, which is its own word; a lost or doubled one changes a count at most.
+"""
+
+from collections import Counter
+
+from heronry_wire.controller import ControllerReport, ControllerState
+
+TELL_AGAIN_NS = 10_000_000_000
+_NS_PER_S = 1_000_000_000
+_BAD = {
+    ControllerState.ERROR_WARNING: "counts errors (error-warning)",
+    ControllerState.ERROR_PASSIVE: "sees mostly errors (error-passive): look at its bit rate, termination and wiring",
+}
+_STUCK = "gets nothing out: no other node acknowledges; look at bit rate, termination and wiring"
+
+
+class BusHealth:
+    """What is wrong with one bus, and what has been told of it."""
+
+    def __init__(self, name: str) -> None:
+        """`name` is what the sentences call the bus."""
+        self.name = name
+        self.off_since_ns: int | None = None  # None: on the bus
+        self.counts: Counter[str] = Counter()
+        self._reason = ""
+        self._news: list[str] = []
+        self._told_ns: dict[str, int] = {}
+
+    def take_news(self) -> list[str]:
+        """Give what is new since the last call, in sentences."""
+        news, self._news = self._news, []
+        return news
+
+    def lost(self, now_ns: int, reason: str) -> None:
+        """The bus cannot be used; also for every vain try to get it back."""
+        if self.off_since_ns is None:
+            self.off_since_ns = now_ns
+            self.counts["lost"] += 1
+            self._reason = ""
+        if reason != self._reason:
+            self._reason = reason
+            self._news.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
+
+    def back(self, now_ns: int) -> None:
+        """The bus can be used again."""
+        if self.off_since_ns is not None:
+            seconds = (now_ns - self.off_since_ns) / _NS_PER_S
+            self._news.append(f"{self.name} is back after {seconds:.1f} s")
+            self.off_since_ns = None
+
+    def reported(self, report: ControllerReport, now_ns: int) -> None:
+        """The controller has said something of itself."""
+        self.counts.update(report.kinds)
+        if report.state is not None:
+            self.counts[report.state.name.lower().replace("_", "-")] += 1
+        if report.state in _BAD:
+            self._tell(_BAD[report.state], now_ns)
+
+    def stuck(self, now_ns: int) -> None:
+        """What is sent has not got out for long."""
+        self._tell(_STUCK, now_ns)
+
+    def overrun(self, frames: int, now_ns: int) -> None:
+        """Frames were lost because this process did not take them in time."""
+        if frames:
+            self.counts["frames not taken in time"] += frames
+            self._tell("brings more frames than this computer takes: some are lost", now_ns)
+
+    def _tell(self, what: str, now_ns: int) -> None:
+        if now_ns - self._told_ns.get(what, -TELL_AGAIN_NS) >= TELL_AGAIN_NS:
+            self._told_ns[what] = now_ns
+            self._news.append(f"{self.name} {what}")

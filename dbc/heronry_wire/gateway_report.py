@@ -1,0 +1,80 @@
+"""What a gateway says of the radio behind it: how much of its bandwidth can be used (protocol rule 9).
+
+    LINK, of radio r       291 + r       from the gateway between r and the manager, toward the manager
+
+Radios are numbered in the spec's order; there are nine identifiers. The gateway sends a report on its uplink every
+heartbeat period of the radio, and at once when the link is gone or back. Gateways on the way pass it on.
+
+Nobody acknowledges it: a lost report is made up for by the next one, a doubled one says nothing new, and a late one is
+told by its sequence. A forged one can take bandwidth away from the ground, or the ground from the aircraft; neither
+hurts what flies without it. Malformed bytes decode to `Malformed`; encoding a number that does not fit raises
+ValueError.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from heronry_wire.frame import Malformed, WireError
+from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES
+from heronry_wire.layout import Field, Layout
+
+PER_MILLE = 1000
+
+
+class LinkState(IntEnum):
+    """Whether anything comes from beyond."""
+
+    UP = 0
+    GONE = 1  # nothing was heard from beyond for as many periods as may be missed there
+
+
+LINK = Layout(
+    "LINK",
+    Field("node", 8),
+    Field("state", 2, {state.value: state.name for state in LinkState}),
+    Field("sequence", 6),
+    Field("usable", 16, unit="per mille"),
+    Field("delivered", 8, unit="%"),
+    Field("queued", 8),
+    Field("dropped", 16),
+)
+SEQUENCES = 64
+_DROPS = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """How a radio is doing, as its gateway measures it."""
+
+    node: int  # of the gateway
+    state: LinkState
+    sequence: int  # modulo 64
+    usable: int  # bandwidth that gets through, in thousandths of the radio's bit rate
+    delivered: int  # frames from beyond that came, in per cent of those that were sent
+    queued: int  # frames that wait at the gateway; 255 stands for more
+    dropped: int  # frames that were given up there since its start, modulo 65536
+
+    def encode(self) -> bytes:
+        """Payload of LINK."""
+        dropped = self.dropped % _DROPS
+        return LINK.pack(
+            self.node, self.state, self.sequence, self.usable, self.delivered, min(self.queued, 255), dropped
+        )
+
+
+def link_id(radio: int) -> int:
+    """Identifier of the reports of a radio, counted among the wireless buses of the spec; raises WireError."""
+    if not 0 <= radio < len(GATEWAY_IDS):
+        raise WireError(f"radio number {radio} has no identifier: there are {len(GATEWAY_IDS)}")
+    return GATEWAY_IDS[radio]
+
+
+def decode_link(data: bytes) -> LinkReport | Malformed:
+    """Decode a report."""
+    fields = LINK.unpack(data)
+    if fields is None:
+        return Malformed("LINK has a wrong length")
+    node, state, sequence, usable, delivered, queued, dropped = fields
+    if node not in PE_NODES or state not in tuple(LinkState) or usable > PER_MILLE or delivered > 100:
+        return Malformed("LINK has an impossible node, state or share")
+    return LinkReport(node, LinkState(state), sequence, usable, delivered, queued, dropped)

@@ -1,0 +1,187 @@
+"""What a manager must not forget when it restarts, and the records that change it.
+
+The core keeps its memory by saying every change of it as a record (`Keep`); whoever has all records in order has the
+memory (`Memory.after`). The journal keeps them on disk; what a restart may lose of them is said there.
+
+Two kinds of things are remembered:
+
+    numbers   the last term, and for every kind of number that must never be used twice (epochs, counters) the last one
+              *reserved*: numbers are taken in blocks, so that the disk is asked once in a block. They are on disk
+              before the first frame that uses them, and whatever else is lost, they only rise
+    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase,
+              latched faults (those the operator ordered among them), and who is quarantined. They are written down
+              after the command: the PEs are the truth, and a fact too old costs an epoch
+
+A restart forgets how long ago a fault was latched, and the losses of PEs that are counted on.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from heronry_wire.management import MAX_TERM, NO_EPOCH
+
+EPOCHS = "epoch"  # kind of number
+
+
+@dataclass(frozen=True, slots=True)
+class TermBegun:
+    """A reign begins."""
+
+    term: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reserved:
+    """Numbers of a kind up to this one may be used from now on, and never again after a restart."""
+
+    kind: str
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """An epoch was activated, or adopted; `row` is its configuration, in hexadecimal digits."""
+
+    epoch: int
+    digest: int
+    row: str
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseEntered:
+    """The mission is in another phase."""
+
+    phase: str
+
+
+@dataclass(frozen=True, slots=True)
+class Latched:
+    """An element counts as failed until it is cleared."""
+
+    element: str
+    by: str
+    code: str
+    detail: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cleared:
+    """It counts as failed no more."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
+class Quarantined:
+    """A PE was lost again: it is held down for longer than who was lost once."""
+
+    pe: str
+    losses: int
+
+
+@dataclass(frozen=True, slots=True)
+class Released:
+    """A PE is in no quarantine any more."""
+
+    pe: str
+
+
+Record = TermBegun | Reserved | Runs | PhaseEntered | Latched | Cleared | Quarantined | Released
+_NUMBERS = (TermBegun, Reserved)
+
+
+def is_number(record: Record) -> bool:
+    """Tell whether a record must be on disk before any frame that comes after it is sent."""
+    return isinstance(record, _NUMBERS)
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """All that is remembered."""
+
+    term: int = 0
+    reserved: Mapping[str, int] = field(default_factory=dict)
+    runs: Runs | None = None
+    phase: str | None = None  # None: nobody has entered any
+    latched: Mapping[str, Latched] = field(default_factory=dict)  # by element, the oldest first
+    quarantined: Mapping[str, int] = field(default_factory=dict)  # losses, by PE
+
+    def after(self, record: Record) -> "Memory":
+        """Give the memory that this record makes of it."""
+        match record:
+            case TermBegun(term):
+                return replace(self, term=term)
+            case Reserved(kind, last):
+                return replace(self, reserved={**self.reserved, kind: last})
+            case Runs():
+                return replace(self, runs=record)
+            case PhaseEntered(phase):
+                return replace(self, phase=phase)
+            case Latched(element):
+                return replace(self, latched={**self.latched, element: record})
+            case Cleared(element):
+                return replace(self, latched={e: one for e, one in self.latched.items() if e != element})
+            case Quarantined(pe, losses):
+                return replace(self, quarantined={**self.quarantined, pe: losses})
+            case Released(pe):
+                return replace(self, quarantined={p: n for p, n in self.quarantined.items() if p != pe})
+
+    def records(self) -> list[Record]:
+        """Fewest records that make this memory out of an empty one."""
+        records: list[Record] = [TermBegun(self.term)] if self.term else []
+        records += [Reserved(kind, last) for kind, last in self.reserved.items()]
+        records += [self.runs] if self.runs is not None else []
+        records += [PhaseEntered(self.phase)] if self.phase is not None else []
+        records += self.latched.values()
+        return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
+
+    def numbers(self) -> "Memory":
+        """Give what is left of it when another spec is flown: the numbers alone."""
+        return Memory(self.term, self.reserved)
+
+
+NOTHING = Memory()
+
+
+def as_json(record: Record) -> list[str | int]:
+    """Write a record as a list: its kind, then its fields."""
+    match record:
+        case TermBegun(term):
+            return ["term", term]
+        case Reserved(kind, last):
+            return ["reserved", kind, last]
+        case Runs(epoch, digest, row):
+            return ["runs", epoch, digest, row]
+        case PhaseEntered(phase):
+            return ["phase", phase]
+        case Latched(element, by, code, detail):
+            return ["latched", element, by, code, detail]
+        case Cleared(element):
+            return ["cleared", element]
+        case Quarantined(pe, losses):
+            return ["quarantined", pe, losses]
+        case Released(pe):
+            return ["released", pe]
+
+
+def from_json(content: object) -> Record | None:
+    """Read a record; None where it is none of ours."""
+    match content:
+        case ["term", int(term)] if 0 < term <= MAX_TERM:
+            return TermBegun(term)
+        case ["reserved", str(kind), int(last)]:
+            return Reserved(kind, last)
+        case ["runs", int(epoch), int(digest), str(row)] if epoch != NO_EPOCH:
+            return Runs(epoch, digest, row)
+        case ["phase", str(phase)]:
+            return PhaseEntered(phase)
+        case ["latched", str(element), str(by), str(code), int(detail)]:
+            return Latched(element, by, code, detail)
+        case ["cleared", str(element)]:
+            return Cleared(element)
+        case ["quarantined", str(pe), int(losses)]:
+            return Quarantined(pe, losses)
+        case ["released", str(pe)]:
+            return Released(pe)
+        case _:
+            return None

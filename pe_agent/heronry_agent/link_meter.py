@@ -1,0 +1,142 @@
+"""How much of a radio's bandwidth can be used, from what its gateway sees: nothing here asks the radio itself.
+
+Two things are known of any CAN interface:
+
+    carried     while a frame of ours is in the controller, the radio is never idle. So what it carried in that time
+                (our frame, and whatever was heard meanwhile), by the time, is what it can carry. A driver that cannot
+                say how long a frame took leaves this out
+    delivered   state frames carry a sequence for each bus, and data one for each identifier: a gap is a loss
+
+What can be used is the product of both. It is taken over the last ten heartbeat periods, and from the last two alone
+where these are worse by half: a queue grows while one waits for certainty, and none while one is too careful.
+
+An *outage*, silence in both directions, says nothing about the bandwidth before and after it: it counts as one frame
+lost of each sender, and the frame of ours that was stuck in it not at all.
+
+    gone        nothing at all was heard for as many periods as may be missed there, and an eighth (so all who are there
+                are lost before the first of them is missed by itself); heard again, the measuring begins anew
+
+A reboot beyond begins a sequence anew; a frame that comes twice, or late, counts as no loss. A forged state looks like
+loss: that costs the ground bandwidth, and the aircraft nothing.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import PER_MILLE
+from heronry_wire.identifiers import Use, classify
+from heronry_wire.sansio import NEVER_NS
+from heronry_wire.timing import exact_bits
+
+WINDOW_PERIODS = 10
+QUICK_PERIODS = 2
+_QUICK_SHARE = 2  # the last periods count alone where they are worse than the window by this factor
+_FEWEST = 8  # frames that must have been due before a share of them means anything
+_NS_PER_S = 1_000_000_000
+_LONGEST_GAP = 64  # a jump of the sequence by more is a new beginning
+_NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+
+
+@dataclass(slots=True)
+class _Period:
+    """What was counted in one heartbeat period."""
+
+    bits: int = 0  # carried while a frame of ours was in the controller
+    busy_ns: int = 0  # ... for so long
+    due: int = 0  # frames from beyond that should have come
+    came: int = 0
+
+
+class LinkMeter:
+    """Measures one radio."""
+
+    def __init__(self, bitrate: int, period_ns: int, misses: int, now_ns: int) -> None:
+        self.gone = False
+        self._bitrate = bitrate
+        self._patience_ns = misses * period_ns + period_ns // 8
+        self._outage_ns = 2 * period_ns
+        self._heard_ns = now_ns
+        self._periods = deque((_Period(),), maxlen=WINDOW_PERIODS)
+        self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
+        self._last: dict[tuple[int, int], int] = {}  # (identifier, sender) -> sequence
+
+    def heard(self, frame: Frame, now_ns: int) -> bool:
+        """Take a frame from beyond; tells whether the radio was gone."""
+        was_gone, self.gone = self.gone, False
+        if was_gone:
+            self._begin_anew()
+        if self._in_flight_bits is not None:
+            self._in_flight_bits += exact_bits(frame)
+        self._number(frame, now_ns)
+        self._heard_ns = now_ns
+        return was_gone
+
+    def handed_over(self) -> None:
+        """A frame of ours is in the controller from now on."""
+        self._in_flight_bits = 0
+
+    def left(self, frame: Frame, took_ns: int) -> None:
+        """It has left, after so long; 0 where nobody knows."""
+        heard_bits, self._in_flight_bits = self._in_flight_bits, None
+        if took_ns > 0 and heard_bits is not None:
+            self._periods[-1].bits += exact_bits(frame) + heard_bits
+            self._periods[-1].busy_ns += took_ns
+
+    def stuck(self, took_ns: int) -> None:
+        """It was given up after so long."""
+        heard_bits, self._in_flight_bits = self._in_flight_bits, None
+        if heard_bits:
+            self._periods[-1].bits += heard_bits
+            self._periods[-1].busy_ns += took_ns
+
+    def next_period(self) -> None:
+        """A heartbeat period is over."""
+        self._periods.append(_Period())
+
+    @property
+    def gone_ns(self) -> int:
+        """When the radio is gone if nothing is heard before; never, where it is already."""
+        return NEVER_NS if self.gone else self._heard_ns + self._patience_ns
+
+    def usable(self) -> int:
+        """What can be used, in thousandths of the bit rate."""
+        long = self._carried(WINDOW_PERIODS) * self._delivered(WINDOW_PERIODS) // PER_MILLE
+        quick = self._carried(QUICK_PERIODS + 1) * self._delivered(QUICK_PERIODS + 1) // PER_MILLE
+        return quick if quick * _QUICK_SHARE <= long else long
+
+    def delivered_percent(self) -> int:
+        """How much of what was sent beyond has come, in per cent."""
+        return self._delivered(WINDOW_PERIODS) // 10
+
+    def _carried(self, periods: int) -> int:
+        shares = [
+            min(PER_MILLE, PER_MILLE * one.bits * _NS_PER_S // (one.busy_ns * self._bitrate))
+            for one in list(self._periods)[-periods:]
+            if one.busy_ns
+        ]
+        return sum(shares) // len(shares) if shares else PER_MILLE
+
+    def _delivered(self, periods: int) -> int:
+        recent = list(self._periods)[-periods:]
+        due = sum(one.due for one in recent)
+        return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
+
+    def _number(self, frame: Frame, now_ns: int) -> None:
+        """Count what is missing before a numbered frame."""
+        use, data = classify(frame.can_id).use, frame.data
+        if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and data[0] >> 6):
+            return
+        key, sequence = (frame.can_id, 0 if use is Use.STATE else data[0]), data[4 if use is Use.STATE else 3]
+        last = self._last.get(key)
+        self._last[key] = sequence
+        ahead = 1 if last is None else (sequence - last) % 256
+        if 0 < ahead <= _LONGEST_GAP:
+            self._periods[-1].due += ahead if now_ns - self._heard_ns < self._outage_ns else min(ahead, 2)
+            self._periods[-1].came += 1
+
+    def _begin_anew(self) -> None:
+        self._last.clear()
+        self._in_flight_bits = None
+        self._periods.clear()
+        self._periods.append(_Period())

@@ -1,0 +1,156 @@
+"""What waits at a gateway for a radio: the most urgent first, of each thing the newest only, never more than so much.
+
+    push      a frame joins; where an older one says the same thing (a datum of the same source, the LEASE before this
+              LEASE), it takes its place: over a slow radio old news is worse than none. What must not be lost one by
+              one (slices, commands, emergencies) only takes the place of its own double
+    take      the most urgent frame for which its class has bandwidth; data and management are two classes, since data
+              must leave to management what the spec reserves for it
+    full      the least urgent one is dropped, and counted; so is what waited so long that nobody wants it any more
+
+Each class has a bucket of bits, filled at its share of the bandwidth and never fuller than a burst. What is counted are
+the longest frames (as plans count), so that a plan that fits its bus fits this too.
+"""
+
+from dataclasses import dataclass
+
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, Use, classify
+from heronry_wire.timing import worst_bits
+
+CAPACITY = 64  # frames
+DATA_BURST_BITS = 8 * worst_bits(8)
+MANAGEMENT_BURST_BITS = 32 * worst_bits(8)  # a slice and its PREPARE
+_NS_PER_S = 1_000_000_000
+_DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_LATEST_COUNTS = _DATA | {Use.HEARTBEAT, Use.GATEWAY}
+_LATEST_COMMANDS = frozenset((Command.LEASE, Command.ALIVE))
+_PATIENT_COMMANDS = frozenset((Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL))
+
+_Key = tuple[int, bytes]
+
+
+@dataclass(slots=True)
+class Bucket:
+    """Bits that may be sent now; `rate` is in bit/s."""
+
+    rate: int
+    burst: int
+    bits: int
+    filled_ns: int
+    _rest: int = 0  # billionths of a bit
+
+    def fill(self, now_ns: int) -> None:
+        """Let time pass."""
+        gained = self.rate * (now_ns - self.filled_ns) + self._rest
+        self.bits, self._rest = self.bits + gained // _NS_PER_S, gained % _NS_PER_S
+        if self.bits >= self.burst:
+            self.bits, self._rest = self.burst, 0
+        self.filled_ns = now_ns
+
+    def has_ns(self, bits: int) -> int:
+        """When there will be so many bits, if none are taken before."""
+        if bits <= self.bits:
+            return self.filled_ns
+        missing = (bits - self.bits) * _NS_PER_S - self._rest
+        return self.filled_ns - (-missing // max(1, self.rate))
+
+
+@dataclass(slots=True)
+class Waiting:
+    """A frame in the queue; `until_ns` is until when it is of use."""
+
+    frame: Frame
+    key: _Key
+    is_data: bool
+    order: int
+    until_ns: int
+    bits: int
+
+
+class RadioQueue:
+    """Frames that wait for one radio."""
+
+    def __init__(self, rate: int, data_per_mille: int, now_ns: int) -> None:
+        """`rate` is the radio's bandwidth in bit/s, of which data may take so much."""
+        self.dropped = 0
+        self._data_per_mille = data_per_mille
+        self._waiting: dict[_Key, Waiting] = {}
+        self._pushed = 0
+        self._data = Bucket(0, DATA_BURST_BITS, DATA_BURST_BITS, now_ns)
+        self._management = Bucket(0, MANAGEMENT_BURST_BITS, MANAGEMENT_BURST_BITS, now_ns)
+        self.pace(rate, now_ns)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def pace(self, rate: int, now_ns: int) -> None:
+        """Go on at another bandwidth, in bit/s."""
+        for bucket in (self._data, self._management):
+            bucket.fill(now_ns)
+        self._data.rate = rate * self._data_per_mille // 1000
+        self._management.rate = rate - self._data.rate
+
+    def push(self, frame: Frame, until_ns: int) -> None:
+        """Let a frame wait, for as long as it is of use."""
+        use = classify(frame.can_id)
+        key = _key(frame, use.use, use.command)
+        older = self._waiting.get(key)
+        self._pushed += 1
+        order = self._pushed if older is None else older.order
+        is_data = use.use in _DATA
+        self.dropped += older is not None and is_data
+        self._waiting[key] = Waiting(frame, key, is_data, order, until_ns, worst_bits(len(frame.data)))
+        if len(self._waiting) > CAPACITY:
+            last = max(self._waiting.values(), key=_rank)
+            del self._waiting[last.key]
+            self.dropped += 1
+
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back what waits under these identifiers."""
+        self._waiting = {key: one for key, one in self._waiting.items() if one.frame.can_id not in identifiers}
+
+    def take(self, now_ns: int) -> Waiting | None:
+        """Take the most urgent frame that may go now; None where none may."""
+        self._expire(now_ns)
+        for bucket in (self._data, self._management):
+            bucket.fill(now_ns)
+        may_go = [one for one in self._waiting.values() if one.bits <= self._bucket(one).bits]
+        if not may_go:
+            return None
+        first = min(may_go, key=_rank)
+        self._bucket(first).bits -= first.bits
+        del self._waiting[first.key]
+        return first
+
+    def next_ns(self) -> int | None:
+        """When some frame may go, if none comes and none goes before; None where none waits."""
+        return min((self._bucket(one).has_ns(one.bits) for one in self._waiting.values()), default=None)
+
+    def _bucket(self, one: Waiting) -> Bucket:
+        return self._data if one.is_data else self._management
+
+    def _expire(self, now_ns: int) -> None:
+        late = [one.key for one in self._waiting.values() if one.until_ns < now_ns]
+        for key in late:
+            del self._waiting[key]
+        self.dropped += len(late)
+
+
+def is_patient(frame: Frame) -> bool:
+    """Tell whether a frame is as good when it comes late: it names its epoch, or says what has been heard."""
+    return classify(frame.can_id).command in _PATIENT_COMMANDS
+
+
+def _rank(one: Waiting) -> tuple[int, int]:
+    return one.frame.can_id, one.order
+
+
+def _key(frame: Frame, use: Use, command: Command | None) -> _Key:
+    """What a frame says, so that a newer one can take its place."""
+    if use in _LATEST_COUNTS or command in _LATEST_COMMANDS:
+        return frame.can_id, b""
+    if use is Use.STATE:
+        return frame.can_id, bytes((frame.data[0] >> 6,)) if frame.data else b""  # of each page
+    if use is Use.ACTUATOR_ECHO:
+        return frame.can_id, frame.data[1:3]  # of each device
+    return frame.can_id, frame.data

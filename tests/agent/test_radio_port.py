@@ -1,0 +1,183 @@
+"""A gateway at its radio: one frame at a time, at the pace of what can be used, and what it tells the manager."""
+
+import itertools
+from dataclasses import replace
+
+from agent.one_pe import (
+    FAR,
+    GATEWAY_TABLE,
+    MS,
+    NEIGHBOUR,
+    NODE,
+    RATE,
+    RATE_ID,
+    OnePe,
+    command_frame,
+    neighbour_state,
+    rate_frame,
+    sent,
+)
+from heronry_agent.vocabulary import Action, Left
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkReport, LinkState, decode_link
+from heronry_wire.management import Alive, Lease, Prepare, SliceBody, StatePage0, Step, decode_state
+from heronry_wire.sansio import Received, Send, Tick
+
+UPLINK, RADIO = 0, 1
+LINK_ID = 291
+PERIOD_NS = 100 * MS
+AT_ONCE = 1
+TABLE = replace(
+    GATEWAY_TABLE, ports=(GATEWAY_TABLE.ports[0], replace(GATEWAY_TABLE.ports[1], link_id=LINK_ID, bitrate=112_500))
+)
+FORWARDS = Slice(forward={RATE: (NEIGHBOUR, 0b10)})
+
+
+class Gateway(OnePe):
+    """A gateway whose radio takes each frame after `frame_ns`; None: it takes none."""
+
+    def __init__(self, frame_ns: int | None = AT_ONCE) -> None:
+        super().__init__(TABLE)
+        self.frame_ns = frame_ns
+        self.by_radio: list[Send] = []
+        self.leaves_ns: int | None = None
+
+    def give(self, event: object) -> list[Action]:
+        actions = super().give(event)  # type: ignore[arg-type]  # every event there is
+        radio = [action for action in actions if isinstance(action, Send) and action.port == RADIO]
+        assert len(radio) <= 1, "one frame at a time"
+        if radio:
+            assert self.leaves_ns is None, "the one before has not left"
+            self.by_radio += radio
+            self.leaves_ns = None if self.frame_ns is None else self.now_ns + self.frame_ns
+        if self.frame_ns == AT_ONCE and self.leaves_ns is not None:
+            self.leaves_ns = None
+            actions = actions + self.give(Left(RADIO, self.frame_ns))
+        return actions
+
+    def wait(self, duration_ns: int) -> list[Action]:
+        """Let time pass; the radio takes frames meanwhile."""
+        end_ns, actions = self.now_ns + duration_ns, []
+        while True:
+            leaves_ns, due_ns = self.leaves_ns, self.core.next_deadline_ns()
+            if min(due_ns, due_ns if leaves_ns is None else leaves_ns) > end_ns:
+                break
+            if leaves_ns is not None and leaves_ns <= due_ns:
+                self.now_ns, self.leaves_ns = leaves_ns, None
+                assert self.frame_ns is not None
+                actions += self.give(Left(RADIO, self.frame_ns))
+            else:
+                self.now_ns = max(self.now_ns, due_ns)
+                actions += self.give(Tick())
+        self.now_ns = end_ns
+        return actions
+
+    def beyond(self, sequence: int) -> list[Action]:
+        """The far node beats."""
+        page = decode_state(neighbour_state(0, node=FAR).data)
+        assert isinstance(page, StatePage0)
+        frame = Frame(neighbour_state(0, node=FAR).can_id, replace(page, sequence=sequence % 256).encode())
+        return self.hear(frame, RADIO)
+
+
+def reports(actions: list[Action]) -> list[LinkReport]:
+    decoded = [decode_link(frame.data) for frame in sent(actions, LINK_ID, UPLINK)]
+    assert all(isinstance(report, LinkReport) for report in decoded)
+    return [report for report in decoded if isinstance(report, LinkReport)]
+
+
+def test_the_next_frame_goes_when_the_last_one_has_left() -> None:
+    pe = Gateway(frame_ns=10 * MS)
+    pe.command(Prepare(1, 7, 1007))
+    pe.command(Lease(1, 7, Step.PREPARED, 1007), *(SliceBody(FAR, 7, index, b"12345") for index in (1, 2)))
+    assert [one.frame for one in pe.by_radio] == [command_frame(Prepare(1, 7, 1007))]
+    pe.wait(11 * MS)
+    assert pe.by_radio[-1].frame == command_frame(Lease(1, 7, Step.PREPARED, 1007)), "the more urgent one first"
+
+
+def test_a_newer_datum_takes_the_place_of_the_one_that_waits() -> None:
+    pe = Gateway(frame_ns=40 * MS)
+    pe.configure(FORWARDS, 7)
+    pe.wait(300 * MS)
+    pe.frame_ns = None
+    for number in range(5):
+        pe.hear(rate_frame(float(number), code=number), UPLINK)
+        pe.now_ns += MS
+    pe.frame_ns = AT_ONCE
+    pe.give(Left(RADIO, 40 * MS))
+    forwarded = [one.frame for one in pe.by_radio if one.frame.can_id == RATE_ID]
+    assert forwarded[-1] == rate_frame(4.0, code=4)
+    assert len(forwarded) <= 2
+
+
+def test_a_report_goes_up_once_in_a_period_of_the_radio() -> None:
+    pe = Gateway()
+    found = []
+    for number in range(30):
+        pe.beyond(number)
+        found += reports(pe.wait(PERIOD_NS))
+    assert 29 <= len(found) <= 31
+    assert {(report.node, report.state, report.usable, report.delivered) for report in found} == {
+        (NODE, LinkState.UP, 1000, 100)
+    }
+    steps = {(after.sequence - before.sequence) % 64 for before, after in itertools.pairwise(found)}
+    assert steps == {1}
+
+
+def test_a_slower_radio_is_told_and_its_queue_stays_short() -> None:
+    pe = Gateway(frame_ns=12 * MS)  # a tenth of its bit rate
+    pe.configure(FORWARDS, 7)
+    found = []
+    for number in range(300):
+        if number % 10 == 0:
+            found += reports(pe.beyond(number // 10))
+        pe.hear(rate_frame(1.0, code=number % 256), UPLINK)
+        pe.command(Alive(1, number % 256, frozenset({NEIGHBOUR, NODE})))
+        found += reports(pe.wait(10 * MS))
+    assert all(80 <= report.usable <= 110 for report in found[3:])
+    assert max(report.queued for report in found) <= 4
+    assert found[-1].dropped > 0
+
+
+def test_a_radio_from_beyond_which_nothing_comes_is_gone_and_it_is_back_with_the_first_frame() -> None:
+    pe = Gateway()
+    pe.beyond(0)
+    gone = reports(pe.wait(3 * PERIOD_NS))
+    assert {report.state for report in gone} == {LinkState.UP}
+    at_once = reports(pe.wait(PERIOD_NS // 8 + MS))
+    assert at_once[-1].state is LinkState.GONE
+    assert at_once[-1].usable == 0
+    assert [report.state for report in reports(pe.beyond(1))] == [LinkState.UP]
+
+
+def test_a_radio_that_takes_nothing_gets_the_next_frame_after_a_period() -> None:
+    pe = Gateway(frame_ns=None)
+    pe.wait(10 * MS)
+    first = len(pe.by_radio)
+    assert first == 1
+    pe.wait(5 * PERIOD_NS)
+    assert 3 <= len(pe.by_radio) - first <= 6
+
+
+def test_what_is_withdrawn_does_not_reach_the_radio() -> None:
+    pe = Gateway(frame_ns=None)
+    pe.configure(FORWARDS, 7)
+    pe.hear(rate_frame(1.0), UPLINK)
+    pe.configure(Slice(), 8)
+    pe.frame_ns = AT_ONCE
+    pe.wait(5 * PERIOD_NS)
+    assert RATE_ID not in {one.frame.can_id for one in pe.by_radio}
+
+
+def test_reports_of_gateways_further_out_are_passed_up() -> None:
+    pe = Gateway()
+    frame = Frame(LINK_ID + 1, LinkReport(FAR, LinkState.UP, 0, 500, 90, 0, 0).encode())
+    assert sent(pe.hear(frame, RADIO), LINK_ID + 1, UPLINK) == [frame]
+    assert sent(pe.hear(frame, UPLINK), LINK_ID + 1) == []
+
+
+def test_frames_of_29_bits_on_the_radio_are_not_measured() -> None:
+    pe = Gateway()
+    assert pe.give(Received(RADIO, Frame(330, bytes(8), extended=True))) == []
+    assert pe.core.radio_ports == {RADIO}

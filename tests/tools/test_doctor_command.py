@@ -1,0 +1,219 @@
+"""`heronry doctor`: what it finds right, what it finds wrong, and what it says to type."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import pytest
+
+from heronry_dg.loader import load
+from heronry_manager.compilation import Compiler
+from heronry_tools.cli import main
+from heronry_tools.doctor import computer
+from heronry_tools.doctor.computer import judge_computer
+from heronry_tools.doctor.finding import Finding
+from heronry_tools.doctor.interface import judge_interface
+from heronry_tools.doctor.listening import CLOCK_STEP_NS, Expected, Hearing, judge_digests, judge_hearing
+from heronry_tools.softbus.starter import start_hub
+from heronry_tools.table_command import write_tables
+from heronry_wire.can_interface import CanInterface
+from heronry_wire.controller import ControllerState
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.management import Lease, PeFlags, PeState, StatePage0, Step
+
+GOOD = CanInterface(
+    name="can0",
+    kind="can",
+    is_can=True,
+    is_up=True,
+    queue_length=10,
+    bitrate=1_000_000,
+    state=ControllerState.ERROR_ACTIVE,
+    restart_ms=100,
+    transmit_errors=0,
+    receive_errors=0,
+    bus_offs=0,
+)
+SPEC = Expected("small", "ab" * 32, 1_000_000, {92: "nose", 93: "tail"})
+
+
+def wrong(findings: Iterator[Finding]) -> dict[str, str]:
+    return {finding.check: finding.remedy for finding in findings if finding.remedy is not None}
+
+
+# The interface
+
+
+def test_a_good_interface_is_right_in_every_way() -> None:
+    findings = list(judge_interface("can0", GOOD, 1_000_000))
+    assert [finding.check for finding in findings] == ["interface", "queue", "bit rate", "restart", "errors"]
+    assert all(finding.is_right for finding in findings)
+
+
+def test_a_vcan_and_a_driver_that_tells_little_are_right() -> None:
+    vcan = CanInterface("vcan0", "vcan", is_can=True, is_up=True, queue_length=1000)
+    silent = replace(GOOD, bitrate=None, state=None, transmit_errors=None, receive_errors=None, bus_offs=None)
+    for interface in (vcan, silent):
+        assert wrong(judge_interface(interface.name, interface, 1_000_000)) == {}
+
+
+@pytest.mark.parametrize(
+    ("interface", "check", "remedy"),
+    [
+        (None, "interface", "ip link"),
+        (replace(GOOD, is_can=False), "interface", "ip -details link show type can"),
+        (replace(GOOD, is_up=False), "interface", "ip link set can0 up type can bitrate 1000000 restart-ms 100"),
+        (
+            replace(GOOD, bitrate=500_000),
+            "bit rate",
+            "ip link set can0 down && ip link set can0 up type can bitrate 10",
+        ),
+        (replace(GOOD, restart_ms=0), "restart", "ip link set can0 down && "),
+        (replace(GOOD, queue_length=5), "queue", "ip link set can0 txqueuelen 10"),
+        (replace(GOOD, transmit_errors=97), "errors", "look at termination"),
+        (replace(GOOD, state=ControllerState.ERROR_PASSIVE), "errors", "look at termination"),
+        (replace(GOOD, state=ControllerState.BUS_OFF), "errors", "ip link set can0 down && "),
+        (replace(GOOD, bus_offs=2), "bus-off", "look at termination"),
+    ],
+)
+def test_whatever_is_wrong_with_an_interface_has_its_remedy(
+    interface: CanInterface | None, check: str, remedy: str
+) -> None:
+    found = wrong(judge_interface("can0", interface, 1_000_000))
+    assert list(found) == [check]
+    assert found[check].startswith(remedy)
+
+
+def test_a_vcan_that_is_missing_or_down_is_made_as_a_vcan_is() -> None:
+    assert wrong(judge_interface("vcan0", None, None)) == {
+        "interface": "ip link add vcan0 type vcan && ip link set vcan0 up"
+    }
+    down = CanInterface("vcan0", "vcan", is_can=True, is_up=False, queue_length=1000)
+    assert wrong(judge_interface("vcan0", down, None)) == {"interface": "ip link set vcan0 up"}
+
+
+# The bus
+
+
+def state(node: int, incarnation: int = 1) -> Frame:
+    return Frame(state_id(node), StatePage0(PeState.ACTIVE, PeFlags(0), incarnation, 7, 0, 0).encode())
+
+
+def lease(manager: int, term: int = 1) -> Frame:
+    return Frame(management_id(manager, Command.LEASE), Lease(term, 7, Step.GO_ALL, 0).encode())
+
+
+def heard(*frames: Frame) -> Hearing:
+    hearing = Hearing()
+    for frame in frames:
+        hearing.take(frame)
+    return hearing
+
+
+def test_a_bus_with_its_nodes_and_one_manager_is_right() -> None:
+    findings = list(judge_hearing(heard(lease(126), state(92), state(93), state(93)), SPEC, 3))
+    assert wrong(iter(findings)) == {}
+    assert [finding.says for finding in findings if finding.check == "nodes"] == ["heard: nose, tail"]
+
+
+@pytest.mark.parametrize(
+    ("frames", "checks"),
+    [
+        ([], {"bus", "manager", "nodes"}),
+        ([state(92), state(93)], {"manager"}),
+        ([lease(126), lease(127, 2), state(92), state(93)], {"manager"}),
+        ([lease(126), state(92)], {"nodes"}),
+        ([lease(126), state(92), state(93), state(94)], {"nodes"}),
+        ([lease(126), state(92), state(93, 1), state(93, 9), state(93, 1)], {"node-ID"}),
+        ([lease(126), state(92), state(93), Frame(0x88, bytes(8), error=True)], {"bus"}),
+        ([lease(126), state(92), state(93), Frame(0x40, bytes(8), error=True)], {"bus"}),
+    ],
+)
+def test_whatever_is_wrong_on_a_bus_is_found(frames: list[Frame], checks: set[str]) -> None:
+    assert set(wrong(judge_hearing(heard(*frames), SPEC, 3))) == checks
+
+
+def test_what_is_no_word_of_ours_is_a_frame_and_nothing_more() -> None:
+    strange = [
+        Frame(0x1ABCDEF, b"", extended=True),
+        Frame(state_id(92), b""),
+        Frame(state_id(92), b"\x00"),
+        Frame(management_id(126, Command.LEASE), b"\x00"),
+        Frame(1000, b"x"),
+    ]
+    hearing = heard(*strange, state(92))
+    assert (hearing.frames, hearing.terms, hearing.incarnations) == (6, {}, {92: [1]})
+
+
+def test_a_clock_that_is_set_is_found_and_one_that_drifts_is_not() -> None:
+    hearing = Hearing()
+    for wall_ns, monotonic_ns in ((0, 0), (1_000_100, 1_000_000), (2_000_000, 2_000_000)):
+        hearing.clocks(wall_ns, monotonic_ns)
+    assert "clock" not in wrong(judge_hearing(hearing, None, 3))
+    hearing.clocks(3_000_001 + CLOCK_STEP_NS, 3_000_000)
+    assert "clock" in wrong(judge_hearing(hearing, None, 3))
+
+
+def test_tables_of_two_specs_are_found_and_so_is_who_does_not_say() -> None:
+    mine, other = SPEC.digest, "cd" * 32
+    assert wrong(judge_digests({92: mine, 93: mine}, SPEC)) == {}
+    assert wrong(judge_digests({92: other, 93: other}, None)) == {}
+    assert wrong(judge_digests({}, SPEC)) == {}
+    assert list(wrong(judge_digests({92: mine, 93: other}, None))) == ["tables"]
+    assert list(wrong(judge_digests({92: other}, SPEC))) == ["tables"]
+    assert list(wrong(judge_digests({92: None}, SPEC))) == ["tables"]
+
+
+# The computer, and the command
+
+
+def test_a_kernel_without_can_and_a_package_that_is_missing_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert wrong(judge_computer(needs_can=False)) == {}
+    monkeypatch.setattr(computer, "knows_can", lambda: False)
+    monkeypatch.setattr(computer, "_PACKAGES", ("heronry", "no-such-package"))
+    assert wrong(judge_computer(needs_can=True)).keys() == {"versions", "kernel"}
+
+
+@pytest.fixture
+def hub(tmp_path: Path) -> Iterator[str]:
+    process = start_hub(tmp_path / "can0.sock", 1_000_000)
+    yield str(process.path)
+    process.close()
+
+
+def test_on_an_empty_bus_it_says_what_to_start_and_ends_with_1(hub: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "elevator_and_chute", "-i", "softbus", "-c", hub, "--seconds", "0.1", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["ok"] is False
+    assert {one["check"] for one in told["findings"] if not one["ok"]} == {"bus", "manager", "nodes"}
+    assert all((one["type"] is None) == one["ok"] for one in told["findings"])
+
+
+def test_a_node_that_has_its_table_alone_compares_with_that(
+    hub: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = Path("dg_specs/elevator_and_chute.dg.yaml")
+    table = write_tables(Compiler(load(file)), ("tail_pe",), tmp_path)["tail_pe"]
+    with can.Bus(interface="softbus", channel=hub) as bus:
+        for one in (lease(126), state(92)):
+            bus.send(can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False))
+        assert main(["doctor", str(table), "-i", "softbus", "-c", hub, "--seconds", "0.1"]) == 1
+    out = capsys.readouterr().out
+    assert "not heard: node " in out
+    assert out.endswith("things are not right\n")
+
+
+def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "-i", "softbus", "-c", str(tmp_path / "none.sock")]) == 1
+    assert "no hub answers there" in capsys.readouterr().out
+    assert main(["doctor", "-i", "socketcan", "-c", "no_such_can"]) == 1
+    out = capsys.readouterr().out
+    assert "this kernel has no CAN" in out or "there is no interface no_such_can" in out
+
+
+def test_a_time_that_makes_no_sense_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "-i", "softbus", "-c", "x", "--seconds", "0"]) == 2
+    assert "--seconds 0" in capsys.readouterr().err

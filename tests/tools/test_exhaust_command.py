@@ -1,0 +1,87 @@
+"""Every single fault at every message of every reconfiguration: a sample of them flown, and what the command tells."""
+
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+
+from heronry_dg.loader import load
+from heronry_tools.cli import main
+from heronry_tools.simulator.exhaustive import KINDS, single_cases, stories
+from scenarios.flights import big_blue
+
+FILE = Path("dg_specs/examples/demux_actuators.dg.yaml")
+
+
+def test_every_story_that_reconfigures_is_struck_in_every_way_by_everybody() -> None:
+    spec = load(FILE)
+    cases = {story: single_cases(spec, story) for story in stories(spec)}
+    idle = {story for story, found in cases.items() if not found}
+    assert idle == {"crash pe:tail_b", "raise module:servo_driver_2"}  # nothing runs there
+    blows = {(blow.kind, blow.victim) for found in cases.values() for case in found for blow in case.blows}
+    nodes = {"manager", "pe:flight", "pe:tail_a", "pe:tail_b"}
+    assert {kind for kind, _ in blows} == set(KINDS)
+    assert {victim for kind, victim in blows if kind == "lost"} == nodes | {"everybody"}
+    assert {victim for kind, victim in blows if kind == "crash"} == nodes
+    assert sum(map(len, cases.values())) > 10_000
+
+
+def test_phases_are_stories_too() -> None:
+    assert [story for story in stories(big_blue()) if story.startswith("phase")] == [
+        f"phase {phase}" for phase in big_blue().phases
+    ]
+
+
+def test_a_sample_of_singles_and_pairs_leaves_everything_in_order(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(FILE), "--sample", "35", "--pairs", "15", "--seed", "3"]) == 0
+    out = capsys.readouterr().out
+    assert " 50 flights (" in out
+    assert out.endswith("0 failed\n")
+
+
+def test_cases_are_flown_as_they_are_written_and_in_parallel_alike(capsys: pytest.CaptureFixture[str]) -> None:
+    cases = ["start: 3 lost everybody", "return pe:tail_a: 40 late-30 manager, 44 crash pe:tail_a"]
+    cases.append("crash pe:tail_a: 9 crash manager, 12 death pe:flight")
+    words = ["exhaust", str(FILE), *(word for case in cases for word in ("--case", case))]
+    assert main([*words, "--json"]) == 0
+    alone = json.loads(capsys.readouterr().out)
+    assert alone == {
+        "flights": 3,
+        "blows": {"lost": 1, "late-30": 1, "crash": 2, "death": 1},
+        "failed": [],
+    }
+    assert main([*words, "--jobs", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == alone
+
+
+def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = FILE.read_text()
+    file = tmp_path / "raising.dg.yaml"
+    file.write_text(
+        text.replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
+    )  # and nobody is told
+    case = "start: 5 doubled everybody"
+    assert main(["exhaust", str(file), "--case", case]) == 1
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == case
+    assert "VIOLATION" in out[1]
+    replay = next(line for line in out if "replay with: " in line).partition("replay with: ")[2]
+    assert shlex.split(replay) == ["heronry", "exhaust", str(file), "--case", case]
+    assert main(["exhaust", str(file), "--case", case, "--json"]) == 1
+    (failed,) = json.loads(capsys.readouterr().out)["failed"]
+    assert (failed["case"], failed["replay"]) == (case, replay)
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence"),
+    [
+        ("crash pe:tail: 5 lost everybody", "there is no story 'crash pe:tail'"),
+        ("start: five lost everybody", "write NUMBER KIND VICTIM"),
+        ("start: 5 eaten everybody", "with one of lost, doubled"),
+        ("start: 5 lost pe:nobody", "there is no 'pe:nobody'"),
+    ],
+)
+def test_a_case_that_makes_no_sense_is_refused(case: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(FILE), "--case", case]) == 2
+    assert sentence in capsys.readouterr().err

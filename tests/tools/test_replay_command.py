@@ -1,0 +1,170 @@
+"""`heronry replay`: a recording gives the same decisions again, with their reasons, and what differs is told."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import score
+from heronry_dg.plan import Plan, make_plan
+from heronry_dg.situation import Situation
+from heronry_manager.vocabulary import RequestPlan
+from heronry_tools.cli import main
+from heronry_tools.replay.comparison import compared
+from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns
+from heronry_tools.replay.rerun import Planners, Rerun
+from heronry_tools.simulator import planning
+from heronry_tools.simulator.simulation import Simulation
+from heronry_wire.frame import LoggedFrame, format_log_line
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
+from scenarios.flights import MS, elevator_and_chute, flying
+
+SPEC = "elevator_and_chute"
+
+
+def recorded(simulation: Simulation, file: Path, *, from_ns: int = 0) -> Path:
+    lines = [
+        format_log_line(LoggedFrame(sent.end_ns, sent.bus, sent.frame))
+        for sent in simulation.trace
+        if sent.end_ns >= from_ns
+    ]
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def flight_with_a_loss(planners: planning.Planners = planning.Planners.BEST) -> Simulation:
+    simulation = flying(elevator_and_chute(), keep_trace=True, planners=planners)
+    simulation.kill("tail_pe")
+    simulation.run_for(500 * MS)
+    simulation.restore("tail_pe")
+    simulation.run_for(1_000 * MS)
+    return simulation
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(flight_with_a_loss(), tmp_path_factory.mktemp("log") / "flight.log")
+
+
+def replayed(capsys: pytest.CaptureFixture[str], file: Path, *more: str) -> tuple[int, dict[str, Any]]:
+    code = main(["replay", str(file), SPEC, "--json", *more])
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return code, document
+
+
+def test_a_recording_gives_the_same_decisions_with_their_reasons(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    assert main(["replay", str(log), SPEC]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("manager 126, term 1: ")
+    assert told.endswith("decisions, all as recorded\n\n")
+    story = ["the best plan", "PREPARE epoch 1", "pe lost tail_pe: silent for", "without pe:tail_pe", "PREPARE epoch 2"]
+    story += ["pe joined tail_pe: back", "PREPARE epoch 3"]
+    places = [told.index(part) for part in story]
+    assert places == sorted(places)
+
+
+def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
+    code, document = replayed(capsys, file)
+    assert (code, document["reigns"][0]["differences"]) == (0, 0)
+
+
+def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    simulation = flying(elevator_and_chute(), keep_trace=True)
+    simulation.kill_manager()
+    simulation.run_for(300 * MS)
+    simulation.start_manager()
+    simulation.run_for(1_500 * MS)
+    code, document = replayed(capsys, recorded(simulation, tmp_path / "two.log"))
+    assert code == 0
+    assert [reign["term"] for reign in document["reigns"]] == [1, 2]
+    second = document["reigns"][1]
+    assert second["decisions"] == 0  # it adopted what ran
+    assert any("adopted" in entry.get("remark", "") for entry in second["entries"])
+
+
+def test_a_loss_that_the_recording_does_not_show_is_a_difference(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    """Without the first computer's states and emergencies the replay never counts on it."""
+    node = elevator_and_chute().pes["control_pe"].node_id
+    silent = [f" {identifier:03X}#" for identifier in (state_id(node), emcy_id(node))]
+    lines = [line for line in log.read_text().splitlines() if not any(mark in line for mark in silent)]
+    file = tmp_path / "deaf.log"
+    file.write_text("\n".join(lines) + "\n")
+    code, document = replayed(capsys, file)
+    assert code == 1
+    assert {entry["taken"] for entry in document["reigns"][0]["entries"] if "taken" in entry} >= {"recorded"}
+    assert main(["replay", str(file), SPEC]) == 1
+    assert "NOT REPLAYED" in capsys.readouterr().out
+
+
+class OnlyNothing(Planners):
+    """A planner that knows one plan: that nothing runs."""
+
+    def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
+        now, nothing = Situation(asked.down, asked.limits, asked.phase), Configuration()
+        worth = score(self.spec, now, nothing, asked.running)
+        yield "nothing at all", make_plan(self.spec, now, nothing, worth, optimal=False)
+
+
+def test_a_plan_that_nobody_here_would_make_is_told_and_flown_on_with(log: Path) -> None:
+    spec: Spec = elevator_and_chute()
+    frames, _ = read_recording(log)
+    (reign,) = reigns(spec, on_the_managers_bus(spec, frames, None))
+    rerun = Rerun(OnlyNothing(spec), reign)
+    rerun.run()
+    comparison = compared(reign, rerun)
+    remarks = [remark for remark in rerun.remarks if remark.differs]
+    assert len(remarks) == comparison.differences() == 3
+    assert all("not worth the same" in remark.text for remark in remarks)
+    assert [decision.key for decision in rerun.decisions] == [decision.key for decision in reign.decisions]
+
+
+def test_repetitions_are_no_decisions_and_lines_that_are_no_frames_are_counted(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    prepare = f" {management_id(126, Command.PREPARE):03X}#"
+    lines = []
+    for line in log.read_text().splitlines():
+        lines += [line, line] if prepare in line else [line]
+    file = tmp_path / "twice.log"
+    file.write_text("\n".join(["# a comment", *lines]) + "\n")
+    code, document = replayed(capsys, file)
+    assert (code, document["lines_that_are_no_frames"]) == (0, 1)
+    assert main(["replay", str(file), SPEC]) == 0
+    assert capsys.readouterr().out.startswith("1 lines are no frames\n")
+
+
+@pytest.mark.parametrize("channel", ["can0", "vcan7"])
+def test_the_only_channel_is_the_managers_bus(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path, channel: str
+) -> None:
+    file = tmp_path / "named.log"
+    file.write_text(log.read_text().replace(f" {elevator_and_chute().manager.bus} ", f" {channel} "))
+    assert replayed(capsys, file)[0] == 0
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["replay", *arguments]) == 2
+    return capsys.readouterr().err
+
+
+def test_what_cannot_be_replayed_is_said_in_a_sentence(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    empty, late, quiet = tmp_path / "empty.log", tmp_path / "late.log", tmp_path / "quiet.log"
+    empty.write_text("nothing\n")
+    assert "holds no frame" in refused(capsys, str(empty), SPEC)
+    lease = f" {management_id(126, Command.LEASE):03X}#"
+    lines = log.read_text().splitlines()
+    late.write_text("\n".join(lines[len(lines) // 2 :]) + "\n")
+    assert "begins in the middle of a reign" in refused(capsys, str(late), SPEC)
+    quiet.write_text("\n".join(line for line in lines if lease not in line) + "\n")
+    assert "no manager speaks" in refused(capsys, str(quiet), SPEC)
+    assert "name the manager's bus with --channel" in refused(capsys, str(log), SPEC, "--channel", "can9")
+    assert "No such file" in refused(capsys, str(tmp_path / "none.log"), SPEC)

@@ -1,0 +1,17 @@
+"""One thing that was looked at: right or not, in one sentence, and what to type where it is not."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """`check` is the word to filter by; `remedy` is a command line, or a sentence, and None where all is right."""
+
+    check: str
+    says: str
+    remedy: str | None = None
+
+    @property
+    def is_right(self) -> bool:
+        """Tell whether nothing is to be done."""
+        return self.remedy is None

@@ -1,0 +1,266 @@
+"""Every reconfiguration of a small aircraft, with every message of it struck in every way: exhaustive, not drawn.
+
+A *story* is what makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises,
+each phase. It is flown once undisturbed, and the frames of the management are counted, from the first one after the
+story begins to the last one before its last reconfiguration is done. Then it is flown again for every *blow*:
+
+    N lost VICTIM       the N-th frame is not received, by one node or by nobody
+    N doubled VICTIM    ... or is received twice
+    N late-MS VICTIM    ... or that much later, behind what was sent after it: by a driver, or by everybody
+    N crash VICTIM      once it has been received the node dies, and is started again
+    N death VICTIM      ... or is not (a PE)
+
+Whatever becomes of a single message, all of the simulator's judges must be content, and the end must be the best one.
+Two blows in one flight are far too many to be flown all; they are drawn.
+
+As text a case is STORY: BLOW, BLOW    for example    crash pe:tail_a: 17 lost pe:flight, 20 crash manager
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from random import Random
+
+from heronry_dg.model import Spec
+from heronry_manager.vocabulary import EnterPhase
+from heronry_tools.errors import UserError
+from heronry_tools.simulator.act import MANAGER, Act
+from heronry_tools.simulator.bus import Sent, Tampering
+from heronry_tools.simulator.node import Node
+from heronry_tools.simulator.simulation import MS, Simulation
+from heronry_tools.simulator.strike import Strikes
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.identifiers import Use, classify
+from heronry_wire.sansio import InvariantError, Received
+
+EVERYBODY = "everybody"
+KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
+
+_COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
+_MANAGER_BACK_NS = 100 * MS
+_PE_BACK_NS = 300 * MS
+_AWAY_MS = 1_500  # before it returns
+_STARTED_NS = 10_000 * MS
+_QUIET_NS = 1_000 * MS  # without another reconfiguration: the story is over
+_BLOW = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Blow:
+    """What happens to one frame, or with it."""
+
+    number: int
+    kind: str
+    victim: str  # pe:NAME, manager, or everybody
+
+    def __str__(self) -> str:
+        return f"{self.number} {self.kind} {self.victim}"
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One flight."""
+
+    story: str
+    blows: tuple[Blow, ...]
+
+    def __str__(self) -> str:
+        return f"{self.story}: {', '.join(map(str, self.blows))}"
+
+
+def stories(spec: Spec) -> list[str]:
+    """Everything that may make an aircraft reconfigure."""
+    of_pes = [f"{what} pe:{pe}" for pe in spec.pes for what in ("crash", "return", "reboot")]
+    return ["start", *of_pes, *(f"raise module:{m}" for m in spec.modules), *(f"phase {p}" for p in spec.phases)]
+
+
+def single_cases(spec: Spec, story: str) -> list[Case]:
+    """Every blow to every frame of a story, one at a time; none where nothing is reconfigured."""
+    return [Case(story, (blow,)) for blow in _blows(spec, _senders(spec, story))]
+
+
+def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
+    """Draw that many pairs of blows from those of one story each."""
+    random = Random(f"pairs of {seed}")
+    by_story: dict[str, list[Blow]] = {}
+    for case in cases:
+        by_story.setdefault(case.story, []).extend(case.blows)
+    for _ in range(count if by_story else 0):
+        story = random.choice(list(by_story))
+        yield Case(story, tuple(sorted(random.sample(by_story[story], 2))))
+
+
+def read_case(spec: Spec, text: str) -> Case:
+    """Read a case; raises UserError."""
+    *told, blows = text.split(": ")
+    story = ": ".join(told)
+    if story not in stories(spec):
+        raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(stories(spec))}")
+    return Case(story, tuple(_read_blow(spec, blow) for blow in blows.split(", ")))
+
+
+def fly_case(spec: Spec, case: Case) -> list[Violation]:
+    """Fly a case; gives what must not be."""
+    simulation = Simulation(spec)
+    try:
+        _prepare(simulation, case.story)
+        _Assailant(simulation, case.blows)
+        _begin(simulation, case.story)
+        simulation.run_for(_QUIET_NS)
+        return simulation.settle()
+    except InvariantError as error:
+        return [*simulation.broken(), Violation(simulation.now_ns, "invariant", str(error))]
+
+
+def _read_blow(spec: Spec, text: str) -> Blow:
+    match = _BLOW.fullmatch(text.strip())
+    if match is None or match["kind"] not in KINDS:
+        raise UserError(f"'{text}' is no blow; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
+    victims = [EVERYBODY, MANAGER, *(f"pe:{pe}" for pe in spec.pes)]
+    if match["victim"] not in victims:
+        raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
+    return Blow(int(match["number"]), match["kind"], match["victim"])
+
+
+def _senders(spec: Spec, story: str) -> list[str]:
+    """Who sends the frames of a story, in order, as victims are called."""
+    simulation = Simulation(spec)
+    _prepare(simulation, story)
+    seen: list[Sent] = []
+    _tap(simulation, seen.append)
+    known = len(simulation.events_of("reconfigured"))
+    _begin(simulation, story)
+    done_ns = simulation.now_ns
+    while simulation.now_ns - done_ns < _QUIET_NS or (story == "start" and not known):
+        simulation.run_for(10 * MS)
+        done = simulation.events_of("reconfigured")
+        if len(done) > known:
+            known, done_ns = len(done), done[-1]["t_ns"]
+        if simulation.now_ns > 2 * _STARTED_NS:
+            break
+    return [_victim(sent.sender) for sent in seen if sent.end_ns <= done_ns]
+
+
+def _blows(spec: Spec, senders: list[str]) -> Iterator[Blow]:
+    nodes = [MANAGER, *(f"pe:{pe}" for pe in spec.pes)]
+    for number, sender in enumerate(senders):
+        receivers = [EVERYBODY, *(node for node in nodes if node != sender)]
+        yield from (Blow(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
+        yield from (Blow(number, "crash", victim) for victim in nodes)
+        yield from (Blow(number, "death", victim) for victim in nodes if victim != MANAGER)
+
+
+def _prepare(simulation: Simulation, story: str) -> None:
+    """Fly to where a story begins."""
+    if story == "start":
+        return
+    while not simulation.events_of("reconfigured") or simulation.unsettled():
+        simulation.run_for(50 * MS)
+        if simulation.now_ns > _STARTED_NS:
+            raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
+    if story.startswith("return"):
+        simulation.kill(story.partition(":")[2])
+        simulation.run_for(_AWAY_MS * MS)
+
+
+def _begin(simulation: Simulation, story: str) -> None:
+    """Do what makes the aircraft reconfigure."""
+    what, _, target = story.partition(" ")
+    match what:
+        case "start":
+            pass
+        case "return":
+            simulation.restore(target.partition(":")[2])
+        case "phase":
+            assert simulation.manager is not None
+            simulation.manager.say(EnterPhase(target))
+        case _:
+            Strikes(simulation, (Act(0, what, target, 3 if what == "reboot" else 0),), simulation.now_ns)
+
+
+def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
+    """Let something be done with every frame of the management on the managers' bus."""
+
+    def tap(sent: Sent) -> None:
+        if classify(sent.frame.can_id).use in _COUNTED:
+            what(sent)
+
+    simulation.buses[simulation.spec.manager.bus].taps.append(tap)
+
+
+def _victim(sender: str) -> str:
+    return MANAGER if sender.startswith(MANAGER) else f"pe:{sender}"
+
+
+class _Assailant:
+    """Counts the frames of a flight, and strikes."""
+
+    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...]) -> None:
+        self._simulation, self._blows = simulation, blows
+        self._count = -1
+        self._bus = simulation.buses[simulation.spec.manager.bus]
+        self._bus.tamper = self._tamper
+
+    def _tamper(self, sent: Sent) -> Tampering | None:
+        """Say what becomes of a frame that has just been sent, and nobody has received yet."""
+        if classify(sent.frame.can_id).use not in _COUNTED:
+            return None
+        self._count += 1
+        tampering = None
+        for blow in self._blows:
+            if blow.number == self._count:
+                tampering = self._strike(blow) or tampering
+        return tampering
+
+    def _strike(self, blow: Blow) -> Tampering | None:
+        if blow.kind in ("lost", "doubled"):
+            receiver = None if blow.victim == EVERYBODY else self._station_name(blow.victim)
+            return Tampering(0 if blow.kind == "lost" else 2, receiver)
+        if blow.kind.startswith("late-"):
+            delay_ns = int(blow.kind.partition("-")[2]) * MS
+            for node in self._nodes(blow.victim):
+                self._hold_back(node, delay_ns)
+        else:
+            self._simulation.at(self._simulation.now_ns, lambda: self._crash(blow))
+        return None
+
+    def _nodes(self, victim: str) -> list[Node]:
+        manager = self._simulation.manager
+        nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.pes.items()}
+        if manager is not None:
+            nodes[MANAGER] = manager
+        return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
+
+    def _station_name(self, victim: str) -> str:
+        if victim != MANAGER:
+            return victim.removeprefix("pe:")
+        nodes = self._nodes(MANAGER)
+        return nodes[0].stations[0][1].name if nodes else ""
+
+    def _hold_back(self, node: Node, delay_ns: int) -> None:
+        """Let a node's driver hand over the next frame of the bus late."""
+        for bus, station in node.stations:
+            if bus is self._bus:
+                listener, simulation = station.listener, self._simulation
+
+                def hold(event: Received) -> None:
+                    station.listener = listener  # noqa: B023 - one station of a node is on the bus
+                    simulation.at(simulation.now_ns + delay_ns, lambda: listener(event) if node.running else None)  # noqa: B023
+
+                station.listener = hold
+
+    def _crash(self, blow: Blow) -> None:
+        simulation = self._simulation
+        if blow.victim == MANAGER:
+            simulation.kill_manager()
+            simulation.at(simulation.now_ns + _MANAGER_BACK_NS, self._manager_back)
+            return
+        pe = blow.victim.removeprefix("pe:")
+        if pe in simulation.pes:
+            simulation.kill(pe)
+            if blow.kind == "crash":
+                simulation.at(simulation.now_ns + _PE_BACK_NS, lambda: simulation.restore(pe))
+
+    def _manager_back(self) -> None:
+        if self._simulation.manager is None:
+            self._simulation.start_manager()
