@@ -6,7 +6,8 @@ Who says what
     on change and every tenth time) and EMCY for a fault. Nothing else commands or reports.
 
 Two phases, numbered
-    PREPARE names a new epoch and the digest of the whole configuration. For each PE, SLICE with index 0 gives
+    PREPARE names a new epoch and the digest of the whole configuration, and the number of a contingency if it is one:
+    a PE that has that on board stages it. For each other PE, SLICE with index 0 gives
     length and digest of its slice; a PE whose running slice has that digest stages it at once, any other collects the
     body from the frames 1, 2, ... (five bytes each) in any order, doubled or not. What is staged is told in page 1.
     ACTIVATE then carries a step, and LEASE repeats it for whoever missed it:
@@ -79,6 +80,7 @@ class Reason(IntEnum):
     IMAGE = 4  # an image cannot be loaded here
     STALE_TERM = 5  # a higher term has been heard
     STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
+    NOT_ON_BOARD = 7  # the table has no such contingency under this number: send the slice
 
 
 class Operation(IntEnum):
@@ -193,7 +195,7 @@ class Alive:
 
 @dataclass(frozen=True, slots=True)
 class Prepare:
-    """A configuration is about to be staged; `contingency` 0 means that SLICE frames follow."""
+    """A configuration is about to be staged: contingency number such and such; with 0 the slices follow."""
 
     term: int
     epoch: int
@@ -296,7 +298,7 @@ class StatePage0:
 
 @dataclass(frozen=True, slots=True)
 class StatePage1:
-    """What a PE has staged, why not, and its CPU load in per cent of its capacity."""
+    """The epoch last asked for, what is staged of it (digest 0: not yet) or why not, and the CPU load in per cent."""
 
     state: PeState
     flags: PeFlags

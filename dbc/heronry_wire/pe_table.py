@@ -14,13 +14,16 @@ import json
 import math
 import re
 import reprlib
+from base64 import b64decode
 from collections.abc import Collection, Iterator
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+from heronry_wire.contingency_block import Preloaded, read_block
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
+from heronry_wire.packing import PackingError
 
 FORMAT = 1
 _REMEDY = "write the table anew with 'heronry table'"
@@ -139,6 +142,7 @@ class PeTable:
     module_names: tuple[str, ...]  # of the whole spec: EMCY counts in it
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
+    contingencies: str = ""  # what is on board (`contingency_block`), in base64
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""
@@ -156,6 +160,13 @@ class PeTable:
         table: PeTable = _read(PeTable, raw, "table")
         _check(table)
         return table
+
+    def preloaded(self) -> tuple[Preloaded, ...]:
+        """Contingencies on board, from number 1 on; raises TableError."""
+        try:
+            return read_block(b64decode(self.contingencies, validate=True))
+        except (PackingError, ValueError) as error:
+            raise TableError(f"the contingencies of the table cannot be read ({error}); {_REMEDY}") from None
 
     def leaf_counts(self) -> dict[tuple[int, int], int]:
         """Number of leaves of each (module index, mode index): what `decode_slice` needs."""

@@ -34,6 +34,7 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_manager.beacon import Beacon
+from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.deployment import Deployment
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Change, Health, HealthChange, Standing
@@ -104,10 +105,12 @@ class ManagerCore:
         window_ns: int = START_UP_WINDOW_NS,
         *,
         advise: bool = False,
+        on_board: ContingencyNumbers | None = None,
     ) -> None:
         """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
         advise: say nothing on the bus, ever, and tell what would be done instead.
+        on_board: what PEs that were given their part of the contingency file can be switched to by number.
         Raises NoTermError where all terms have been used.
         """
         self._spec, self._node = spec, node
@@ -125,7 +128,7 @@ class ManagerCore:
         )
         self._orders = OperatorOrders(spec, self._turn, self._health, self._situation)
         self._planning = Planning(self._turn)
-        self._deployment = Deployment(self._turn, spec, self._health, self._exclusion)
+        self._deployment = Deployment(self._turn, spec, self._health, self._exclusion, on_board)
         self._beacon = Beacon(node, period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}

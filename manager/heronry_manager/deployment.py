@@ -27,6 +27,7 @@ from heronry_dg.situation import Situation
 from heronry_dg.transition import Transitions
 from heronry_manager.compilation import CompiledConfiguration, Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.health import Health
 from heronry_manager.memory import Runs
@@ -50,6 +51,7 @@ from heronry_wire.management import (
 from heronry_wire.sansio import require
 
 _EPOCHS_REMEMBERED = 8
+_NO_REFUSAL = frozenset((Reason.NONE, Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD))
 
 
 @dataclass(slots=True)
@@ -65,9 +67,18 @@ class Observed:
 class Deployment:
     """The epochs of one reign."""
 
-    def __init__(self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion) -> None:
+    def __init__(
+        self,
+        turn: Turn,
+        spec: Spec,
+        health: Health,
+        exclusion: Exclusion,
+        on_board: ContingencyNumbers | None = None,
+    ) -> None:
+        """`on_board`: the configurations that can be called by a number, if there are any."""
         self._turn, self._spec = turn, spec
         self._health, self._exclusion = health, exclusion
+        self._on_board = on_board
         self._bitrate = spec.buses[spec.manager.bus].bitrate
         self._compiler = Compiler(spec)
         self._wired = reached_by_wire(spec)
@@ -150,7 +161,9 @@ class Deployment:
             has_staged = page.staged_digest == epoch.compiled.digest and page.reason is Reason.NONE
             wants_body = page.reason is Reason.INCOMPLETE
             epoch.staged(pe, has_staged=has_staged, wants_body=wants_body, now_ns=self._turn.now_ns)
-            if page.reason not in (Reason.NONE, Reason.INCOMPLETE, Reason.STALE_EPOCH):
+            if page.reason is Reason.NOT_ON_BOARD:
+                epoch.not_on_board(pe, self._turn.now_ns)
+            if page.reason not in _NO_REFUSAL:
                 self._turn.emit("pe_refused", pe=pe, epoch=epoch.epoch, reason=page.reason.name)
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
@@ -205,6 +218,7 @@ class Deployment:
             "epoch_prepared",
             epoch=epoch,
             digest=f"{compiled.digest:06X}",
+            contingency=self.next.contingency,
             pes=self._health.counted_on(),
             bytes=sum(len(body) for body in compiled.slices.values()),
         )
@@ -265,26 +279,33 @@ class Deployment:
     def _reconfiguration(
         self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
     ) -> Reconfiguration:
+        number = 0 if self._on_board is None else self._on_board.number(plan.configuration)
         return Reconfiguration(
             term=self._turn.term,
             epoch=epoch,
             configuration=plan.configuration,
             compiled=compiled,
             placed=self._exclusion.tokens(plan.configuration),
-            participants=[self._participant(pe) for pe in self._health.counted_on()],
+            participants=[self._participant(pe, number) for pe in self._health.counted_on()],
             bitrate=self._bitrate,
             started_ns=self._turn.now_ns,
             causes=causes,
             stage=stage,
+            contingency=number,
         )
 
-    def _participant(self, pe: str) -> Participant:
+    def _participant(self, pe: str, contingency: int) -> Participant:
         seen = self._observed[pe]
         known = self._epochs.get(seen.epoch)
         node = self._spec.pes[pe].node_id
         runs = known.compiled.slice_digests[node] if known is not None and seen.configured else None
         return Participant(
-            pe=pe, node=node, period_ns=self._health.period_ns(pe), awaited=pe in self._wired, runs_digest=runs
+            pe=pe,
+            node=node,
+            period_ns=self._health.period_ns(pe),
+            awaited=pe in self._wired,
+            runs_digest=runs,
+            on_board=self._on_board is not None and self._on_board.holds(pe, contingency),
         )
 
     def _activate(self, epoch: Reconfiguration) -> None:

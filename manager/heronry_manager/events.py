@@ -36,7 +36,7 @@ KINDS: Mapping[str, str] = {
     "plan_failed": "request, reason: the present configuration goes on",
     "plan_unchanged": "request: everything already runs as planned",
     "plan_kept": "request: the best plan is no better where it counts than what runs, which is left alone",
-    "epoch_prepared": "epoch, digest, pes, bytes: PREPARE and the slices are out",
+    "epoch_prepared": "epoch, digest, contingency (its number; 0: none), pes, bytes: PREPARE and the slices are out",
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",

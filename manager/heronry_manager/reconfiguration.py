@@ -9,12 +9,16 @@
     ABANDONED   given up before ACTIVATE: the number is never used again
 
 A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
-a heartbeat period, then half as often each time: a lost frame costs little, a doubled one nothing, and a slow PE
-is not flooded. One that owes an answer for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After
-the first ACTIVATE there is no way back, only on to a newer epoch.
+a heartbeat period (no answer takes so long where nothing is lost: `reconfiguration_bound` sees to that), then half as
+often each time: a lost frame costs little, a doubled one nothing, and a slow PE is not flooded. One that owes an answer
+for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way back,
+only on to a newer epoch.
 
 *Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
 waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
+
+A configuration that is on board (rule 5) is called by its number, in PREPARE. A PE that holds it needs no more than
+that; where one says that it does not, after all (NOT_ON_BOARD), or another is known not to, its slice follows as ever.
 
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
 and ACTIVATE are for everybody, and everybody answers them: however many PEs are late, they are repeated once in half a
@@ -74,6 +78,7 @@ class Participant:
     period_ns: int  # of its heartbeat
     awaited: bool
     runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
+    on_board: bool = False  # it holds this very configuration under its number
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +96,7 @@ class _Progress:
     staged: bool = False
     step: Step = Step.PREPARED  # the furthest that its state frames have shown
     wants_body: bool = False
+    needs_slice: bool = True  # PREPARE alone is not enough
     since_ns: int = 0  # when it was first asked for what it now owes
     asked_ns: int = 0
     asked_times: int = 0
@@ -130,15 +136,18 @@ class Reconfiguration:
     started_ns: int
     causes: tuple[Cause, ...] = ()
     stage: Stage = Stage.PREPARING
+    contingency: int = 0  # its number, if it has one
     outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Send PREPARE and the head of every slice; an epoch that is DONE, because it was adopted, needs neither."""
+        """Send PREPARE, and slices where need be; an epoch that is DONE, because it was adopted, needs neither."""
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
         self.identifiers_free_ns: int | None = None  # BREAKING waits until then
         self.demux_free_ns: int | None = None  # HOLDING waits until then
-        self._progress = {p.pe: _Progress(p, wants_body=self._differs(p)) for p in self.participants}
+        self._progress = {
+            p.pe: _Progress(p, wants_body=self._differs(p), needs_slice=not p.on_board) for p in self.participants
+        }
         self._by_node = {progress.who.node: progress for progress in self._progress.values()}
         self._paced: deque[SliceHead | SliceBody] = deque()
         self._next_paced_ns = self.started_ns
@@ -165,7 +174,14 @@ class Reconfiguration:
             progress.staged = True
             progress.owes(now_ns)
         elif wants_body and not progress.staged:
-            progress.wants_body = True
+            progress.wants_body = progress.needs_slice = True
+            self._ask(progress, now_ns)
+
+    def not_on_board(self, pe: str, now_ns: int) -> None:
+        """Page 1 of a PE: it does not hold this contingency. If that is news, it gets its slice."""
+        progress = self._progress.get(pe)
+        if progress is not None and not progress.staged and not progress.needs_slice:
+            progress.needs_slice = True
             self._ask(progress, now_ns)
 
     def reported(self, pe: str, state: PeState, now_ns: int) -> None:
@@ -263,9 +279,11 @@ class Reconfiguration:
         return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]
 
     def _ask(self, progress: _Progress, now_ns: int) -> None:
-        """Send the head of a slice, and its body if it is wanted."""
+        """Send the head of a slice, and its body if it is wanted; nothing to whom PREPARE is enough."""
         who = progress.who
-        if progress.wants_body:
+        if not progress.needs_slice:
+            progress.asked_ns = now_ns
+        elif progress.wants_body:
             if all(frame.node != who.node for frame in self._paced):
                 self._paced += [self._head(who), *self._body(who)]
             progress.asked_ns = now_ns + len(self._paced) * self._gap_ns
@@ -301,7 +319,7 @@ class Reconfiguration:
         return may
 
     def _send_prepare(self) -> None:
-        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest))
+        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest, self.contingency))
 
     def _send_step(self) -> None:
         self.outbox.append(Activate(self.term, self.epoch, self.step, self.compiled.digest))

@@ -236,14 +236,13 @@ class AgentCore:
             flags |= PeFlags.FAULT_PENDING
         if held:
             flags |= PeFlags.OUTPUT_HELD
-        running, staged = self.reconfiguration.running, self.staging.staged
+        running = self.reconfiguration.running
         return Facts(
             self.reconfiguration.state,
             flags,
             running.epoch,
             running.digest,
-            staged.epoch,
-            staged.digest,
+            *self.staging.told,
             self.staging.reason,
             self.modules.load_percent,
         )

@@ -21,6 +21,11 @@ class SliceReader:
         self._index = index
         self._missing_images = missing_images
 
+    def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
+        """Find the slice of a contingency, and its digest; `digest` is that of the whole configuration."""
+        body = self._index.on_board(number, digest)
+        return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
+
     def read(self, body: bytes, digest: int) -> Slice | Reason:
         """Decode and check the bytes of a slice that was announced with this digest."""
         if slice_digest(self._index.table.spec_digest, body) != digest:

@@ -2,6 +2,7 @@
 
     nothing      no PREPARE has been obeyed, or the last one was refused
     collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, doubled, or not
+                 (a contingency that is on board is complete at once; one that is not is asked for: NOT_ON_BOARD)
     staged       the slice is complete, has its digest, and this PE can run it
 
 A newer epoch, or one from a higher term, replaces whatever was collected or staged; a repeated command about what is
@@ -9,8 +10,9 @@ already staged is answered again and changes nothing else. A head that announces
 stages it at once. For any other the body follows, unless the manager thinks that it runs here already: INCOMPLETE is
 answered whenever frames have stopped coming for half a heartbeat period while some are missing.
 
-An answer is a page 1 of the state; every method tells whether one is due now. A restart loses all of this: the PE is
-then unconfigured, and the manager starts again.
+An answer is a page 1 of the state; every method tells whether one is due now. It names the epoch that was last asked
+for, with its digest once it is staged, and until then with none and the reason: so the manager knows which question is
+answered. A restart loses all of this: the PE is then unconfigured, and the manager starts again.
 """
 
 from dataclasses import dataclass
@@ -93,17 +95,26 @@ class Staging:
             return True
         newest = self._newest()
         if newest is not None and (newest.epoch, newest.digest) == (epoch, command.digest):
-            return False
+            return self.reason is Reason.NOT_ON_BOARD
         if not is_newer(epoch, running.epoch) or self._is_superseded(command):
             return self.refuse(Reason.STALE_EPOCH)
         self._drop()
         self.staged = running
-        if command.contingency:
-            return self.refuse(Reason.UNKNOWN_INDEX)
         self._term = command.term
         self.reason = Reason.NONE
         self._collection = _Collection(command)
-        return False
+        return command.contingency != 0 and self._take_from_board(command)
+
+    def _take_from_board(self, command: Prepare) -> bool:
+        """Stage the slice that this number stands for, or ask for it."""
+        collection, found = self._collection, self._reader.on_board(command.contingency, command.digest)
+        assert collection is not None
+        if found is None:
+            return self.refuse(Reason.NOT_ON_BOARD)
+        body, digest = found
+        collection.head = SliceHead(0, command.epoch & 0xFF, len(body), digest)
+        read = self._reader.read(body, digest)
+        return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
         """The head of this PE's slice came from the reigning manager."""
@@ -140,6 +151,13 @@ class Staging:
         """Keep the reason for page 1."""
         self.reason = reason
         return True
+
+    @property
+    def told(self) -> tuple[int, int]:
+        """Epoch and digest that page 1 names: what is staged, or what is being collected, which has no digest yet."""
+        if self._collection is not None:
+            return self._collection.prepare.epoch, 0
+        return self.staged.epoch, self.staged.digest
 
     def collecting(self) -> bool:
         """Tell whether a slice is being collected."""

@@ -4,6 +4,7 @@ Raises TableError while it is built; afterwards every look-up of what the table 
 """
 
 from heronry_wire.canaerospace import DataType
+from heronry_wire.configuration_slice import SliceError, decode_slice
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.management import LEASE_PERIODS, ElementKind
 from heronry_wire.pe_table import ModuleEntry, PeTable, TableError
@@ -29,7 +30,23 @@ class TableIndex:
         self.critical = frozenset(self.elements[name] for name in table.flight_critical if name in self.elements)
         self.phase_index = {phase.name: index for index, phase in enumerate(table.phases)}
         self.device_index = {device.name: index for index, device in enumerate(table.devices)}
+        self._preloaded = table.preloaded()
         _check(table, self.source_of)
+        self._check_preloaded()
+
+    def on_board(self, number: int, digest: int) -> bytes | None:
+        """Slice of a contingency; None where this number is not on board, or means another configuration."""
+        if not 0 < number <= len(self._preloaded):
+            return None
+        found = self._preloaded[number - 1]
+        return found.slice if found.digest == digest else None
+
+    def _check_preloaded(self) -> None:
+        for body in {one.slice for one in self._preloaded}:
+            try:
+                decode_slice(body, self.leaf_counts)
+            except SliceError as error:
+                raise TableError(f"a contingency is no slice of this PE ({error}); {_REMEDY}") from None
 
     def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
         """Variable of each leaf of a mode, in the order of a slice."""

@@ -1,12 +1,16 @@
 """What a PE stages, in whatever order the frames come, and what it says when it cannot."""
 
 import itertools
+from base64 import b64encode
+from dataclasses import replace
 
 import pytest
 
-from agent.one_pe import FLYING, NODE, RUN_CONTROL, RUN_SERVO_1, OnePe, pages, slice_messages, started
+from agent.one_pe import CONTROL, FLYING, NODE, RUN_CONTROL, RUN_SERVO_1, TABLE, OnePe, pages, slice_messages, started
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
+from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.management import Activate, PeState, Prepare, Reason, SliceBody, SliceHead, StatePage1, Step
+from heronry_wire.pe_table import PeTable, TableError
 
 EPOCH, DIGEST = 7, 1007
 
@@ -39,7 +43,7 @@ def test_the_frames_of_a_slice_come_in_any_order_and_doubled() -> None:
     for order in itertools.permutations(rest):
         pe = OnePe()
         pe.command(prepare, *order, *order)
-        assert last_page_1(pe).staged_epoch == EPOCH
+        assert last_page_1(pe).staged_digest == DIGEST
 
 
 def test_a_lost_body_frame_is_asked_for_when_the_others_have_stopped_coming() -> None:
@@ -49,7 +53,7 @@ def test_a_lost_body_frame_is_asked_for_when_the_others_have_stopped_coming() ->
     answers = [page for page in pages(pe.pass_time(11_000_000)) if isinstance(page, StatePage1)]
     assert Reason.INCOMPLETE in [page.reason for page in answers]
     pe.command(bodies[0])
-    assert last_page_1(pe).staged_epoch == EPOCH
+    assert last_page_1(pe).staged_digest == DIGEST
 
 
 def test_bytes_without_the_digest_announced_are_refused_and_can_be_sent_again() -> None:
@@ -58,7 +62,7 @@ def test_bytes_without_the_digest_announced_are_refused_and_can_be_sent_again() 
     pe.command(*messages[:-1], SliceBody(NODE, EPOCH, len(messages) - 2, b"\xff" * 5))
     assert last_page_1(pe).reason is Reason.DIGEST
     pe.command(*messages[1:])
-    assert last_page_1(pe).staged_epoch == EPOCH
+    assert last_page_1(pe).staged_digest == DIGEST
 
 
 @pytest.mark.parametrize(
@@ -79,7 +83,7 @@ def test_a_slice_that_does_not_fit_the_table_is_refused(impossible: Slice) -> No
     pe = OnePe()
     pe.command(*slice_messages(impossible, EPOCH, DIGEST))
     page = last_page_1(pe)
-    assert (page.reason, page.staged_epoch) == (Reason.UNKNOWN_INDEX, 0)
+    assert (page.reason, page.staged_epoch, page.staged_digest) == (Reason.UNKNOWN_INDEX, EPOCH, 0)
 
 
 def test_a_module_that_the_table_does_not_have_is_refused() -> None:
@@ -101,10 +105,49 @@ def test_an_image_that_is_not_here_is_refused_before_anything_is_stopped() -> No
     assert pe.command(Activate(1, EPOCH, Step.GO_ALL, DIGEST)) == []
 
 
-def test_a_contingency_number_is_refused_because_none_is_preloaded() -> None:
-    pe = OnePe()
-    pe.command(Prepare(1, EPOCH, DIGEST, contingency=3))
-    assert last_page_1(pe).reason is Reason.UNKNOWN_INDEX
+def with_contingencies(*slices: Slice) -> PeTable:
+    """The table with these on board; the digest of the configuration of number n is n."""
+    block = write_block([Preloaded(one.encode(), number) for number, one in enumerate(slices, start=1)])
+    return replace(TABLE, contingencies=b64encode(block).decode())
+
+
+def test_a_contingency_on_board_is_staged_by_its_number_alone() -> None:
+    pe = OnePe(with_contingencies(Slice(), FLYING))
+    (answer,) = pages(pe.command(Prepare(1, EPOCH, 2, contingency=2)))
+    assert isinstance(answer, StatePage1)
+    assert (answer.staged_epoch, answer.staged_digest, answer.reason) == (EPOCH, 2, Reason.NONE)
+    assert started(pe.command(Activate(1, EPOCH, Step.GO, 2))) == [CONTROL]
+    assert pages(pe.command(Prepare(1, EPOCH, 2, contingency=2))) != []  # doubled: it is answered again
+
+
+def test_a_contingency_that_is_not_on_board_is_asked_for_and_comes_in_slices() -> None:
+    pe = OnePe(with_contingencies(Slice(), FLYING))
+    for _ in range(2):  # the answer may be lost, and the question doubled
+        (answer,) = pages(pe.command(Prepare(1, EPOCH, DIGEST, contingency=3)))
+        assert isinstance(answer, StatePage1)
+        assert (answer.staged_epoch, answer.staged_digest, answer.reason) == (EPOCH, 0, Reason.NOT_ON_BOARD)
+    pe.command(*slice_messages(FLYING, EPOCH, DIGEST)[1:])
+    assert last_page_1(pe).staged_digest == DIGEST
+
+
+def test_a_number_that_means_another_configuration_here_stages_nothing() -> None:
+    pe = OnePe(with_contingencies(FLYING))
+    pe.command(Prepare(1, EPOCH, 2, contingency=1))
+    assert (last_page_1(pe).reason, last_page_1(pe).staged_digest) == (Reason.NOT_ON_BOARD, 0)
+
+
+def test_a_contingency_whose_image_is_not_here_is_refused() -> None:
+    pe = OnePe(with_contingencies(FLYING), missing_images=frozenset({"servo"}))
+    pe.command(Prepare(1, EPOCH, 1, contingency=1))
+    assert (last_page_1(pe).staged_epoch, last_page_1(pe).reason) == (EPOCH, Reason.IMAGE)
+
+
+@pytest.mark.parametrize(
+    "contingencies", ["no base64", "AAA", "gICA", b64encode(write_block([Preloaded(b"\x09", 1)])).decode()]
+)
+def test_a_table_whose_contingencies_cannot_be_read_is_refused(contingencies: str) -> None:
+    with pytest.raises(TableError, match=r"contingenc.*write the table anew"):
+        OnePe(replace(TABLE, contingencies=contingencies))
 
 
 def test_the_slice_that_already_runs_is_staged_without_its_body() -> None:
@@ -155,7 +198,7 @@ def test_a_newer_epoch_replaces_the_staged_one() -> None:
     pe = OnePe()
     pe.command(*slice_messages(FLYING, 7, 1007), Prepare(1, 8, 1008))
     assert pe.command(Activate(1, 7, Step.GO_ALL, 1007)) == []
-    assert last_page_1(pe).staged_epoch == 0
+    assert (last_page_1(pe).staged_epoch, last_page_1(pe).staged_digest) == (8, 0)
 
 
 @pytest.mark.parametrize(("epoch", "digest"), [(6, 1006), (7, 999), (0, 0)])
@@ -171,7 +214,7 @@ def test_a_late_prepare_does_not_undo_a_later_one_of_the_same_reign() -> None:
     pe.command(*slice_messages(FLYING, 8, 1008), Prepare(1, 7, 1007))
     assert last_page_1(pe).staged_epoch == 8
     pe.command(Prepare(2, 7, 1007))
-    assert last_page_1(pe).staged_epoch == 0
+    assert last_page_1(pe).staged_digest == 0
 
 
 def test_epochs_wrap_round() -> None:
@@ -190,4 +233,4 @@ def test_frames_for_other_nodes_and_of_other_epochs_stage_nothing() -> None:
     assert pages(pe.command(prepare, *others)) == []
     stale = [SliceBody(NODE, 6, m.index, m.body) for m in rest if isinstance(m, SliceBody)]
     pe.command(rest[0], *stale)
-    assert last_page_1(pe).staged_epoch == 0
+    assert last_page_1(pe).staged_digest == 0

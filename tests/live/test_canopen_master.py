@@ -13,7 +13,6 @@ from canopen.sdo import SdoClient
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.compilation import Compiler
 from heronry_tools.softbus.starter import HubProcess, start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.pe_table import PeTable
@@ -33,7 +32,7 @@ class Desk:
     def __init__(self, folder: Path, hub: HubProcess) -> None:
         self.spec = load(SPEC)
         self.node = self.spec.pes[PE].node_id
-        self.table = write_tables(Compiler(self.spec), (PE,), folder)[PE]
+        self.table = write_tables(self.spec, (PE,), folder)[PE]
         self.place = {"interface": "softbus", "channel": str(hub.path)}
         self.network = canopen.Network()
         self.network.connect(**self.place)

@@ -21,7 +21,6 @@ import canopen
 import pytest
 
 from heronry_dg.loader import load
-from heronry_manager.compilation import Compiler
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.frame import Frame
@@ -103,7 +102,7 @@ class Aircraft:
         self.hub = start_hub(folder / "can0.sock", 1_000_000)
         self.bus_flags = ["-i", "softbus", "-c", str(folder / "can0.sock")]
         self.bus = can.Bus(interface="softbus", channel=str(folder / "can0.sock"))
-        self._tables = write_tables(Compiler(self.spec), tuple(self.spec.pes), folder)
+        self._tables = write_tables(self.spec, self.spec.pes, folder)
         self._started: list[Process] = []
         self._managers = count()
 
@@ -327,7 +326,7 @@ def test_a_second_manager_leaves_the_bus_to_the_first(aircraft: Aircraft) -> Non
 
 @pytest.fixture
 def table(tmp_path: Path) -> str:
-    return str(write_tables(Compiler(load(SPEC_FILE)), ("tail_pe",), tmp_path)["tail_pe"])
+    return str(write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import can
 import pytest
 
 from heronry_dg.loader import load
-from heronry_manager.compilation import Compiler
 from heronry_tools.cli import COMMANDS
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
@@ -67,7 +66,7 @@ def run(*arguments: str, env: dict[str, str] | None = None, cwd: Path = ROOT) ->
 
 
 def test_an_agent_flies_on_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
-    table = write_tables(Compiler(load(SPEC_FILE)), ("tail_pe",), tmp_path)["tail_pe"]
+    table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
     with (
         start_hub(tmp_path / "can0.sock") as hub,
         can.Bus(interface="softbus", channel=str(hub.path)) as bus,

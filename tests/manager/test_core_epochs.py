@@ -337,6 +337,14 @@ def test_only_bodies_that_changed_go_out_unasked_and_any_goes_out_when_it_is_ask
     assert {body.node for body in manager.said(SliceBody)} == {94}
 
 
+def test_what_is_not_on_board_is_no_refusal(manager: OneManager) -> None:
+    manager.report("left", LEFT_SERVO_FAILED)
+    manager.answer()
+    manager.stage("right", Reason.NOT_ON_BOARD)
+    assert not manager.of("pe_lost")
+    assert not manager.of("pe_refused")
+
+
 def test_with_nobody_left_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
     for pe in ("left", "middle", "right"):
         manager.die(pe)

@@ -43,7 +43,7 @@ START = [
     event("pe_absent", 12 * MS, pe="ground", cause="not heard since the start"),
     event("plan_requested", 12 * MS, request=1, down=["pe:ground"], limits={}, phase="glide", causes=["pe:air joined"]),
     event("plan_ready", 60 * MS, request=1, plan=FIRST_PLAN, decide_ns=48 * MS),
-    event("epoch_prepared", 60 * MS, epoch=1, digest="0000AB", pes=["nav", "air"], bytes=40),
+    event("epoch_prepared", 60 * MS, epoch=1, digest="0000AB", contingency=0, pes=["nav", "air"], bytes=40),
     event("epoch_step", 69 * MS, epoch=1, step="GO_ALL", waiting_for=[]),
 ]
 RUNS = reconfigured(74 * MS, 1, "pe:air joined", started=["autopilot"])
@@ -73,7 +73,7 @@ RECOVERY = [
         causes=["pe:nav"],
     ),
     event("plan_ready", 2100 * MS, request=3, plan=SECOND_PLAN, decide_ns=1030 * MS),
-    event("epoch_prepared", 2100 * MS, epoch=2, digest="0000AC", pes=["air"], bytes=20),
+    event("epoch_prepared", 2100 * MS, epoch=2, digest="0000AC", contingency=0, pes=["air"], bytes=20),
     event("epoch_step", 2110 * MS, epoch=2, step="GO_ALL", waiting_for=[]),
     reconfigured(2120 * MS, 2, "pe:nav", moved=["autopilot"]),
     event("pe_heard_again", 3000 * MS, pe="nav", cause="heard after a silence"),

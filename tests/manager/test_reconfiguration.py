@@ -15,8 +15,13 @@ NODES = {"left": 92, "middle": 93, "right": 94}
 FLYING = Configuration({"control": Running("left", "only"), "drive_left": Running("left", "only")})
 
 
-def opened(*, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = ()) -> Reconfiguration:
-    """An epoch for all three PEs, opened at time 0; `knows` are those that run the same slice already."""
+def opened(
+    *, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = (), on_board: tuple[str, ...] = ()
+) -> Reconfiguration:
+    """An epoch for all three PEs, opened at time 0; `knows` are those that run the same slice already.
+
+    With `on_board` it is contingency number 7, which these PEs hold.
+    """
     compiled = Compiler(two_tails()).configuration(FLYING)
     participants = [
         Participant(
@@ -25,6 +30,7 @@ def opened(*, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = ()) -> Re
             period_ns=BEAT_NS,
             awaited=pe in awaited,
             runs_digest=compiled.slice_digests[NODES[pe]] if pe in knows else None,
+            on_board=pe in on_board,
         )
         for pe in PES
     ]
@@ -37,6 +43,7 @@ def opened(*, awaited: tuple[str, ...] = PES, knows: tuple[str, ...] = ()) -> Re
         participants=participants,
         bitrate=1_000_000,
         started_ns=0,
+        contingency=7 if on_board else 0,
     )
 
 
@@ -228,3 +235,35 @@ def test_an_abandoned_epoch_says_nothing_more_and_cannot_be_moved(pe: str) -> No
     assert epoch.next_deadline_ns() is None
     assert epoch.tick(10_000 * MS) == []
     assert said(epoch) == []
+
+
+def called_by_number(*on_board: str) -> Reconfiguration:
+    """An epoch that is contingency number 7; these PEs hold it."""
+    epoch = opened(on_board=on_board)
+    prepare, *_ = epoch.outbox
+    assert prepare == Prepare(1, 300, epoch.compiled.digest, 7)
+    return epoch
+
+
+def test_who_has_a_contingency_on_board_gets_no_slice() -> None:
+    messages, _ = run(called_by_number("left", "middle"), 0, 5 * MS)
+    assert {message.node for message in messages if isinstance(message, SliceHead | SliceBody)} == {94}
+    messages, _ = run(called_by_number(*PES), 0, 5 * MS)
+    assert [type(message) for message in messages] == [Prepare]
+
+
+def test_who_does_not_answer_to_a_number_gets_prepare_again_and_no_slice() -> None:
+    messages, _ = run(called_by_number(*PES), 0, BEAT_NS + MS)
+    assert [type(message) for message in messages] == [Prepare, Prepare]
+
+
+def test_who_does_not_have_it_on_board_after_all_gets_its_slice() -> None:
+    epoch = called_by_number("left", "right")
+    staged(epoch, "right")
+    said(epoch)
+    for _ in range(2):
+        for pe in (*PES, "nobody"):
+            epoch.not_on_board(pe, MS)
+    messages, _ = run(epoch, MS, 5 * MS)
+    slices = [(m.node, getattr(m, "index", 0)) for m in messages if isinstance(m, SliceHead | SliceBody)]
+    assert slices == [(92, 0), (92, 1), (92, 2)]  # the middle one has had its head, and needs no more

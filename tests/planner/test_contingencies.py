@@ -25,10 +25,11 @@ from heronry_manager.contingency.file_format import (
 )
 from heronry_manager.contingency.journal import Journal, JournalError
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_manager.contingency.on_board import block, on_board
+from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Outcome, Scope, Sweep
+from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.packing import PackingError, Unpacker, pack
 from planner.random_specs import random_spec
 from planner.test_sweep import CHUTE, Asked, scope_of
@@ -200,18 +201,24 @@ def test_every_pe_holds_what_its_table_has_room_for() -> None:
     assert 0 < control.held < len(MADE.configurations)
     assert len(control.block) <= 40
     assert (tail.held, tail.block) == (0, b"")
-    compiled = [Compiler(spec).configuration(one).slices for one in MADE.configurations]
-    one_more = [slices[CHUTE.pes["control_pe"].node_id] for slices in compiled[: control.held + 1]]
-    assert len(block(one_more)) > 40
+    compiled = [Compiler(spec).configuration(one) for one in MADE.configurations[: control.held + 1]]
+    node = CHUTE.pes["control_pe"].node_id
+    assert len(write_block([Preloaded(one.slices[node], one.digest) for one in compiled])) > 40
 
 
-def test_a_block_says_which_slice_each_number_has() -> None:
-    slices = [b"abc", b"", b"abc", b"d"]
-    numbers = Unpacker(block(slices))
-    bodies = [numbers.text() for _ in range(numbers.number())]
-    assert bodies == [b"abc", b"", b"d"]
-    assert [bodies[index] for index in numbers.numbers()] == slices
-    assert numbers.left() == 0
+def test_the_manager_knows_by_which_number_a_configuration_is_called_and_who_holds_it() -> None:
+    held = on_board(CHUTE, MADE)
+    numbers = ContingencyNumbers(CHUTE, MADE, [replace(held[0], held=2), *held[1:]])
+    assert [numbers.number(one) for one in MADE.configurations] == list(range(1, len(MADE.configurations) + 1))
+    assert numbers.number(Configuration({"state_estimator": MADE.configuration(1).modules["state_estimator"]})) == 0
+    assert [numbers.holds(held[0].pe, number) for number in range(4)] == [False, True, True, False]
+
+
+def test_a_loaded_table_holds_the_slices_with_the_digests_of_their_configurations() -> None:
+    for one in on_board(CHUTE, MADE):
+        table = loaded(Compiler(CHUTE).table(one.pe), one)
+        compiled = [Compiler(CHUTE).configuration(each) for each in MADE.configurations[: one.held]]
+        assert table.preloaded() == tuple(Preloaded(each.slices[table.node_id], each.digest) for each in compiled)
 
 
 # The journal

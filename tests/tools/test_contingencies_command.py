@@ -19,6 +19,7 @@ from heronry_tools.campaign.crew import crew
 from heronry_tools.campaign.sweeping import sweep
 from heronry_tools.cli import main
 from heronry_tools.progress import progress_line
+from heronry_wire.pe_table import PeTable
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 
@@ -154,3 +155,12 @@ def test_how_far_it_is_and_how_long_it_will_take() -> None:
     assert progress_line("plans", 0, 10, 0.0) == "plans: 0 of 10"
     assert progress_line("plans", 10, 100, 10.0) == "plans: 10 of 100, 1:30 left"
     assert progress_line("plans", 100, 100, 10.0) == "plans: 100 of 100"
+
+
+def test_tables_take_what_fits_on_board(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["table", "elevator_and_chute", "--all", str(tmp_path), "--contingencies", str(file)]) == 0
+    held = {pe: PeTable.from_json((tmp_path / f"{pe}.table").read_text()).preloaded() for pe in CHUTE.pes}
+    made = read_contingencies(file, CHUTE)
+    assert {len(slices) for slices in held.values()} == {len(made.configurations)}
+    assert main(["table", "elevator_and_chute", "tail_pe", "--contingencies", str(file)]) == 0
+    assert capsys.readouterr().out == (tmp_path / "tail_pe.table").read_text()

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.control_place import default_socket
 from heronry_manager.control_socket import ControlSocket
 from heronry_manager.core import ManagerCore
@@ -37,7 +39,9 @@ def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
     spec = load_spec(arguments.spec)
     has_solver = _has_solver()
-    table = contingency_table(spec, arguments.contingencies)
+    made = contingencies_of(spec, arguments.contingencies)
+    table = None if made is None else ContingencyTable(spec, made)
+    numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
     tell = print_event if arguments.json else screen(spec)
     rate = {"bitrate": spec.buses[spec.manager.bus].bitrate}
     link = Link({**rate, **flagged_bus(arguments), "can_filters": FILTERS})
@@ -56,8 +60,8 @@ def reign(arguments: argparse.Namespace) -> int:
 
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
-            memory = NOTHING if journal is None else journal.memory
-            core = ManagerCore(spec, arguments.node, memory, time.monotonic_ns(), advise=arguments.advise)
+            memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
+            core = ManagerCore(spec, arguments.node, memory, now_ns, advise=arguments.advise, on_board=numbers)
             foresight = Foresight(spec, planner, start_thinker, table)
             driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
@@ -90,9 +94,9 @@ def _has_solver() -> bool:
     return True
 
 
-def contingency_table(spec: Spec, file: Path | None) -> ContingencyTable | None:
+def contingencies_of(spec: Spec, file: Path | None) -> Contingencies | None:
     """Contingencies of a file; raises ContingencyFileError for one of another spec."""
-    return None if file is None else ContingencyTable(spec, read_contingencies(file, spec))
+    return None if file is None else read_contingencies(file, spec)
 
 
 def default_state_dir(spec_name: str) -> Path:

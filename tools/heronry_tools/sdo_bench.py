@@ -24,7 +24,6 @@ import canopen
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.compilation import Compiler
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.canopen_objects import TABLE
@@ -47,7 +46,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus", 1_000_000) as hub:
         _show("a single sender, no protocol", _bare(str(hub.path), runs))
         spec = load(shipped_spec_path(_SPEC))
-        table = write_tables(Compiler(spec), (_PE,), Path(folder))[_PE]
+        table = write_tables(spec, (_PE,), Path(folder))[_PE]
         words = [sys.executable, "-m", "heronry_agent", "--table", str(table), "--until-eof", "--quiet"]
         with subprocess.Popen([*words, "-i", "softbus", "-c", str(hub.path)], stdin=subprocess.PIPE) as agent:
             _transfer(str(hub.path), Path(folder), spec.pes[_PE].node_id, runs, agent.pid)

@@ -18,6 +18,8 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry send-table`."""
     from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
 
+    from heronry_tools.table_command import add_contingencies_argument  # noqa: PLC0415
+
     parser = subparsers.add_parser(
         "send-table",
         help="send a PE that waits for it its table, over the bus",
@@ -27,21 +29,22 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", help="name of the PE")
+    add_contingencies_argument(parser)
     add_bus_arguments(parser, group_title="a bus that the PE has as its uplink")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Send the table; returns the exit code."""
-    from heronry_manager.compilation import Compiler  # noqa: PLC0415 - loads pydantic
     from heronry_tools.errors import UserError  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.table_command import table_texts  # noqa: PLC0415
     from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     if arguments.pe not in spec.pes:
         raise UserError(f"no pe is named '{arguments.pe}'; there is {', '.join(spec.pes)}")
-    text = Compiler(spec).table(arguments.pe).to_json().encode()
+    text = table_texts(spec, [arguments.pe], arguments.contingencies)[arguments.pe].encode()
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     node = spec.pes[arguments.pe].node_id
     _send(flags, node, text)

@@ -2,14 +2,19 @@
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
 
 _EPILOG = """\
 examples:
   heronry table big_blue nav -o nav.table
   pe-agent --table nav.table -i socketcan -c can0
   heronry table big_blue --all tables/           one file per PE, named PE.table
+  heronry table big_blue --all tables/ --contingencies big_blue.contingencies     with plans made ahead on board
 """
 
 
@@ -26,24 +31,34 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
     parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
+    add_contingencies_argument(parser)
     parser.set_defaults(run=run)
+
+
+def add_contingencies_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --contingencies."""
+    parser.add_argument(
+        "--contingencies",
+        type=Path,
+        metavar="FILE",
+        help="put what fits of these plans made ahead on board; the manager must fly with the same file",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write one table, or all; returns the exit code."""
-    from heronry_manager.compilation import Compiler  # noqa: PLC0415 - loads pydantic
-    from heronry_tools.errors import UserError  # noqa: PLC0415
+    from heronry_tools.errors import UserError  # noqa: PLC0415 - keeps `--help` quick
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     if (arguments.pe is None) == (arguments.all is None):
         raise UserError("name one PE, or write --all DIR")
     if arguments.all is not None:
-        write_tables(Compiler(spec), tuple(spec.pes), arguments.all)
+        write_tables(spec, spec.pes, arguments.all, arguments.contingencies)
         return 0
     if arguments.pe not in spec.pes:
         raise UserError(f"no pe is named '{arguments.pe}'; there is {', '.join(spec.pes)}")
-    text = Compiler(spec).table(arguments.pe).to_json() + "\n"
+    text = table_texts(spec, [arguments.pe], arguments.contingencies)[arguments.pe] + "\n"
     if arguments.output is None:
         sys.stdout.write(text)
     else:
@@ -51,10 +66,26 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_tables(compiler: Any, pes: tuple[str, ...], folder: Path) -> dict[str, Path]:
+def write_tables(spec: "Spec", pes: Iterable[str], folder: Path, contingencies: Path | None = None) -> dict[str, Path]:
     """Write one table per PE into a folder, which is made if need be; gives the files by PE."""
     folder.mkdir(parents=True, exist_ok=True)
-    files = {pe: folder / f"{pe}.table" for pe in pes}
+    texts = table_texts(spec, pes, contingencies)
+    files = {pe: folder / f"{pe}.table" for pe in texts}
     for pe, file in files.items():
-        file.write_text(compiler.table(pe).to_json() + "\n")
+        file.write_text(texts[pe] + "\n")
     return files
+
+
+def table_texts(spec: "Spec", pes: Iterable[str], contingencies: Path | None) -> dict[str, str]:
+    """Compile tables, with what of a contingency file each PE has room for; raises ContingencyFileError."""
+    from heronry_manager.compilation import Compiler  # noqa: PLC0415 - loads pydantic
+    from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415
+    from heronry_manager.contingency.on_board import loaded, on_board  # noqa: PLC0415
+
+    compiler = Compiler(spec)
+    tables = {pe: compiler.table(pe) for pe in pes}
+    if contingencies is not None:
+        for one in on_board(spec, read_contingencies(contingencies, spec)):
+            if one.pe in tables:
+                tables[one.pe] = loaded(tables[one.pe], one)
+    return {pe: table.to_json() for pe, table in tables.items()}

@@ -1,23 +1,25 @@
-"""Which contingencies fit into the PEs themselves.
+"""Which contingencies fit into the PEs themselves, and by which number each is called (rule 5).
 
 A PE that holds its slice of a configuration needs no SLICE frames when the configuration is wanted: its number, in
 PREPARE, is enough. Configurations are numbered in the order in which they are wanted on board, so a PE holds those from
 1 to as far as its `table_bytes` reach (and PREPARE's 12 bits). Beyond them the manager sends slices as ever.
 
-The block that a PE gets (numbers as in `heronry_wire.packing`; most contingencies leave most PEs alone, so slices are
-kept once):
-
-    number of different slices, then for each: its length and its bytes
-    number of contingencies, then for each, from number 1: index of its slice
+The manager works out from its own file what every PE holds. A PE that was given a table without contingencies, or one
+made from another file, says that its slice is not on board, and gets it (`reconfiguration`); so nothing needs to be
+told beforehand, and nobody stages what was not meant.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
+from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.contingencies import Contingencies
-from heronry_wire.packing import pack
+from heronry_wire.contingency_block import Preloaded, write_block
+from heronry_wire.pe_table import PeTable
 
 MOST_NUMBERS = 4095  # 12 bits in PREPARE, without 0
 
@@ -32,27 +34,46 @@ class OnBoard:
     room: int  # bytes
 
 
+class ContingencyNumbers:
+    """Numbers of the configurations on board, and who holds them."""
+
+    def __init__(self, spec: Spec, made: Contingencies, held: Iterable[OnBoard]) -> None:
+        self._code = ConfigurationCode(spec)
+        called = enumerate(made.configurations[:MOST_NUMBERS], start=1)
+        self._numbers = {self._code.encode(configuration): number for number, configuration in called}
+        self._held = {one.pe: one.held for one in held}
+
+    def number(self, configuration: Configuration) -> int:
+        """Number of a configuration; 0 where it has none."""
+        return self._numbers.get(self._code.encode(configuration), 0)
+
+    def holds(self, pe: str, number: int) -> bool:
+        """Tell whether a PE that was given its part of this file holds its slice of a number."""
+        return 0 < number <= self._held[pe]
+
+
 def on_board(spec: Spec, made: Contingencies) -> list[OnBoard]:
     """Fill every PE as far as it goes."""
     compiler = Compiler(spec)
-    compiled = [compiler.configuration(one).slices for one in made.configurations[:MOST_NUMBERS]]
-    return [_filled(pe.name, [slices[pe.node_id] for slices in compiled], pe.table_bytes) for pe in spec.pes.values()]
+    compiled = [compiler.configuration(one) for one in made.configurations[:MOST_NUMBERS]]
+    return [
+        _filled(pe.name, [Preloaded(one.slices[pe.node_id], one.digest) for one in compiled], pe.table_bytes)
+        for pe in spec.pes.values()
+    ]
 
 
-def _filled(pe: str, slices: Sequence[bytes], room: int) -> OnBoard:
+def loaded(table: PeTable, one: OnBoard) -> PeTable:
+    """Give the table of a PE with its contingencies."""
+    return replace(table, contingencies=b64encode(one.block).decode())
+
+
+def _filled(pe: str, slices: Sequence[Preloaded], room: int) -> OnBoard:
     """Hold as many of the first slices as there is room for: one more never takes less room."""
     fits, too_many = 0, len(slices) + 1
     while too_many - fits > 1:
         middle = (fits + too_many) // 2
-        if len(block(slices[:middle])) <= room:
+        if len(write_block(slices[:middle])) <= room:
             fits = middle
         else:
             too_many = middle
-    return OnBoard(pe, fits, block(slices[:fits]) if fits else b"", room)
-
-
-def block(slices: Sequence[bytes]) -> bytes:
-    """Write the slices of the contingencies from number 1 on as a PE keeps them."""
-    different = {body: index for index, body in enumerate(dict.fromkeys(slices))}
-    bodies = b"".join(pack([len(body)]) + body for body in different)
-    return pack([len(different)]) + bodies + pack([len(slices), *(different[body] for body in slices)])
+    return OnBoard(pe, fits, write_block(slices[:fits]), room)

@@ -23,7 +23,6 @@ from types import TracebackType
 from typing import IO, Self
 
 from heronry_dg.model import Spec
-from heronry_manager.compilation import Compiler
 from heronry_manager.control_client import call
 from heronry_manager.vocabulary import EnterPhase
 from heronry_tools.demo.buses import BusChoice
@@ -68,7 +67,7 @@ class Fleet:
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
         self._manager: subprocess.Popen[bytes] | None = None
         self._buses: Mapping[str, BusChoice] = {}
-        self._tables = write_tables(Compiler(spec), tuple(spec.pes), folder / "tables")
+        self._tables = write_tables(spec, spec.pes, folder / "tables", contingencies)
         self._bench_origin_ns = time.monotonic_ns()
 
     def __enter__(self) -> Self:

@@ -13,7 +13,7 @@ from heronry_tools.demo.run import Show
 from heronry_tools.demo.script import Act, PhaseAct, read_phases, read_script
 from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
-from heronry_tools.reign import contingency_table
+from heronry_tools.reign import contingencies_of
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import named_buses
@@ -28,7 +28,7 @@ def play(arguments: argparse.Namespace) -> int:
     acts = sorted([*acts, *read_phases(spec, arguments.phase)], key=lambda act: act.at_s)
     last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
-    contingency_table(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
+    contingencies_of(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         stack.enter_context(_terminated_like_interrupted())

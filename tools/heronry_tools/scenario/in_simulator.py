@@ -28,7 +28,8 @@ class _Flight(Simulation):
 
     def __init__(self, script: Script) -> None:
         self._absent = set(script.without)
-        super().__init__(script.spec, script.seed, faults=lossy(script.loss))
+        faults = lossy(script.loss)
+        super().__init__(script.spec, script.seed, faults=faults, contingencies=script.contingencies)
 
     def restore(self, pe: str) -> None:
         """Start a PE, unless it is not there yet."""

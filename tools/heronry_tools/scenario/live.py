@@ -13,10 +13,12 @@ import select
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from pathlib import Path
 from typing import IO, Any
 
 import can
 
+from heronry_manager.contingency.file_format import to_bytes
 from heronry_tools.demo.buses import BusChoice, choose
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import UserError
@@ -26,6 +28,7 @@ from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
 from heronry_tools.scenario.script import EXAMPLE, MANAGER, Deed, Script
 from heronry_tools.scenario.trace import deed_line, event_line
+from heronry_tools.simulator.planning import plan_ahead
 from heronry_wire.frame import Frame
 from heronry_wire.link import open_bus
 
@@ -55,13 +58,22 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
     spec = script.spec
     with ExitStack() as stack:
         folder = run_folder()
-        fleet = stack.enter_context(Fleet(spec, script.spec_file, folder))
+        fleet = stack.enter_context(Fleet(spec, script.spec_file, folder, _made_ahead(script, folder)))
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         fleet.start_buses(choices)
         bus = stack.enter_context(_open(choices[spec.manager.bus]))
         paths = {name: choice.channel for name, choice in choices.items() if choice.is_ours}
         radios = stack.enter_context(BadRadios(script.deeds, paths))
         return _Show(script, fleet, bus, radios).run(choices[spec.manager.bus].describe())
+
+
+def _made_ahead(script: Script, folder: Path) -> Path | None:
+    """Write the contingency file that the script asks for."""
+    if script.contingencies is None:
+        return None
+    file = folder / "contingencies"
+    file.write_bytes(to_bytes(plan_ahead(script.spec, script.contingencies), script.spec))
+    return file
 
 
 def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:

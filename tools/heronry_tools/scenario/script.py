@@ -5,6 +5,7 @@
     seed 7                                                 for the simulator; 0 where it is not said
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     without pe:tail_pe                                     is not there from the start
+    contingencies 1                                        plans for up to so many faults are made ahead, and on board
     at 2.0s kill pe:control_pe
     expect function:elevator served within 200ms
     end 8s
@@ -97,6 +98,7 @@ class Script:
     spec_file: Path
     seed: int
     without: frozenset[str]
+    contingencies: int | None
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
     end_ns: int
@@ -122,6 +124,7 @@ class _Reader:
     seed: int = 0
     loss: float = 0.0
     without: set[str] = field(default_factory=set)
+    contingencies: int | None = None
     deeds: list[Deed] = field(default_factory=list)
     expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
     end_ns: int | None = None
@@ -150,6 +153,7 @@ class _Reader:
             self.spec_file,
             self.seed,
             frozenset(self.without),
+            self.contingencies,
             tuple(self.deeds),
             tuple(self._bounded(one, self.end_ns) for one in self.expected),
             self.end_ns,
@@ -176,6 +180,8 @@ class _Reader:
                 self.loss = float(share)
             case ["without", pe] if not self.deeds:
                 self.without.add(self._pe(pe))
+            case ["contingencies", faults] if faults in ("0", "1", "2") and not self.deeds:
+                self.contingencies = int(faults)
             case ["at", time, *deed] if deed:
                 self._deed(self._ns(time), deed)
             case ["expect", *expectation] if expectation:
@@ -185,7 +191,8 @@ class _Reader:
             case _:
                 self._refuse(
                     f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'without pe:NAME' (before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
+                    "'without pe:NAME', 'contingencies 0|1|2' (before anything is done), "
+                    "'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 
     def _loaded(self, name: str) -> tuple[Spec, Path]:

@@ -48,6 +48,8 @@ def event_line(event: Mapping[str, Any]) -> str | None:
     if kind == "reconfigured":
         changes = [f"{sign}{', '.join(event[what])}" for sign, what in _CHANGES if event[what]]
         return f"epoch {event['epoch']} runs: {'; '.join(changes) or 'the same modules, wired anew'}"
+    if kind == "epoch_prepared" and event["contingency"]:
+        return f"epoch {event['epoch']} is called by its number: {event['contingency']}"
     template = _LINES.get(kind)
     return None if template is None else template.format_map(event)
 

@@ -40,7 +40,8 @@ class ConfigurationCheck:
         stories = [f"epoch {epoch.number}: {story}" for story in self._illegal(epoch, configuration)]
         for pe in sorted({running.pe for running in configuration.modules.values()}):
             node = self._node_of[pe]
-            if node not in epoch.heads:
+            may_come_later = epoch.contingency and pe not in self._wired
+            if not epoch.has(node) and not may_come_later:
                 stories.append(f"epoch {epoch.number} runs modules on {pe}, which takes no part")
             elif pe in self._wired and node not in epoch.staged:
                 stories.append(f"epoch {epoch.number} is activated, and {pe} has not staged it")

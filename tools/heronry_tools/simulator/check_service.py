@@ -97,7 +97,7 @@ class ServiceCheck:
         """An epoch has been activated."""
         if epoch.configuration is None:
             return
-        absent = {f"pe:{pe}" for pe, node in self._node_of.items() if node not in epoch.heads}
+        absent = {f"pe:{pe}" for pe, node in self._node_of.items() if not epoch.has(node)}
         now = Situation(frozenset(absent | self._acknowledged.keys()), self._limits(t_ns), phase)
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = best_plan(self._spec, now, None).objective.critical

@@ -1,6 +1,6 @@
 """All that watches a run, behind one look-up by identifier."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 from heronry_dg.model import Spec
@@ -37,16 +37,17 @@ from heronry_wire.identifiers import (
     state_id,
 )
 from heronry_wire.management import Alive, Control, StatePage0, decode_command
+from heronry_wire.pe_table import PeTable
 
 
 class Checks:
     """The checkers of one run."""
 
-    def __init__(self, spec: Spec) -> None:
-        """Watch runs of this spec."""
+    def __init__(self, spec: Spec, tables: Collection[PeTable] = ()) -> None:
+        """Watch runs of this spec, whose PEs were given these tables, if anything on board matters."""
         self._spec = spec
         self._phase = spec.initial_phase()
-        self._commands = Commanded(spec)
+        self._commands = Commanded(spec, tables)
         self._exclusion = ExclusionCheck(spec)
         self._epochs = EpochCheck(spec)
         self._blame = BlameCheck(spec)

@@ -1,12 +1,14 @@
 """What the managers have commanded, read back from the frames: configurations by epoch.
 
 PREPARE opens an epoch, SLICE heads say who takes part and how long each slice is, bodies bring the bytes, or the digest
-of a head names bytes that were sent before. While a new epoch is prepared, who is late for the last one is still given
-that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
-become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
-come later. Nothing here asks a manager: a slice that was never on the bus cannot be put together.
+of a head names bytes that were sent before. A contingency's number stands for what the tables have on board under it,
+for whoever gets no head. While a new epoch is prepared, who is late for the last one is still given that one: their
+commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices become a
+configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may come later.
+Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from heronry_dg.configuration import Configuration, Running, Wire
@@ -24,6 +26,7 @@ from heronry_wire.management import (
     StatePage1,
     Step,
 )
+from heronry_wire.pe_table import PeTable
 
 
 def _low(message: ManagementMessage) -> int:
@@ -44,18 +47,25 @@ class Epoch:
     number: int
     digest: int
     prepared_ns: int
-    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who takes part
+    contingency: int = 0
+    heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who gets a slice
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
     staged: set[int] = field(default_factory=set)  # nodes that have said so
     configuration: Configuration | None = None
     flaw: str | None = None  # why there is none, and will not be
 
+    def has(self, node: int) -> bool:
+        """Tell whether a node takes part: it gets a slice, or has staged what it had on board."""
+        return node in self.heads or node in self.staged
+
 
 class Commanded:
     """Follows the commands on the managers' bus."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, tables: Iterable[PeTable]) -> None:
+        """`tables`: what the PEs were given."""
         self._spec = spec
+        self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())
         self._sources = list(spec.sources())
         self._leaves = {
@@ -75,7 +85,7 @@ class Commanded:
         epoch = self._prepared.get(_low(message))
         match message:
             case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
-                self._prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns)
+                self._prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns, message.contingency)
                 return None
             case SliceHead() if epoch is not None:
                 epoch.heads[message.node] = message
@@ -97,7 +107,7 @@ class Commanded:
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
         """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""
-        slices = {pe.node_id: b"" for pe in self._spec.pes.values()}
+        slices = {pe.node_id: self._called(epoch, pe.node_id) for pe in self._spec.pes.values()}
         for node, head in epoch.heads.items():
             if head.digest in self._bytes:
                 slices[node] = self._bytes[head.digest]
@@ -117,6 +127,11 @@ class Commanded:
         except (SliceError, LookupError) as error:
             epoch.flaw = f"its slices make no configuration: {error}"
         return epoch
+
+    def _called(self, epoch: Epoch, node: int) -> bytes:
+        """Slice that a node has on board under the epoch's number."""
+        held = self._on_board.get(node, ())[: epoch.contingency][epoch.contingency - 1 :] if epoch.contingency else ()
+        return next((one.slice for one in held if one.digest == epoch.digest), b"")
 
     def _keep(self, head: SliceHead | None, frames: dict[int, bytes]) -> None:
         """Remember the bytes of a slice once all of them have been sent."""

@@ -40,7 +40,7 @@ from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
-from heronry_tools.simulator.planning import Planners, best_plan, plan_at_once
+from heronry_tools.simulator.planning import Planners, Prepared, best_plan, plan_at_once
 from heronry_tools.simulator.world import Window
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
@@ -51,6 +51,7 @@ _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule))
 _VALIDATED_EVERY = 16
 
+_LOOKED_UP_NS = 100_000  # how long a look into the contingencies takes
 _AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
 OVERRUN_NS = 30_000_000
 _WRONG_BY = 40.0
@@ -275,18 +276,21 @@ class SimulatedManager(Node):
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
         planners: Planners = Planners.BEST,
+        ahead: Prepared,
     ) -> None:
-        """Join the bus and start; `decide_ns` gives how long the next plan takes, `tell` is told every event.
+        """Join the bus and start.
 
+        decide_ns: gives how long the next plan takes. tell: is told every event. ahead: the plans made ahead.
         disk: where its journal is kept.
         """
         super().__init__(clock, time)
-        self._spec, self._bus, self._planners = spec, bus, planners
+        self._spec, self._bus, self._planners, self._made = spec, bus, planners, ahead.made
         self._decide_ns, self._tell = decide_ns, tell
         self._ready: list[PlanReady] = []
         self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
-        self.core = ManagerCore(spec, node, disk.opened(), time.now_ns(), advise=advise)
+        memory = disk.opened()
+        self.core = ManagerCore(spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers)
         self._disk = disk
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]
@@ -341,6 +345,11 @@ class SimulatedManager(Node):
 
     def _plan(self, asked: RequestPlan) -> None:
         now, at_once = Situation(asked.down, asked.limits, asked.phase), self._planners.are_at_once(asked)
+        known = None if self._made is None or asked.limits else self._made.plan(asked.down, asked.phase, asked.running)
+        if known is not None:
+            ready = PlanReady(asked.request, known)
+            self._clock.at(self._clock.now_ns + _LOOKED_UP_NS, lambda: self._planned(ready))
+            return
         plan = plan_at_once if at_once else best_plan
         ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
         after_ns = _AT_ONCE_NS if at_once else self._decide_ns()

@@ -5,20 +5,31 @@ the spec, the situation and what runs, and on nothing else; keeping it changes n
 as it has in flight.
 
 Who plans: by default every answer is the best plan, as if all had been foreseen. `AT_ONCE` is what happens to what was
-not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver.
+not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver. With contingencies on board
+(`prepared`) what they foresee is looked up, as `heronry_manager.planner.foresight` does.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, elements
 from heronry_dg.verify import verify
+from heronry_manager.compilation import Compiler
+from heronry_manager.contingency.contingencies import Contingencies, contingencies
+from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planner.safe_mode import safe_mode
+from heronry_manager.planner.sweep import Scope
 from heronry_manager.vocabulary import RequestPlan
+from heronry_tools.campaign.sweeping import sweep
+from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import require
 
 _Key = tuple[
@@ -26,6 +37,45 @@ _Key = tuple[
 ]
 _KNOWN: dict[_Key, Plan] = {}
 _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """What an aircraft flies with: the tables of its PEs, and the plans made ahead, if there are any."""
+
+    tables: Mapping[str, PeTable]
+    made: ContingencyTable | None = None
+    numbers: ContingencyNumbers | None = None
+
+
+_PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec: they are the same in every run
+
+
+def prepared(spec: Spec, faults: int | None) -> Prepared:
+    """Compile the tables; with plans for up to so many faults on board, or none at all."""
+    known = _PREPARED.get((spec.digest, faults))
+    if known is None:
+        known = _PREPARED[spec.digest, faults] = _prepare(spec, faults)
+    return known
+
+
+def _prepare(spec: Spec, faults: int | None) -> Prepared:
+    compiler = Compiler(spec)
+    tables = {pe: compiler.table(pe) for pe in spec.pes}
+    if faults is None:
+        return Prepared(tables)
+    made = plan_ahead(spec, faults)
+    held = on_board(spec, made)
+    with_plans = {one.pe: loaded(tables[one.pe], one) for one in held}
+    return Prepared(with_plans, ContingencyTable(spec, made), ContingencyNumbers(spec, made, held))
+
+
+def plan_ahead(spec: Spec, faults: int) -> Contingencies:
+    """Plan for every set of up to so many faults in every phase, as `heronry contingencies` does."""
+    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
+    swept = sweep(spec, scope, None)
+    safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
+    return contingencies(spec, scope, swept.outcomes, safe_modes)
 
 
 class Planners(Enum):

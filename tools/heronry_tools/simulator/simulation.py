@@ -16,7 +16,6 @@ from typing import Any
 from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
-from heronry_manager.compilation import Compiler
 from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.check_queues import QueueCheck
@@ -25,12 +24,11 @@ from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
-from heronry_tools.simulator.planning import Planners
+from heronry_tools.simulator.planning import Planners, prepared
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
-from heronry_wire.pe_table import PeTable
 
 MS = 1_000_000
 PERFECT = Faults()
@@ -42,7 +40,6 @@ _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
 _HEAD = struct.Struct("<qBBH")
 _PHASE_EVENTS = ("manager_started", "phase_changed")
-_TABLES: dict[str, dict[str, PeTable]] = {}  # by digest of the spec: they are the same in every run
 
 
 class Simulation:
@@ -58,18 +55,21 @@ class Simulation:
         skew_ppm: int = DEFAULT_SKEW_PPM,
         planners: Planners = Planners.BEST,
         keep_trace: bool = False,
+        contingencies: int | None = None,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
         decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
         skew_ppm: how far clocks are off, at most.
+        contingencies: plans for up to so many faults are made ahead and on board; None: for none.
         """
         self.spec, self.seed, self.faults = spec, seed, faults
+        self._prepared = prepared(spec, contingencies)
         self.clock = Clock()
         self.world = Bench(0)
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
-        self.checks = Checks(spec)
+        self.checks = Checks(spec, self._prepared.tables.values())
         self.protocol = ProtocolState(self.clock)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
@@ -144,7 +144,7 @@ class Simulation:
     @property
     def data_identifiers(self) -> list[int]:
         """Identifiers of all data of the spec."""
-        return sorted(source.identifier for source in next(iter(self._tables().values())).sources)
+        return sorted(source.identifier for source in next(iter(self._prepared.tables.values())).sources)
 
     @property
     def witness(self) -> Witness:
@@ -207,7 +207,7 @@ class Simulation:
         self.pes[pe] = SimulatedPe(
             self.clock,
             self._drawn_clock(self._random.randrange(_CLOCKS_APART_NS)),
-            self._tables()[pe],
+            self._prepared.tables[pe],
             self.buses,
             incarnation=self._incarnations[pe] % 256,
             world=self.world,
@@ -254,6 +254,7 @@ class Simulation:
             disk=self._disks[node],
             advise=advise,
             planners=self._planners,
+            ahead=self._prepared,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=self._tell,
         )
@@ -280,13 +281,6 @@ class Simulation:
         for pe in self.spec.pes:
             self._down.add(f"pe:{pe}")
             self.at(self._random.randrange(_LATEST_START_NS), lambda pe=pe: self.restore(pe))  # type: ignore[misc]
-
-    def _tables(self) -> dict[str, PeTable]:
-        tables = _TABLES.get(self.spec.digest)
-        if tables is None:
-            compiler = Compiler(self.spec)
-            tables = _TABLES[self.spec.digest] = {pe: compiler.table(pe) for pe in self.spec.pes}
-        return tables
 
     def _tap(self, *, keep_trace: bool) -> None:
         for bus in self.buses.values():

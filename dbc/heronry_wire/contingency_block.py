@@ -1,0 +1,53 @@
+"""The contingencies that a PE has on board: its slice of each configuration that may be called by its number alone.
+
+Numbers are as in `packing`; most contingencies leave most PEs alone, so slices are kept once:
+
+    number of different slices, then for each: its length and its bytes
+    number of contingencies, then for each, from number 1: index of its slice
+    three times that number, then for each: digest of the whole configuration, most significant byte first
+
+The digest binds a number to what the manager means by it. A PE whose block comes from another file, or another spec,
+finds another digest under the number, and stages nothing by it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from heronry_wire.packing import PackingError, Unpacker, pack
+
+_DIGEST_BYTES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Preloaded:
+    """One PE's slice of a configuration, and the digest of the whole configuration (24 bits)."""
+
+    slice: bytes
+    digest: int
+
+
+def write_block(contingencies: Sequence[Preloaded]) -> bytes:
+    """Write the contingencies from number 1 on as a PE keeps them; none are no bytes."""
+    if not contingencies:
+        return b""
+    different = {body: index for index, body in enumerate(dict.fromkeys(one.slice for one in contingencies))}
+    bodies = b"".join(pack([len(body)]) + body for body in different)
+    digests = b"".join(one.digest.to_bytes(_DIGEST_BYTES, "big") for one in contingencies)
+    indices = pack([len(contingencies), *(different[one.slice] for one in contingencies)])
+    return pack([len(different)]) + bodies + indices + pack([len(digests)]) + digests
+
+
+def read_block(block: bytes) -> tuple[Preloaded, ...]:
+    """Read what `write_block` wrote; raises PackingError."""
+    if not block:
+        return ()
+    numbers = Unpacker(block)
+    slices = [numbers.text() for _ in range(numbers.number())]
+    indices = numbers.numbers()
+    digests = numbers.text()
+    if numbers.left() or len(digests) != _DIGEST_BYTES * len(indices) or max(indices, default=0) >= len(slices):
+        raise PackingError("the contingencies on board contradict themselves")
+    return tuple(
+        Preloaded(slices[index], int.from_bytes(digests[at * _DIGEST_BYTES : (at + 1) * _DIGEST_BYTES], "big"))
+        for at, index in enumerate(indices)
+    )
