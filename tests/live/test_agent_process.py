@@ -156,7 +156,7 @@ def test_the_slice_of_a_table_it_cannot_load_is_refused(ground: Ground) -> None:
     ground.say(*map(command_frame, [*slice_messages(FLYING, 7, 1007), Ping(1, NODE, 0)]))
     pages = [decode_state(f.data) for f in ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40)]
     assert isinstance(pages[-1], StatePage1)
-    assert pages[-1].staged_epoch == 0
+    assert pages[-1].staged_digest == 0
 
 
 def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
