@@ -81,7 +81,7 @@ def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str]
     simulation.run_for(1_500 * MS)
     code, document = replayed(capsys, recorded(simulation, tmp_path / "two.log"))
     assert code == 0
-    assert [reign["term"] for reign in document["reigns"]] == [1, 2]
+    assert [reign["term"] for reign in document["reigns"]] == [1, 3]
     second = document["reigns"][1]
     assert second["decisions"] == 0  # it adopted what ran
     assert any("adopted" in entry.get("remark", "") for entry in second["entries"])

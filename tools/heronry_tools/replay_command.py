@@ -52,10 +52,11 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay every reign of the recording; returns the exit code."""
     from heronry_tools.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
-    from heronry_tools.reign import contingency_table  # noqa: PLC0415
+    from heronry_tools.reign import contingencies_of  # noqa: PLC0415
     from heronry_tools.replay.comparison import compared  # noqa: PLC0415
     from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns  # noqa: PLC0415
     from heronry_tools.replay.rerun import Planners, Rerun  # noqa: PLC0415
+    from heronry_tools.simulator.planning import prepared_with  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
@@ -68,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
             "record from before the manager starts"
         )
-    planners = Planners(spec, contingency_table(spec, arguments.contingencies))
+    planners = Planners(spec, prepared_with(spec, contingencies_of(spec, arguments.contingencies)))
     comparisons = []
     for reign in found:
         rerun = Rerun(planners, reign)

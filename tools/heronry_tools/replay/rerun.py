@@ -27,12 +27,13 @@ from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.compilation import Compiler
-from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.core import ManagerCore
+from heronry_manager.memory import Memory
 from heronry_manager.planner.exact import Planner
 from heronry_manager.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_tools.replay.recording import Decision, Reign, decision_of
 from heronry_tools.simulator.commanded import Commanded
+from heronry_tools.simulator.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
 from heronry_wire.management import LEASE_PERIODS, decode_command
 from heronry_wire.sansio import Received, Send, Tick
@@ -61,9 +62,10 @@ class _Answer:
 class Planners:
     """The plans that a manager of a spec may fly with; each configuration by name, as a digest tells it."""
 
-    def __init__(self, spec: Spec, table: ContingencyTable | None = None) -> None:
-        self.spec = spec
-        self._planner, self._table, self._compiler = Planner(spec), table, Compiler(spec)
+    def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
+        """`ahead`: what was made ahead, if anything was."""
+        self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
+        self._planner, self._table, self._compiler = Planner(spec), self.ahead.made, Compiler(spec)
 
     def digest(self, configuration: Configuration) -> int:
         """Digest by which PREPARE and LEASE name a configuration."""
@@ -88,11 +90,12 @@ class Rerun:
         self.remarks: list[Remark] = []
         self._planners, self._reign = planners, reign
         spec = planners.spec
-        self._recorded = _configurations(spec, reign)
+        self._recorded = _configurations(planners, reign)
         self._answer: _Answer | None = None
         self._ended = False
         began_ns = reign.first_ns - LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
-        self._core = ManagerCore(spec, reign.node, reign.term, began_ns)
+        memory = Memory(term=reign.term - 1)  # the term that follows is the recorded one
+        self._core = ManagerCore(spec, reign.node, memory, began_ns, on_board=planners.ahead.numbers)
 
     def run(self) -> None:
         """Replay all of it."""
@@ -192,9 +195,9 @@ def _answer(at_ns: int, asked: RequestPlan, name: str, plan: Plan) -> _Answer:
     return _Answer(at_ns, PlanReady(asked.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
 
 
-def _configurations(spec: Spec, reign: Reign) -> dict[int, Configuration]:
-    """Configurations that were sent and activated in a reign, by digest."""
-    commanded, found = Commanded(spec), {}
+def _configurations(planners: Planners, reign: Reign) -> dict[int, Configuration]:
+    """Configurations that were sent or called, and activated, in a reign, by digest."""
+    commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
     for t_ns, command, frame in reign.said:
         message = decode_command(command, frame.data)
         epoch = None if isinstance(message, Malformed) else commanded.take(t_ns, message)

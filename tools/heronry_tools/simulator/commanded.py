@@ -62,8 +62,8 @@ class Epoch:
 class Commanded:
     """Follows the commands on the managers' bus."""
 
-    def __init__(self, spec: Spec, tables: Iterable[PeTable]) -> None:
-        """`tables`: what the PEs were given."""
+    def __init__(self, spec: Spec, tables: Iterable[PeTable] = ()) -> None:
+        """`tables`: what the PEs were given, if anything on board matters."""
         self._spec = spec
         self._on_board = {table.node_id: table.preloaded() for table in tables}
         self._modules = list(spec.modules.values())

@@ -55,16 +55,17 @@ def prepared(spec: Spec, faults: int | None) -> Prepared:
     """Compile the tables; with plans for up to so many faults on board, or none at all."""
     known = _PREPARED.get((spec.digest, faults))
     if known is None:
-        known = _PREPARED[spec.digest, faults] = _prepare(spec, faults)
+        made = None if faults is None else plan_ahead(spec, faults)
+        known = _PREPARED[spec.digest, faults] = prepared_with(spec, made)
     return known
 
 
-def _prepare(spec: Spec, faults: int | None) -> Prepared:
+def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
+    """Compile the tables, with these plans on board."""
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in spec.pes}
-    if faults is None:
+    if made is None:
         return Prepared(tables)
-    made = plan_ahead(spec, faults)
     held = on_board(spec, made)
     with_plans = {one.pe: loaded(tables[one.pe], one) for one in held}
     return Prepared(with_plans, ContingencyTable(spec, made), ContingencyNumbers(spec, made, held))
