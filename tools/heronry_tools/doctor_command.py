@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from heronry_tools.doctor.listening import Expected, Hearing
 
 _ANSWER_WITHIN_S = 1.0
+_PAUSE_S = 0.5
 _DIGEST_SUB = 3  # of object SPEC
 _EPILOG = """\
 examples:
   heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
   heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether they are those of this spec
   heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has its table alone
+  heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
   heronry doctor -i socketcan -c can0 --json | jq .findings
 
 It listens, and asks every PE that it hears by SDO which spec its table is of; it commands nothing. In flight leave that
@@ -44,6 +46,9 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a spec, or a PE's *.table: what should be there")
     parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="how long to listen (default 3)")
+    parser.add_argument(
+        "--wait", type=float, default=0.0, metavar="S", help="look again until all is right, for up to S seconds"
+    )
     parser.add_argument("--json", action="store_true", help="write the findings as JSON")
     add_bus_arguments(parser, group_title="the bus")
     parser.set_defaults(run=run)
@@ -55,8 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not 0 < arguments.seconds <= 600:
         raise UserError(f"--seconds {arguments.seconds:g}: listen for more than 0 and up to 600 s")
+    until_s = time.monotonic() + arguments.wait
     findings = list(_findings(arguments))
-    is_fit = all(finding.is_right for finding in findings)
+    while not (is_fit := all(finding.is_right for finding in findings)) and time.monotonic() < until_s:
+        time.sleep(_PAUSE_S)
+        findings = list(_findings(arguments))
     if arguments.json:
         told = [{"check": f.check, "ok": f.is_right, "says": f.says, "type": f.remedy} for f in findings]
         print(json.dumps({"v": 1, "ok": is_fit, "findings": told}, indent=2))

@@ -1,0 +1,82 @@
+"""docs/desk.md as it is written, on a vcan, from the bus on; and the files for a node's computer."""
+
+import configparser
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "deployment"
+PATIENCE_S = 240
+
+
+def steps() -> list[str]:
+    """The lines of the page's sh blocks but those that install."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", (ROOT / "docs" / "desk.md").read_text(), re.MULTILINE | re.DOTALL)
+    return [line for block in blocks[1:] for line in block.splitlines()]
+
+
+@pytest.mark.vcan
+@pytest.mark.skipif(os.geteuid() != 0 or shutil.which("ip") is None, reason="making an interface needs root and ip(8)")
+def test_the_desk_page_ends_in_a_green_doctor(tmp_path: Path) -> None:
+    subprocess.run(["ip", "link", "del", "vcan0"], check=True)  # the page makes its own
+    script = subprocess.Popen(
+        ["bash", "-e"],
+        cwd=tmp_path,
+        env={
+            **os.environ,
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "XDG_STATE_HOME": str(tmp_path),
+            "XDG_RUNTIME_DIR": str(tmp_path),
+        },
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        process_group=0,
+    )
+    try:
+        said, _ = script.communicate("\n".join([*steps(), "kill $(jobs -p)", "wait"]), timeout=PATIENCE_S)
+    finally:
+        if script.poll() is None:
+            os.killpg(script.pid, signal.SIGKILL)
+        if not Path("/sys/class/net/vcan0").exists():
+            subprocess.run(["ip", "link", "add", "vcan0", "type", "vcan"], check=True)
+        subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
+    assert "this node is fit" in said, said
+    assert "all 3 PEs have tables of one spec" in said
+    assert "one manager reigns: 126" in said
+
+
+@pytest.mark.live
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="it needs systemd-analyze(1)")
+@pytest.mark.parametrize("unit", ["heronry-agent@.service", "heronry-manager@.service"])
+def test_systemd_finds_nothing_wrong_with_a_unit(unit: str, tmp_path: Path) -> None:
+    """With a program in place of ours, which is not installed under /opt here."""
+    instance = tmp_path / unit.replace("@", "@nav")
+    instance.write_text(re.sub(r"/opt/heronry/bin/[a-z-]+", "/bin/true", (DEPLOYMENT / unit).read_text()))
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", str(instance)], capture_output=True, text=True, check=False
+    )
+    assert [line for line in done.stderr.splitlines() if instance.name in line] == []
+
+
+@pytest.mark.parametrize("unit", ["heronry-agent@.service", "heronry-manager@.service"])
+def test_the_command_line_of_a_unit_is_one_that_the_program_takes(unit: str) -> None:
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    parser.read(DEPLOYMENT / unit)
+    service = parser["Service"]
+    assert (service["Type"], service["Restart"]) == ("notify", "always")
+    program, *arguments = service["ExecStart"].split()
+    module = ["heronry_agent"] if program.endswith("pe-agent") else ["heronry_tools.cli", arguments.pop(0)]
+    help_text = subprocess.run(
+        [sys.executable, "-m", *module, "--help"], capture_output=True, text=True, check=True
+    ).stdout
+    assert {word for word in arguments if word.startswith("--")} <= set(re.findall(r"--[a-z-]+", help_text))
