@@ -181,3 +181,12 @@ def test_frames_of_29_bits_on_the_radio_are_not_measured() -> None:
     pe = Gateway()
     assert pe.give(Received(RADIO, Frame(330, bytes(8), extended=True))) == []
     assert pe.core.radio_ports == {RADIO}
+
+
+def test_a_frame_that_leaves_after_it_was_given_up_changes_nothing() -> None:
+    pe = Gateway()
+    pe.wait(10 * MS)
+    count = len(pe.by_radio)
+    pe.give(Left(RADIO, 500 * MS))
+    assert len(pe.by_radio) == count
+    assert pe.core.next_deadline_ns() > pe.now_ns

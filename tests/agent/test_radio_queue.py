@@ -104,8 +104,11 @@ def test_data_leave_to_management_what_is_reserved_for_it() -> None:
     assert due_ns == -(-FRAME_BITS * S // 7_000)
 
 
-def test_an_empty_queue_needs_no_time() -> None:
-    assert queue().next_ns() is None
+def test_an_empty_queue_needs_no_time_and_what_may_go_needs_none() -> None:
+    waiting = queue()
+    assert waiting.next_ns() is None
+    waiting.push(frame(LEASE), FOR_EVER)
+    assert waiting.next_ns() == 0
 
 
 @given(

@@ -53,6 +53,7 @@ def test_the_hub_follows_the_script(deeds: tuple[Deed, ...], tmp_path: Path) -> 
 
 
 def test_buses_that_nothing_is_done_to_are_left_alone() -> None:
-    with BadRadios((), {"radio": "/nowhere"}) as radios:
+    kill = Deed(1, S, "kill", "pe:ground", "kill pe:ground")
+    with BadRadios((kill,), {"radio": "/nowhere"}) as radios:
         assert radios.next_ns(0) is None
         radios.follow(0)

@@ -70,5 +70,7 @@ def test_a_fall_may_take_as_long_as_patience_lasts() -> None:
 
 def test_a_radio_that_is_gone_or_of_which_nothing_is_said_is_not_judged() -> None:
     assert judged(*flood(3.0, 0, 5)) == []
+    malformed = Sent(S, "can0", "comms", Frame(LINK_ID, b"")), Sent(S, "can0", "nav", Frame(LINK_ID + 1, bytes(8)))
+    assert judged(*malformed, *flood(3.0, 0, 5)) == []
     assert judged(*reports(0, 0, 5 * S, LinkState.GONE), *flood(3.0, 0, 5)) == []
     assert judged(*reports(1000, 0, 1 * S), *flood(3.0, 5 * S, 5)) == []

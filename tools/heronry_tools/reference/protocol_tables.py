@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import groupby
 
-from heronry_agent import faults, mailboxes, reporting, staging
+from heronry_agent import faults, link_meter, mailboxes, radio_queue, reporting, staging
 from heronry_manager import beacon, core, health, numbering, planning, reconfiguration
 from heronry_tools.reference.markdown import code, table
 from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
@@ -128,6 +128,12 @@ def times() -> str:
         ("echo", _time(link.ECHO_TIMEOUT_NS), "a frame without its echo is given up"),
         ("retry", _time(link.RETRY_NS), "after the controller's queue was full"),
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
+        ("radio queue", f"{radio_queue.CAPACITY} frames", "at a gateway; the least urgent is dropped"),
+        (
+            "measure of a radio",
+            f"{link_meter.WINDOW_PERIODS} {periods} of it",
+            "the last ones; the last two if far worse",
+        ),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
         ("term", f"{management.MAX_TERM}", "the last one"),
         (

@@ -84,7 +84,8 @@ class RadioCheck:
     def _most_usable(self, bus: str, t_ns: int) -> int | None:
         """The most that was reported of late; None where the radio was gone, or nothing was said."""
         recent = [report for at_ns, report in self._reports[bus][-200:] if at_ns >= t_ns - self._grace_ns[bus]]
-        last_ns = self._reports[bus][-1][0] if recent else 0
-        if t_ns - last_ns > _SECOND_NS or any(report.state is LinkState.GONE for report in recent):
+        if not recent or t_ns - self._reports[bus][-1][0] > _SECOND_NS:
+            return None
+        if any(report.state is LinkState.GONE for report in recent):
             return None
         return max(report.usable for report in recent)
