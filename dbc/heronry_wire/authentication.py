@@ -24,8 +24,10 @@ from typing import NamedTuple
 from heronry_wire.frame import WireError
 
 KEY_BYTES = 32
+TAG_PLACE = 5  # in page 0 of a state: where its tag takes the place of a digest
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
+BEAT_SPAN = 256  # page 0 shows how many there were modulo this
 MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred in a second
 
 _COMMAND = Struct(">BBHIQ")

@@ -51,6 +51,7 @@ class Refusal(Enum):
 class Held(NamedTuple):
     """A command that waits for its TAG."""
 
+    command: Command
     event: Received
     arrived_ns: int
 
@@ -104,12 +105,18 @@ class CommandVerifier:
         if len(held) == _HELD:
             held.popleft()
             self.refused[Refusal.UNTAGGED] += 1
-        held.append(Held(event, arrived_ns))
+        held.append(Held(command, event, arrived_ns))
 
-    def tagged(self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE) -> Held | Refusal:
-        """Take a TAG; gives the command that is to be believed, or why there is none. `nonce` is the one sent last."""
+    def tagged(
+        self, manager: int, data: bytes, arrived_ns: int, nonce: int = NO_NONCE, *, is_counted: bool = True
+    ) -> Held | Refusal:
+        """Take a TAG; gives the command that is to be believed, or why there is none.
+
+        nonce: the one that was sent last, if an answer to it is still good.
+        is_counted: false where the TAG may be that of an answer to somebody else.
+        """
         found = self._find(manager, data, arrived_ns, nonce)
-        if isinstance(found, Refusal):
+        if isinstance(found, Refusal) and is_counted:
             self.refused[found] += 1
         return found
 
@@ -124,6 +131,8 @@ class CommandVerifier:
             self.refused[Refusal.UNTAGGED] += 1
         if not held:
             return Refusal.STRAY
+        if kind == WELCOME_KIND and nonce == NO_NONCE:
+            return Refusal.UNKNOWN
         refusal = Refusal.UNPROVEN
         covered = nonce if kind == WELCOME_KIND else NO_NONCE
         for waiting in range(len(held)):
@@ -133,8 +142,10 @@ class CommandVerifier:
                 refusal = place
             elif self._key.command_tag(manager, kind, place, payload, covered) == tag:
                 return self._believe(manager, place, held, waiting)
-        if refusal is Refusal.UNKNOWN and self._may_seek(arrived_ns):
-            return self._sought(manager, fields, held)
+        if refusal is Refusal.UNKNOWN:
+            found = self._sought(manager, fields, held) if self._may_seek(arrived_ns) else refusal
+            held.clear()
+            return found
         return refusal
 
     def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
@@ -148,7 +159,7 @@ class CommandVerifier:
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
         """Place that a command would have if its TAG were true."""
         last = self.places.get(manager)
-        if kind == WELCOME_KIND:  # without a nonce nobody can have made a tag of this kind
+        if kind == WELCOME_KIND:
             place = Place(int.from_bytes(payload[:2], "big"), int.from_bytes(payload[4:8], "big"))
             return place if last is None or place > last else Refusal.STALE
         if last is None:

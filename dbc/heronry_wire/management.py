@@ -153,7 +153,7 @@ STATE_1 = Layout(
     Field("load", 8, unit="%"),
 )
 STATE_2 = Layout("STATE_2", *_STATE_HEAD, Field("nonce", 56))
-STATE_3 = Layout("STATE_3", *_STATE_HEAD, Field("unproven", 16), Field("untagged", 16), Field("other", 24))
+STATE_3 = Layout("STATE_3", *_STATE_HEAD, Field("runs_digest", 24), Field("unproven", 16), Field("other", 16))
 # CiA 301 has the code little-endian; here its two bytes are two fields.
 EMCY = Layout(
     "EMCY",
@@ -329,17 +329,17 @@ class StatePage2:
 
 @dataclass(frozen=True, slots=True)
 class StatePage3:
-    """How many commands a PE with a key has refused, modulo 2^16, 2^16 and 2^24: no tag fitted, none came, all else."""
+    """With a key: the digest of what runs, and how many commands were refused, modulo 2^16: no tag fitted, all else."""
 
     state: PeState
     flags: PeFlags
+    digest: int
     unproven: int
-    untagged: int
     other: int
 
     def encode(self) -> bytes:
         """Payload of a state frame, page 3."""
-        return STATE_3.pack(3, self.state, self.flags, self.unproven, self.untagged, self.other)
+        return STATE_3.pack(3, self.state, self.flags, self.digest, self.unproven, self.other)
 
 
 StatePage = StatePage0 | StatePage1 | StatePage2 | StatePage3

@@ -4,6 +4,7 @@
     {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
     {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ..."}
     {"v": 1, "do": "clear", "what": "device:gps"}
+    {"v": 1, "do": "unlock", "what": "pe:nav"}
 
 Every request has one reply, in the order of the requests. A line that cannot be read is answered with why.
 """
@@ -13,15 +14,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order
+from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, UnlockPe
 
 VERSION = 1
 LONGEST_ORDER_BYTES = 4096
 
-_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement]] = {
+_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe]] = {
     "phase": EnterPhase,
     "fail": FailElement,
     "clear": ClearElement,
+    "unlock": UnlockPe,
 }
 
 
@@ -45,6 +47,8 @@ def order_line(order: Order) -> bytes:
             return _line({"v": VERSION, "do": "fail", "what": element})
         case ClearElement(element):
             return _line({"v": VERSION, "do": "clear", "what": element})
+        case UnlockPe(element):
+            return _line({"v": VERSION, "do": "unlock", "what": element})
 
 
 def read_order(line: bytes) -> Order | str:

@@ -33,6 +33,7 @@ from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_manager.authenticity import Authenticity
 from heronry_manager.beacon import Beacon
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.deployment import Deployment
@@ -58,6 +59,7 @@ from heronry_manager.vocabulary import (
     Settled,
     Stop,
 )
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
@@ -106,18 +108,20 @@ class ManagerCore:
         *,
         advise: bool = False,
         on_board: ContingencyNumbers | None = None,
+        key: Key | None = None,
     ) -> None:
         """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
         advise: say nothing on the bus, ever, and tell what would be done instead.
         on_board: what PEs that were given their part of the contingency file can be switched to by number.
+        key: of the fleet; with one every command is tagged, and nothing is believed that was not.
         Raises NoTermError where all terms have been used.
         """
         self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * period_ns
-        self._advise = advise
+        self._advise, self._key = advise, key
         self._journal_problem: str | None = None
         term = next_term(node, memory.term)
         self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
@@ -126,14 +130,23 @@ class ManagerCore:
         self._situation = KnownSituation(
             spec, self._turn, self._health, self._take, self._replan, limited=self._limited
         )
-        self._orders = OperatorOrders(spec, self._turn, self._health, self._situation)
+        self._orders = OperatorOrders(spec, self._turn, self._health, self._situation, has_key=key is not None)
         self._planning = Planning(self._turn)
-        self._deployment = Deployment(self._turn, spec, self._health, self._exclusion, on_board)
+        self._deployment = Deployment(
+            self._turn, spec, self._health, self._exclusion, on_board, frames_per_command=1 if key is None else 2
+        )
+        self._authenticity: Authenticity | None = None
+        if key is not None:
+            self._authenticity = Authenticity(spec, self._turn, key, self._deployment.digest_of)
         self._beacon = Beacon(node, period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
-        self._manager_lease_ids = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
+        self._manager_ids = {
+            management_id(node, command): (node, command)
+            for node in MANAGER_NODES
+            for command in (Command.LEASE, *((Command.CONTROL, Command.TAG) if key is not None else ()))
+        }
         self._turn.emit(
             "manager_started",
             spec=spec.name,
@@ -143,6 +156,7 @@ class ManagerCore:
             bus=self._bus.name,
             phase=self._situation.phase,
             advises=advise,
+            key=None if key is None else key.fingerprint,
         )
 
     def hears(self, identifier: int) -> bool:
@@ -150,7 +164,7 @@ class ManagerCore:
         return (
             identifier in self._pe_of_state_id
             or identifier in self._pe_of_emcy_id
-            or identifier in self._manager_lease_ids
+            or identifier in self._manager_ids
             or identifier in self._situation.links.records
             or identifier == REQUEST_ID
         )
@@ -212,17 +226,41 @@ class ManagerCore:
             return
         pe = self._pe_of_state_id.get(frame.can_id)
         if pe is not None:
-            self._on_state(pe, decode_state(frame.data))
+            self._on_state(pe, self._believed(pe, frame.data))
         elif frame.can_id in self._pe_of_emcy_id:
             self._on_emergency(self._pe_of_emcy_id[frame.can_id], decode_emergency(frame.data))
         elif frame.can_id in self._situation.links.records:
             self._situation.link_reported(frame)
         elif frame.can_id == REQUEST_ID:
             self._identification.asked(0, frame, self._turn.now_ns)
-        elif frame.can_id in self._manager_lease_ids:
-            self._on_lease(self._manager_lease_ids[frame.can_id], decode_command(Command.LEASE, frame.data))
+        elif frame.can_id in self._manager_ids:
+            self._on_manager(*self._manager_ids[frame.can_id], frame)
 
-    def _on_state(self, pe: str, page: StatePage | Malformed) -> None:
+    def _believed(self, pe: str, data: bytes) -> StatePage | Malformed | None:
+        """What a PE says of itself, as far as it is believed."""
+        page = decode_state(data)
+        if self._authenticity is None or isinstance(page, Malformed):
+            return page
+        return self._authenticity.believed(pe, page, data)
+
+    def _on_manager(self, node: int, command: Command, frame: Frame) -> None:
+        """Another manager has spoken; with a key its LEASE counts when it is proven."""
+        if self._authenticity is None:
+            self._on_lease(node, decode_command(Command.LEASE, frame.data))
+        elif command is Command.LEASE:
+            self._authenticity.hold_lease(node, Received(0, frame))
+        elif command is Command.CONTROL:
+            if self._advise:
+                self._authenticity.overhear(node, frame.data)
+        else:
+            lease = self._authenticity.proven_lease(node, frame.data)
+            if lease is not None:
+                self._on_lease(node, decode_command(Command.LEASE, lease))
+
+    def _speaks(self) -> bool:
+        return self._reign in (Reign.STARTING, Reign.REIGNING) and not self._advise
+
+    def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
         now_ns = self._turn.now_ns
         match page:
             case StatePage0():
@@ -235,10 +273,13 @@ class ManagerCore:
                 else:
                     self._fail_if(pe, cause)
             case StatePage1():
-                self._take(self._health.heard(pe, None, now_ns))
+                if self._authenticity is None:
+                    self._take(self._health.heard(pe, None, now_ns))
                 if not self._advise:
                     self._fail_if(pe, self._deployment.staging(pe, page))
-            case StatePage2() | StatePage3() | Malformed():
+            case StatePage2() if self._authenticity is not None and self._speaks():
+                self._authenticity.answer(pe, page)
+            case StatePage2() | StatePage3() | Malformed() | None:
                 pass
 
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
@@ -373,6 +414,7 @@ class ManagerCore:
             "advises": self._advise,
             "planning": self._planning.waiting,
             "journal": self._journal_problem,
+            "key": None if self._key is None else self._key.fingerprint,
         }
         return status(
             self._spec,
@@ -381,6 +423,7 @@ class ManagerCore:
             health=self._health,
             situation=self._situation,
             deployment=self._deployment,
+            authenticity=self._authenticity,
         )
 
     # The journal

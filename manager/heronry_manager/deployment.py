@@ -74,12 +74,18 @@ class Deployment:
         health: Health,
         exclusion: Exclusion,
         on_board: ContingencyNumbers | None = None,
+        *,
+        frames_per_command: int = 1,
     ) -> None:
-        """`on_board`: the configurations that can be called by a number, if there are any."""
+        """Begin with nothing.
+
+        on_board: the configurations that can be called by a number, if there are any.
+        frames_per_command: 2 where each has its TAG: slices take half of the bus with all that they need.
+        """
         self._turn, self._spec = turn, spec
         self._health, self._exclusion = health, exclusion
         self._on_board = on_board
-        self._bitrate = spec.buses[spec.manager.bus].bitrate
+        self._bitrate = spec.buses[spec.manager.bus].bitrate // frames_per_command
         self._compiler = Compiler(spec)
         self._wired = reached_by_wire(spec)
         self._transitions = Transitions(spec)
@@ -107,6 +113,11 @@ class Deployment:
     def seen(self, pe: str) -> Observed:
         """What a PE said last that it runs."""
         return self._observed[pe]
+
+    def digest_of(self, epoch: int) -> int | None:
+        """Digest of an epoch of this reign; None of one that is not known."""
+        known = self._epochs.get(epoch)
+        return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:
         """What LEASE repeats."""

@@ -15,7 +15,7 @@ from typing import Any
 VERSION = 1
 
 KINDS: Mapping[str, str] = {
-    "manager_started": "spec, spec_digest, node, term, bus, phase, advises: it listens, then reigns or advises",
+    "manager_started": "spec, spec_digest, node, term, bus, phase, advises, key (fingerprint): it listens, then reigns",
     "second_manager": "node, term: somebody else sends LEASE",
     "pe_suspected": "pe, cause, silent_ns: a heartbeat period was missed; it is asked with PING",
     "pe_answered": "pe: a suspect is heard again in time",
@@ -40,6 +40,8 @@ KINDS: Mapping[str, str] = {
     "epoch_abandoned": "epoch, reason: given up before ACTIVATE",
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
+    "commands_refused": "pe, unproven, other: so many commands a PE with a key has refused so far",
+    "states_doubted": "pe, refused: so many states were not tagged by who they say; from now on two in a row must be",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
     "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",

@@ -5,6 +5,8 @@
     clear ELEMENT    it is taken for well again: a latched fault ends, a PE leaves its quarantine, one that was failed
                      may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what is
                      still wrong is reported at once; lost, that costs a second
+    unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The order is not repeated:
+                     lost, it has to be given again
 
 An order is answered when it is understood, not when it has been carried out: the plan and the epoch follow, and the
 status tells. Said twice, the second one changes nothing. Who may say it is for whoever delivers it to decide.
@@ -16,22 +18,24 @@ from heronry_manager.health import Health
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.latched_faults import LatchedFault
 from heronry_manager.turn import Turn
-from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Reply
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Reply, UnlockPe
 from heronry_wire.identifiers import Command
 from heronry_wire.management import Control, Operation
 
 OPERATOR = "the operator"
+UNLOCK_S = 30
 _EVERYBODY = 0
 
 
 class OperatorOrders:
     """Carries out orders."""
 
-    def __init__(self, spec: Spec, turn: Turn, health: Health, situation: KnownSituation) -> None:
+    def __init__(self, spec: Spec, turn: Turn, health: Health, situation: KnownSituation, *, has_key: bool) -> None:
+        self._has_key = has_key
         self._spec, self._turn = spec, turn
         self._health, self._situation = health, situation
 
-    def obey(self, number: int, order: EnterPhase | FailElement | ClearElement) -> Reply:
+    def obey(self, number: int, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Reply:
         """Carry out an order; what names nothing in the spec is refused with a sentence that says what there is."""
         try:
             match order:
@@ -41,6 +45,8 @@ class OperatorOrders:
                     return Reply(number, True, self._fail(checked_element(self._spec, element)))
                 case ClearElement(element):
                     return self._clear(number, checked_element(self._spec, element))
+                case UnlockPe(element):
+                    return self._unlock(number, checked_element(self._spec, element))
         except UnknownElementError as error:
             return Reply(number, False, str(error))
 
@@ -66,3 +72,12 @@ class OperatorOrders:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place))
         waits = "; it joins after its hold-down" if element.startswith("pe:") else "; a plan with it is on its way"
         return Reply(number, True, f"{element} is taken for well again{waits}")
+
+    def _unlock(self, number: int, element: str) -> Reply:
+        pe = self._spec.pes.get(element.removeprefix("pe:"))
+        if pe is None or not element.startswith("pe:"):
+            return Reply(number, False, f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}")
+        if not self._has_key:
+            return Reply(number, False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
+        self._turn.send(Command.CONTROL, Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S))
+        return Reply(number, True, f"NMT and SDO may write on {element} for {UNLOCK_S} s")

@@ -3,9 +3,11 @@
 A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
 
     v, spec, spec_digest, phase, epoch, stage
-    manager         node, term, state, advises, planning, journal (what is wrong with it, or null)
+    manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
+                    or null)
     next            epoch that is being prepared, or null
-    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns
+    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
+                    (null without a key; else is_believed, refused_states, and refused_commands as it says)
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
@@ -19,6 +21,7 @@ from typing import Any
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.plan import Plan
+from heronry_manager.authenticity import Authenticity
 from heronry_manager.deployment import Deployment
 from heronry_manager.health import Health
 from heronry_manager.known_situation import KnownSituation
@@ -35,6 +38,7 @@ def status(
     health: Health,
     situation: KnownSituation,
     deployment: Deployment,
+    authenticity: Authenticity | None = None,
 ) -> dict[str, Any]:
     """Build the document; `manager` is what the core says of itself."""
     current, plan, phase = deployment.current, deployment.plan, situation.phase
@@ -47,7 +51,7 @@ def status(
         "epoch": None if current is None else current.epoch,
         "stage": None if current is None else current.stage.value,
         "next": None if deployment.next is None else deployment.next.epoch,
-        "pes": {pe: _pe(pe, now_ns, health, deployment) for pe in spec.pes},
+        "pes": {pe: _pe(pe, now_ns, health, deployment, authenticity) for pe in spec.pes},
         "latched": [
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
             for f in situation.failed.all()
@@ -59,7 +63,9 @@ def status(
     }
 
 
-def _pe(pe: str, now_ns: int, health: Health, deployment: Deployment) -> dict[str, Any]:
+def _pe(
+    pe: str, now_ns: int, health: Health, deployment: Deployment, authenticity: Authenticity | None
+) -> dict[str, Any]:
     seen = deployment.seen(pe)
     return {
         "state": health.standing(pe).value,
@@ -68,6 +74,7 @@ def _pe(pe: str, now_ns: int, health: Health, deployment: Deployment) -> dict[st
         "runs": seen.state.name,
         "losses": health.losses(pe),
         "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
+        "authentic": None if authenticity is None else authenticity.status(pe),
     }
 
 

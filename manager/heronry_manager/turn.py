@@ -6,6 +6,7 @@ kinds of events, which tell a broken invariant's story.
 """
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from heronry_manager.events import event as make_event
@@ -33,6 +34,7 @@ class Turn:
         self._silent = silent
         self.now_ns = now_ns
         self.recent: deque[str] = deque(maxlen=_RECENT_EVENTS)
+        self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # what a key adds to them
         self._actions: list[ManagerAction] = []
 
     def ask(self, *actions: ManagerAction) -> None:
@@ -57,4 +59,4 @@ class Turn:
     def end(self) -> list[ManagerAction]:
         """Give all that was asked for, in order."""
         actions, self._actions = self._actions, []
-        return actions
+        return actions if self.seal is None else self.seal(actions)

@@ -108,11 +108,18 @@ class ClearElement:
 
 
 @dataclass(frozen=True, slots=True)
+class UnlockPe:
+    """The operator wants other tools to write on a PE (`pe:NAME`) for a while, by NMT and SDO."""
+
+    element: str
+
+
+@dataclass(frozen=True, slots=True)
 class AskStatus:
     """The operator wants to know how things stand."""
 
 
-Order = EnterPhase | FailElement | ClearElement | AskStatus
+Order = EnterPhase | FailElement | ClearElement | UnlockPe | AskStatus
 
 
 @dataclass(frozen=True, slots=True)

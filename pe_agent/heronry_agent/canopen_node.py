@@ -5,7 +5,8 @@ Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_man
 and hands on what they say. Nothing of it is needed to fly: what a PE runs is decided elsewhere, and goes on whatever
 happens here.
 
-SDO and NMT are heard on the uplink alone, as all commands are.
+SDO and NMT are heard on the uplink alone, as all commands are. With a key, NMT commands and writing by SDO wait for an
+UNLOCK (`authenticity`); a transfer that began before it ran out comes to its end.
 
 SDO outranks some of the data, so it is held back. While this PE runs nothing, an upload by block takes half of the bus;
 once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn: a few,
@@ -18,6 +19,7 @@ from functools import partial
 
 from heronry_agent.network_management import Heeded, NetworkManagement, NmtState
 from heronry_agent.node_services import NodeServices
+from heronry_agent.object_dictionary import Locked
 from heronry_agent.pe_objects import Parts, PeObjects
 from heronry_agent.sdo_server import SdoServer
 from heronry_wire.frame import Frame, Malformed
@@ -39,12 +41,13 @@ class CanopenNode:
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index
         self._reign, self._reconfiguration, self._modules = parts.reign, parts.reconfiguration, parts.modules
+        self._is_open = parts.is_open
         port = index.table.ports[index.uplink]
         self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
         self._services = NodeServices(index.node, port.heartbeat_ns, self._network)
         objects = PeObjects(parts, self._network, self._services)
         self._frame_ns = worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
-        self._sdo = SdoServer(objects.dictionary(), _DESK_SHARE * self._frame_ns)
+        self._sdo = SdoServer(Locked(objects.dictionary(), self._locked), _DESK_SHARE * self._frame_ns)
         self._held: deque[bytes] = deque()  # requests that wait for their turn
         self._turn_ns = turn.now_ns  # when the next one has its
         self.next_ns = turn.now_ns
@@ -87,10 +90,18 @@ class CanopenNode:
         return self._reconfiguration.running.epoch != NO_EPOCH
 
     def _led(self) -> bool:
-        return self._reign.hears_lease(self._turn.now_ns)
+        """Tell whether a manager is heard that has not unlocked this PE."""
+        is_unlocked = self._is_open is not None and self._is_open()
+        return self._reign.hears_lease(self._turn.now_ns) and not is_unlocked
+
+    def _locked(self) -> bool:
+        return self._is_open is not None and not self._is_open()
 
     def _nmt(self, event: Received) -> None:
         if self._is_from_beyond(event):
+            return
+        if self._locked():
+            self._turn.count("NMT command without an UNLOCK", NMT_ID)
             return
         heeded = self._network.command(
             event.frame.data, self._turn.now_ns, configured=self._configured(), led=self._led()

@@ -5,6 +5,7 @@ Whatever ends it is one sentence on standard error.
 """
 
 import argparse
+import os
 import signal
 import sys
 import time
@@ -14,6 +15,7 @@ from pathlib import Path
 
 from can.cli import add_bus_arguments
 
+from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
@@ -25,11 +27,13 @@ from heronry_agent.vocabulary import Note
 from heronry_wire.bus_arguments import BusArgumentError, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
+from heronry_wire.key_file import KeyFileError, read_key
 from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.service_manager import ServiceManager
 
 _LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
+_SALT_BYTES = 16
 _USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
 
 _EPILOG = """\
@@ -38,6 +42,7 @@ examples:
   pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
+  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
   pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
@@ -50,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         return _run(arguments)
-    except (TableError, BusArgumentError) as error:
+    except (TableError, BusArgumentError, KeyFileError) as error:
         return _complain(error, 2)
     except HeronryError as error:
         return _complain(error, 1)
@@ -81,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
         "--state-dir", type=Path, metavar="DIR", help="where the boot count is kept (default: drawn from the clock)"
     )
     parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: from now on nobody without it commands"
+    )
+    parser.add_argument(
         "--bench-origin",
         type=int,
         metavar="NS",
@@ -102,6 +110,9 @@ def _node(text: str) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     tell = _silent if arguments.quiet else _print_note
+    key = None if arguments.key is None else read_key(arguments.key)
+    if key is not None and arguments.table is None:
+        raise KeyFileError("a PE with a key takes no table from the bus: give it one with --table")
     table = _wait_for_table(arguments, tell) if arguments.table is None else _read_table(arguments.table)
     if table is None:
         return 0
@@ -121,7 +132,9 @@ def _run(arguments: argparse.Namespace) -> int:
 
         def new_core() -> AgentCore:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
-            return AgentCore(table, incarnation, time.monotonic_ns(), missing_images=frozenset(host.missing_images))
+            secret = None if key is None else Secret(key, os.urandom(_SALT_BYTES))
+            missing = frozenset(host.missing_images)
+            return AgentCore(table, incarnation, time.monotonic_ns(), missing_images=missing, secret=secret)
 
         service = ServiceManager()
         undo.callback(service.close)

@@ -18,6 +18,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection
 from functools import partial
 
+from heronry_agent.authenticity import Authenticity, Secret
 from heronry_agent.canopen_node import CanopenNode
 from heronry_agent.gateway import Gateway
 from heronry_agent.obedience import Obedience
@@ -50,12 +51,19 @@ class AgentCore:
     """The agent of one PE."""
 
     def __init__(
-        self, table: PeTable, incarnation: int, now_ns: int, *, missing_images: frozenset[str] = frozenset()
+        self,
+        table: PeTable,
+        incarnation: int,
+        now_ns: int,
+        *,
+        missing_images: frozenset[str] = frozenset(),
+        secret: Secret | None = None,
     ) -> None:
         """Start unconfigured; the first deadline is now.
 
         incarnation: 0..255, another one than at the last start of this PE.
         missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
+        secret: the key of the fleet; with one nothing is obeyed but what was tagged with it.
         Raises TableError where the table contradicts itself.
         """
         index = self._index = TableIndex(table)
@@ -68,6 +76,8 @@ class AgentCore:
         self.staging = Staging(SliceReader(index, missing_images), table.ports[index.uplink].heartbeat_ns // 2)
         self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
         self._gateway = Gateway(index)
+        self._secret = secret
+        authenticity = self.authenticity = self._make_authenticity(secret)
         self._obedience = Obedience(
             turn,
             index,
@@ -77,13 +87,17 @@ class AgentCore:
             self.reconfiguration,
             self.modules,
             self._gateway,
+            authenticity,
         )
         self._radios = {
             port: RadioPort(port, index, now_ns) for port, entry in enumerate(table.ports) if entry.link_id is not None
         }
-        self._reporting = Reporting(index, incarnation, now_ns)
+        self._reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
+        is_open = None if authenticity is None else lambda: authenticity.is_open
         self._canopen = CanopenNode(
-            Parts(turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts)
+            Parts(
+                turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts, is_open=is_open
+            )
         )
         self._told: dict[str, bool] = {"output": True}
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
@@ -215,14 +229,24 @@ class AgentCore:
             self._canopen.tick()
         if turn.now_ns >= self._reporting.next_ns:
             turn.out += self._reporting.tick(turn.now_ns, self._facts())
+            if self.authenticity is not None:
+                self.authenticity.beat()
         if turn.now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()
 
     def _note_start(self) -> None:
         table = self._index.table
         self._turn.note("start", f"PE {table.name} of {table.spec}, node {table.node_id}")
+        secret = self._secret
+        told = "no key: whoever can send on the bus can command it" if secret is None else f"{secret.key!r}"
+        self._turn.note("start", told)
         if table.without_manager == "safe_mode":
             self._turn.note("start", "without_manager: safe_mode is not built yet; this PE keeps what it runs")
+
+    def _make_authenticity(self, secret: Secret | None) -> Authenticity | None:
+        if secret is None:
+            return None
+        return Authenticity(self._turn, self._index, self.reign, self._gateway, facts=self._facts, secret=secret)
 
     def _facts(self) -> Facts:
         """What the state frames tell now; a change that nobody commanded is noted on the way."""
@@ -255,10 +279,11 @@ class AgentCore:
     def _find_quiet(self) -> frozenset[int]:
         """Identifiers whose frames move no deadline and no state frame: most of all that comes."""
         quiet = (self._state, self._echo, self._from_beyond, self._forward)
+        often = (self._datum,) if self.authenticity is None else (self._datum, self.authenticity.hold)
         return frozenset(
             identifier
             for identifier, handler in self._handlers.items()
-            if handler in quiet or (isinstance(handler, partial) and handler.func == self._datum)
+            if handler in quiet or (isinstance(handler, partial) and handler.func in often)
         )
 
     def _find_fixed_handlers(self) -> dict[int, _Handler]:
@@ -266,7 +291,8 @@ class AgentCore:
         handlers: dict[int, _Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
         handlers |= dict.fromkeys(ECHO_NODES, self._echo)
-        handlers |= self._obedience.handlers()
+        commands = self._obedience.handlers()
+        handlers |= commands if self.authenticity is None else self.authenticity.guarded(commands)
         handlers |= self._canopen.handlers()
         own = (identify(self._index.node) for identify in _OWN)
         return handlers | dict.fromkeys(own, self._own_identifier)

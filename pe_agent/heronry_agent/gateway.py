@@ -59,10 +59,14 @@ class Gateway:
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
         """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
         if command is Command.SLICE:
-            return [Send(port, frame) for port in self._far if frame.data[0] in self._beyond[port]]
+            return self.toward(frame.data[0], frame)
         if command not in (Command.LEASE, Command.ALIVE):
             return [Send(port, frame) for port in self._far]
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
+
+    def toward(self, node: int, frame: Frame) -> list[Send]:
+        """Forward what concerns one node beyond, and only to where it is."""
+        return [Send(port, frame) for port in self._far if node in self._beyond[port]]
 
     def up(self, port: int, frame: Frame) -> list[Send]:
         """Forward what a node beyond says of itself."""

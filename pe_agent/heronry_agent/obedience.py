@@ -7,13 +7,15 @@ buses; what does not is counted, and a deposed manager is told STALE_TERM once, 
 LEASE and ALIVE come every heartbeat period and mostly say nothing new, so they have a short way of their own.
 
 What if: a command that is lost is repeated by LEASE or by the manager's retry; a late or doubled one finds its step
-taken, its epoch old or its slice staged, and changes nothing; a forged one is beyond this file.
+taken, its epoch old or its slice staged, and changes nothing. With a key, `authenticity` stands before this file;
+without one a forged command is a command.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
+from heronry_agent.authenticity import Authenticity
 from heronry_agent.gateway import Gateway
 from heronry_agent.permission import Permission
 from heronry_agent.reconfiguration import Reconfiguration
@@ -59,6 +61,7 @@ class Obedience:
     reconfiguration: Reconfiguration
     modules: RunningModules
     gateway: Gateway
+    authenticity: Authenticity | None
     _settled_lease: bytes = b""  # of the reigning manager, with nothing in it that has not been done
     _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
 
@@ -148,6 +151,9 @@ class Obedience:
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
             case Control(operation=Operation.CLEAR) if message.node in (_BROADCAST, self.index.node):
                 self.modules.cleared(message.a, message.b)
+            case Control(operation=Operation.RENEW | Operation.UNLOCK) if message.node == self.index.node:
+                if self.authenticity is not None:
+                    self.authenticity.obey(message)
             case SliceHead() | SliceBody() | Ping() | Control() | Lease() | Alive():
                 pass
 

@@ -119,6 +119,19 @@ class ObjectDictionary:
         return variable.value
 
 
+class Locked:
+    """An object dictionary that can be read, and written only while it is not locked."""
+
+    def __init__(self, objects: ObjectDictionary, is_locked: Callable[[], bool]) -> None:
+        self.read, self.write = objects.read, objects.write  # what room was given for may be finished
+        self._room, self._is_locked = objects.room, is_locked
+
+    def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
+        """Most bytes that may be written to an object."""
+        room = self._room(index, sub_index, length)
+        return Abort.DEVICE_STATE if isinstance(room, int) and self._is_locked() else room
+
+
 def _needed() -> Iterator[Place | int]:
     """Places whose value depends on the node, and indices of arrays."""
     for entry in OBJECTS:

@@ -52,6 +52,7 @@ class Parts:
 
     facts: gives what the state frames tell now.
     take_table: takes another table than the present one, or says why not; None where no other is taken.
+    is_open: tells whether NMT and SDO may do something; None without a key, when they always may.
     """
 
     turn: Turn
@@ -62,6 +63,7 @@ class Parts:
     modules: RunningModules
     facts: Callable[[], Facts]
     take_table: Callable[[bytes], Abort | None] | None = None
+    is_open: Callable[[], bool] | None = None
 
 
 class PeObjects:

@@ -10,15 +10,19 @@ Each port counts its own page 0 frames, so that a gap in the sequence is a loss 
 After a pause of the process the beats that were missed are not made up.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from heronry_agent.table_index import TableIndex
+from heronry_wire.authentication import BEAT_SPAN, STATE_TAG_BYTES, TAG_PLACE
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
 from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.sansio import Send
 
 PAGE_1_EVERY = 10
+
+Seal = Callable[[int, bytes, int], int]  # number of a page 0, its bytes before the tag, digest of what runs: the tag
 
 
 class Facts(NamedTuple):
@@ -37,8 +41,9 @@ class Facts(NamedTuple):
 class Reporting:
     """Beats of one PE."""
 
-    def __init__(self, index: TableIndex, incarnation: int, now_ns: int) -> None:
-        """The first state frames are due at this node's place in the next period."""
+    def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
+        """The first state frames are due at this node's place in the next period; `seal` tags page 0 (rule 11)."""
+        self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
         self._periods_ns = [port.heartbeat_ns for port in index.table.ports]
         self._offsets_ns = [(index.node - FIRST_PE) * period // len(PE_NODES) for period in self._periods_ns]
@@ -78,10 +83,14 @@ class Reporting:
         return (now_ns - offset_ns) // period_ns * period_ns + period_ns + offset_ns
 
     def _page_0(self, port: int, facts: Facts) -> Send:
-        sequence = self._sequences[port]
-        self._sequences[port] = (sequence + 1) % 256
-        page = StatePage0(facts.state, facts.flags, self._incarnation, facts.epoch, sequence, facts.digest)
-        return Send(port, Frame(self._state_id, page.encode()))
+        beat = self._sequences[port]
+        self._sequences[port] = beat + 1
+        page = StatePage0(facts.state, facts.flags, self._incarnation, facts.epoch, beat % BEAT_SPAN, facts.digest)
+        said = page.encode()
+        if self._seal is not None:
+            tag = self._seal(beat, said[:TAG_PLACE], facts.digest) if port == self._uplink else 0
+            said = said[:TAG_PLACE] + tag.to_bytes(STATE_TAG_BYTES)
+        return Send(port, Frame(self._state_id, said))
 
     def _page_1(self, port: int, facts: Facts) -> Send:
         page = StatePage1(facts.state, facts.flags, facts.staged_epoch, facts.staged_digest, facts.reason, facts.load)

@@ -6,6 +6,7 @@ Node 93 has one bus with a heartbeat period of 20 ms and can run all of `control
 
 from dataclasses import replace
 
+from heronry_agent.authenticity import Secret
 from heronry_agent.core import AgentCore
 from heronry_agent.module import Value
 from heronry_agent.vocabulary import Action, Event, StartModule, StepModule, Stepped, StopModule
@@ -160,9 +161,11 @@ def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> lis
 class OnePe:
     """The core, its clock, and all it has asked for."""
 
-    def __init__(self, table: PeTable = TABLE, *, missing_images: frozenset[str] = frozenset()) -> None:
+    def __init__(
+        self, table: PeTable = TABLE, *, missing_images: frozenset[str] = frozenset(), secret: Secret | None = None
+    ) -> None:
         self.now_ns = 1_000 * MS
-        self.core = AgentCore(table, 5, self.now_ns, missing_images=missing_images)
+        self.core = AgentCore(table, 5, self.now_ns, missing_images=missing_images, secret=secret)
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
         self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step

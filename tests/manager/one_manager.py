@@ -17,6 +17,7 @@ from heronry_manager.core import ManagerCore
 from heronry_manager.memory import NOTHING, Memory
 from heronry_manager.planner.exact import plan
 from heronry_manager.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
@@ -72,12 +73,18 @@ class OneManager:
     """The core, its clock, and all it has asked for."""
 
     def __init__(
-        self, spec: Spec | None = None, *, node: int = NODE, term: int = TERM, memory: Memory = NOTHING
+        self,
+        spec: Spec | None = None,
+        *,
+        node: int = NODE,
+        term: int = TERM,
+        memory: Memory = NOTHING,
+        key: Key | None = None,
     ) -> None:
         self.spec = spec or two_tails()
         self.now_ns = 1_000 * MS
         self.memory = replace(memory, term=max(memory.term, term - 1))  # as a journal would have it
-        self.core = ManagerCore(self.spec, node, self.memory, self.now_ns)
+        self.core = ManagerCore(self.spec, node, self.memory, self.now_ns, key=key)
         self.node = node
         self.events: list[dict[str, Any]] = []
         self.requests: list[RequestPlan] = []

@@ -19,9 +19,24 @@ from heronry_manager.control_client import call, find_socket
 from heronry_manager.control_place import ControlError, default_folder, default_socket
 from heronry_manager.control_protocol import Answer, order_line, read_answer, read_order
 from heronry_manager.control_socket import MOST_CALLERS, ControlSocket
-from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
+from heronry_manager.vocabulary import (
+    AskStatus,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    OperatorSaid,
+    Order,
+    Reply,
+    UnlockPe,
+)
 
-ORDERS: list[Order] = [AskStatus(), EnterPhase("glide"), FailElement("pe:nav"), ClearElement("device:gps")]
+ORDERS: list[Order] = [
+    AskStatus(),
+    EnterPhase("glide"),
+    FailElement("pe:nav"),
+    ClearElement("device:gps"),
+    UnlockPe("pe:nav"),
+]
 
 
 @pytest.fixture

@@ -36,6 +36,7 @@ START = [
         bus="can0",
         phase="ascent",
         advises=False,
+        key=None,
     ),
     event("bus", 1, name="can0", interface="softbus", channel="can0.sock", models="all but bit errors"),
     event("pe_joined", 10 * MS, pe="nav", cause="first heard"),

@@ -14,7 +14,9 @@ from heronry_manager.vocabulary import (
     OperatorSaid,
     Order,
     Reply,
+    UnlockPe,
 )
+from heronry_wire.authentication import Key
 from heronry_wire.management import (
     FORWARD_ONLY,
     Alive,
@@ -211,6 +213,7 @@ def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manag
         "runs": "ACTIVE",
         "losses": 0,
         "held_down_for_ns": None,
+        "authentic": None,
     }
     assert told["functions"]["elevator"]["served"]
     assert told["buses"]["can0"]["bits_per_s"] == 0
@@ -225,3 +228,15 @@ def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manag
     told = status(manager)
     assert not told["functions"]["elevator"]["served"]
     assert told["unwatched"] == ["glide"]
+
+
+# The lock
+
+
+def test_a_pe_is_unlocked_by_name_where_there_is_a_key(manager: OneManager) -> None:
+    assert "has no key" in say(manager, UnlockPe("pe:left")).sentence
+    keyed = OneManager(key=Key(b"k" * 32))
+    keyed.pass_time(6 * BEAT_NS)
+    assert "name a PE, such as pe:left" in say(keyed, UnlockPe("module:control")).sentence
+    assert say(keyed, UnlockPe("pe:left")).sentence == "NMT and SDO may write on pe:left for 30 s"
+    assert Control(1, 92, Operation.UNLOCK, 30) in keyed.commands

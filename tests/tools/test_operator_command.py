@@ -55,6 +55,11 @@ def test_an_order_prints_what_is_done(manager: OneManager, capsys: pytest.Captur
     assert printed.err == ""
 
 
+def test_nothing_is_locked_without_a_key(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["unlock", "pe:left"]) == 1
+    assert "this manager has no key" in capsys.readouterr().err
+
+
 def test_a_refusal_is_one_sentence_and_ends_with_1(manager: OneManager, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["phase", "glide"]) == 1
     assert capsys.readouterr().err == "heronry: no phase is named 'glide'; there is none\n"

@@ -6,6 +6,9 @@ import pytest
 
 from heronry_manager.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
 from heronry_tools.status_report import report
+from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame
+from heronry_wire.management import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
 
 
@@ -27,7 +30,7 @@ def manager() -> OneManager:
 
 def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
     assert told(manager) == [
-        "two_tails: manager 126 is reigning, term 1",
+        "two_tails: manager 126 is reigning, term 1; no key: whoever can send on the bus can command it",
         "no phases; epoch 1 is done",
         "PEs",
         "  left         up         ACTIVE in epoch 1",
@@ -51,6 +54,15 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
 
 def test_before_anything_runs_nothing_is_served() -> None:
     lines = told(OneManager())
-    assert lines[0].endswith("is listening, term 1")
+    assert lines[0].startswith("two_tails: manager 126 is listening, term 1; ")
     assert "no epoch yet" in lines[1]
     assert lines[-1] == "  elevator         A  NOT SERVED: nothing runs yet"
+
+
+def test_with_a_key_it_tells_which_and_what_was_refused() -> None:
+    manager = OneManager(key=Key(b"k" * 32))
+    refused = StatePage3(PeState.UNCONFIGURED, PeFlags(0), 0, 3, 3)
+    manager.hear(Frame(manager.state_id("left"), refused.encode()))
+    lines = told(manager)
+    assert lines[0].endswith(f"key {Key(b'k' * 32).fingerprint}")
+    assert "it is not believed; it refused 6 commands" in lines[3]

@@ -66,6 +66,7 @@ def flight() -> Iterator[dict[str, Any]]:
         bus="can0",
         phase=None,
         advises=False,
+        key="0badcafe",
     )
     yield event("process", 1, pe="tail_pe", pid=41, what="started")
     yield event("pe_joined", 2, pe="tail_pe", cause="first heard")

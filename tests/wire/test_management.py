@@ -67,7 +67,7 @@ pages = st.one_of(
     st.builds(StatePage0, states, flags, bytes_1, epochs, bytes_1, bytes_3),
     st.builds(StatePage1, states, flags, epochs, bytes_3, st.sampled_from(Reason), bytes_1),
     st.builds(StatePage2, states, flags, st.integers(0, (1 << 56) - 1)),
-    st.builds(StatePage3, states, flags, bytes_2, bytes_2, bytes_3),
+    st.builds(StatePage3, states, flags, bytes_3, bytes_2, bytes_2),
 )
 faults = st.builds(
     Emergency, st.sampled_from(FaultCode), bytes_1, st.sampled_from(ElementKind), index=bytes_2, detail=bytes_2
@@ -105,7 +105,7 @@ def test_commands_byte_for_byte(message: ManagementMessage, text: str) -> None:
         # 01 page 1, 001 BROKEN, 010 FAULT_PENDING
         (StatePage1(PeState.BROKEN, PeFlags.FAULT_PENDING, 8, 9, Reason.IMAGE, 50), "4A 0008 000009 04 32"),
         (StatePage2(PeState.BROKEN, PeFlags.FAULT_PENDING, 0x123456789ABCDE), "8A 123456789ABCDE"),
-        (StatePage3(PeState.BROKEN, PeFlags.FAULT_PENDING, 1, 0x203, 0x40506), "CA 0001 0203 040506"),
+        (StatePage3(PeState.BROKEN, PeFlags.FAULT_PENDING, 0x10203, 0x405, 0x607), "CA 010203 0405 0607"),
     ],
     ids=lambda value: type(value).__name__,
 )

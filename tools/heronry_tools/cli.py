@@ -16,7 +16,8 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that 
     "plan_command": ("plan", "verify"),
     "demo.command": ("demo",),
     "manager_command": ("manager",),
-    "operator_command": ("status", "phase", "fail", "clear"),
+    "operator_command": ("status", "phase", "fail", "clear", "unlock"),
+    "key_command": ("key",),
     "table_command": ("table",),
     "send_table_command": ("send-table",),
     "doctor_command": ("doctor",),
@@ -52,6 +53,7 @@ examples:
   heronry why big_blue guidance --down device:gps --phase glide
   heronry contingencies big_blue -o big_blue.contingencies      every plan ahead, for the manager
   heronry manager my.dg.yaml -i socketcan -c can0
+  heronry key fleet.key                          from now on nobody else commands
   heronry status                                 how a manager that runs here sees things; phase, fail, clear tell it
   heronry doctor -i socketcan -c can0            is this node fit to fly, and what to type where it is not
   heronry sim big_blue --runs 100                a hundred flights in virtual time, each with its own losses

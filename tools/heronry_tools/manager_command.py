@@ -10,6 +10,7 @@ examples:
   heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
   heronry manager big_blue -i socketcan -c can0 --advise
+  heronry manager big_blue -i socketcan -c can0 --key fleet.key
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
 It listens first: a bus with another manager on it is left alone. Where the spec has several buses, -c is the one that
@@ -40,6 +41,9 @@ def add_parsers(subparsers: Any) -> None:
         "--changed-spec",
         action="store_true",
         help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
+    )
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: nobody without it commands, or is believed"
     )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"

@@ -1,4 +1,4 @@
-"""`heronry status`, `phase`, `fail`, `clear`: the operator's word to a manager that runs on this computer."""
+"""`heronry status`, `phase`, `fail`, `clear`, `unlock`: the operator's word to a manager that runs on this computer."""
 
 import argparse
 import json
@@ -26,6 +26,12 @@ examples:
   heronry clear device:gps             a fault that was reported, or said with 'heronry fail', is over
   heronry clear pe:nav                 it may come back now: its quarantine is over
 """
+_UNLOCK_EPILOG = """\
+examples:
+  heronry unlock pe:nav                CANopen tools may write on it for half a minute; see docs/canopen.md
+
+Only where manager and PEs have a key. Whoever can send on the bus can write then.
+"""
 
 
 def add_parsers(subparsers: Any) -> None:
@@ -37,6 +43,7 @@ def add_parsers(subparsers: Any) -> None:
     for name, sentence, epilog in (
         ("fail", "plan without an element, whatever is heard of it", _FAIL_EPILOG),
         ("clear", "take an element for well again", _CLEAR_EPILOG),
+        ("unlock", "let CANopen tools write on a PE for a while", _UNLOCK_EPILOG),
     ):
         parser = _parser(subparsers, name, sentence, epilog)
         parser.add_argument(
@@ -62,7 +69,7 @@ def _parser(subparsers: Any, name: str, sentence: str, epilog: str) -> argparse.
 def run(arguments: argparse.Namespace) -> int:
     """Say it; returns 0 if it is done, 1 if the manager refuses."""
     from heronry_manager.control_client import call, find_socket  # noqa: PLC0415 - keeps `heronry plan` quick
-    from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement  # noqa: PLC0415
+    from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, UnlockPe  # noqa: PLC0415
     from heronry_tools.status_report import report  # noqa: PLC0415
 
     path = arguments.socket or find_socket(arguments.of)
@@ -70,10 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
         status = call(path, AskStatus()).status or {}
         print(json.dumps(status, indent=2) if arguments.json else "\n".join(report(status)))
         return 0
-    orders: dict[str, type[EnterPhase | FailElement | ClearElement]] = {
+    orders: dict[str, type[EnterPhase | FailElement | ClearElement | UnlockPe]] = {
         "phase": EnterPhase,
         "fail": FailElement,
         "clear": ClearElement,
+        "unlock": UnlockPe,
     }
     answer = call(path, orders[arguments.order](arguments.what))
     print(answer.sentence if answer.done else f"heronry: {answer.sentence}", file=None if answer.done else sys.stderr)

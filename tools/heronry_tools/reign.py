@@ -29,6 +29,7 @@ from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import flagged_bus
+from heronry_wire.key_file import read_key
 from heronry_wire.link import Link
 from heronry_wire.service_manager import ServiceManager
 
@@ -38,6 +39,7 @@ THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as i
 def reign(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
     spec = load_spec(arguments.spec)
+    key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
     made = contingencies_of(spec, arguments.contingencies)
     table = None if made is None else ContingencyTable(spec, made)
@@ -61,7 +63,7 @@ def reign(arguments: argparse.Namespace) -> int:
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
-            core = ManagerCore(spec, arguments.node, memory, now_ns, advise=arguments.advise, on_board=numbers)
+            core = ManagerCore(spec, arguments.node, memory, now_ns, advise=arguments.advise, on_board=numbers, key=key)
             foresight = Foresight(spec, planner, start_thinker, table)
             driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):

@@ -18,7 +18,8 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
 def _head(status: Mapping[str, Any]) -> Iterator[str]:
     manager, phase = status["manager"], status["phase"]
     does = "only advises" if manager["advises"] else f"is {manager['state']}"
-    yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}"
+    proof = "no key: whoever can send on the bus can command it" if manager["key"] is None else f"key {manager['key']}"
+    yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
     runs = "no epoch yet" if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
     work = "; a plan is awaited" if manager["planning"] else ""
     preparing = f"; epoch {status['next']} is being prepared" if status["next"] is not None else ""
@@ -47,7 +48,17 @@ def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
         why = "" if pe["why"] is None else f": {pe['why']}"
         waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
         runs = f"{pe['runs']} in epoch {pe['epoch']}" if pe["epoch"] is not None else pe["runs"]
-        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}"
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}"
+
+
+def _unproven(authentic: Mapping[str, Any] | None) -> str:
+    """What was not believed of a PE, and by it."""
+    if authentic is None:
+        return ""
+    said = "" if authentic["is_believed"] else "; it is not believed"
+    states, commands = authentic["refused_states"], authentic["refused_commands"]
+    told = f"; {states} states of it refused" if states else ""
+    return f"{said}{told}" + (f"; it refused {commands} commands" if commands else "")
 
 
 def _functions(functions: Mapping[str, Any]) -> Iterator[str]:

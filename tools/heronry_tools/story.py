@@ -17,6 +17,11 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "bus": ("{models}", "quiet"),
     "manager_started": ("manager {node} on {bus}, term {term}; waiting for the PEs", "quiet"),
     "bus_trouble": ("{sentence}", "bad"),
+    "commands_refused": (
+        "{pe} has refused commands: {unproven} whose tag did not fit, and {other} more",
+        "bad",
+    ),
+    "states_doubted": ("somebody else speaks as {pe}: {refused} of its states were refused", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
     "fault_reported": ("{element} has failed, says {by}", "fault"),
@@ -78,6 +83,8 @@ class Story:
                 yield Line("a DEMUX waits until a silent PE has certainly stopped driving it", "quiet")
             case "reconfigured":
                 yield from self._reconfigured(event)
+            case "manager_started" if event.get("key") is None:
+                yield Line("no key: whoever can send on the bus can command it", "quiet")
             case "advice":
                 yield Line(_advice(event))
             case "outage":

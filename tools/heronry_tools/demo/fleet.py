@@ -59,9 +59,13 @@ def _here() -> str:
 class Fleet:
     """All processes of one run; as a context manager it ends them all."""
 
-    def __init__(self, spec: Spec, spec_file: Path, folder: Path, contingencies: Path | None = None) -> None:
+    def __init__(
+        self, spec: Spec, spec_file: Path, folder: Path, contingencies: Path | None = None, key: Path | None = None
+    ) -> None:
+        """`key` is the file that the manager and every PE are given."""
         self.folder = folder
         self._contingencies = contingencies
+        self._key_flags = [] if key is None else ["--key", str(key)]
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
@@ -91,7 +95,7 @@ class Fleet:
         """Start the manager; gives the stream of its events."""
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--state-dir", str(self.folder), "--socket", str(self.folder / _SOCKET)]
-        arguments += _bus_flags(self._buses[self._spec.manager.bus])
+        arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags]
         if self._contingencies is not None:
             arguments += ["--contingencies", str(self._contingencies)]
         self._manager = self._start("manager", arguments, stdout=subprocess.PIPE)
@@ -108,7 +112,7 @@ class Fleet:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += ["--bench-origin", str(self._bench_origin_ns)]
+        arguments += ["--bench-origin", str(self._bench_origin_ns), *self._key_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)

@@ -17,6 +17,7 @@ from heronry_tools.reign import contingencies_of
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import named_buses
+from heronry_wire.key_file import read_key
 
 _AFTER_LAST_ACT_S = 5.0
 
@@ -28,12 +29,16 @@ def play(arguments: argparse.Namespace) -> int:
     acts = sorted([*acts, *read_phases(spec, arguments.phase)], key=lambda act: act.at_s)
     last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    if arguments.key is not None:
+        read_key(arguments.key)
     contingencies_of(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         stack.enter_context(_terminated_like_interrupted())
         folder = run_folder()
-        fleet = stack.enter_context(Fleet(spec, spec_path(arguments.spec), folder, arguments.contingencies))
+        fleet = stack.enter_context(
+            Fleet(spec, spec_path(arguments.spec), folder, arguments.contingencies, arguments.key)
+        )
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         fleet.start_buses(choices)
         return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)

@@ -23,6 +23,7 @@ from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import (
     ALLOCATED_DATA_IDS,
@@ -43,13 +44,17 @@ from heronry_wire.pe_table import PeTable
 class Checks:
     """The checkers of one run."""
 
-    def __init__(self, spec: Spec, tables: Collection[PeTable] = ()) -> None:
-        """Watch runs of this spec, whose PEs were given these tables, if anything on board matters."""
+    def __init__(self, spec: Spec, tables: Collection[PeTable] = (), key: Key | None = None) -> None:
+        """Watch runs of this spec.
+
+        tables: what its PEs were given, if anything on board matters.
+        key: with which everything is tagged, if it is.
+        """
         self._spec = spec
         self._phase = spec.initial_phase()
         self._commands = Commanded(spec, tables)
         self._exclusion = ExclusionCheck(spec)
-        self._epochs = EpochCheck(spec)
+        self._epochs = EpochCheck(spec, has_digests=key is None)
         self._blame = BlameCheck(spec)
         self._configurations = ConfigurationCheck(spec)
         self._service = ServiceCheck(spec)

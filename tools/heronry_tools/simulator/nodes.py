@@ -15,6 +15,7 @@ from functools import partial
 from random import Random
 from typing import Any, NamedTuple
 
+from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.host import Answer, ModuleHost
@@ -42,6 +43,7 @@ from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import Planners, Prepared, best_plan, plan_at_once
 from heronry_tools.simulator.world import Window
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
@@ -77,6 +79,7 @@ class SimulatedPe(Node):
         buses: Mapping[str, SimulatedBus],
         *,
         incarnation: int,
+        secret: Secret | None,
         world: Bench,
         drive: Callable[[Driven], None],
         broken: Mapping[str, str],
@@ -92,7 +95,7 @@ class SimulatedPe(Node):
         self._drive, self._broken, self._broke = drive, broken, broke
         self._host = ModuleHost(table, Window(world, clock))
         missing = frozenset(self._host.missing_images)
-        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing)
+        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self._lease_ns = self.core.lease_ns
         self._names = {module.index: module.name for module in table.modules}
         actuators = {device.name for device in table.devices if device.kind == "actuator"}
@@ -275,6 +278,7 @@ class SimulatedManager(Node):
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
+        key: Key | None = None,
         planners: Planners = Planners.BEST,
         ahead: Prepared,
     ) -> None:
@@ -290,7 +294,7 @@ class SimulatedManager(Node):
         self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
         memory = disk.opened()
-        self.core = ManagerCore(spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers)
+        self.core = ManagerCore(spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key)
         self._disk = disk
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]

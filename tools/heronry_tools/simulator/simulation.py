@@ -13,6 +13,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
+from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
@@ -28,6 +29,7 @@ from heronry_tools.simulator.planning import Planners, prepared
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
+from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
 
 MS = 1_000_000
@@ -56,12 +58,14 @@ class Simulation:
         planners: Planners = Planners.BEST,
         keep_trace: bool = False,
         contingencies: int | None = None,
+        key: Key | None = None,
     ) -> None:
         """Switch everything on, each node at its own moment in the first 200 ms.
 
         decide_ns: the longest time a plan takes; every one is drawn between a half of it and this.
         skew_ppm: how far clocks are off, at most.
         contingencies: plans for up to so many faults are made ahead and on board; None: for none.
+        key: what manager and PEs are given to prove what they say.
         """
         self.spec, self.seed, self.faults = spec, seed, faults
         self._prepared = prepared(spec, contingencies)
@@ -69,7 +73,8 @@ class Simulation:
         self.world = Bench(0)
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
-        self.checks = Checks(spec, self._prepared.tables.values())
+        self.key = key
+        self.checks = Checks(spec, self._prepared.tables.values(), key)
         self.protocol = ProtocolState(self.clock)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
@@ -210,6 +215,7 @@ class Simulation:
             self._prepared.tables[pe],
             self.buses,
             incarnation=self._incarnations[pe] % 256,
+            secret=self._secret(pe),
             world=self.world,
             drive=self.checks.driven,
             broken=self.broken_modules,
@@ -253,11 +259,16 @@ class Simulation:
             node=node,
             disk=self._disks[node],
             advise=advise,
+            key=self.key,
             planners=self._planners,
             ahead=self._prepared,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=self._tell,
         )
+
+    def _secret(self, pe: str) -> Secret | None:
+        salt = f"{self.seed} {pe} {self._incarnations[pe]}".encode()
+        return None if self.key is None else Secret(self.key, hashlib.sha256(salt).digest()[:16])
 
     def _drawn_clock(self, ahead_ns: int) -> LocalClock:
         return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))

@@ -1,0 +1,235 @@
+"""What a manager with a key says and believes: every command is tagged, every state is proven (rule 11).
+
+What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`); a term is used once, since
+the driver has it on disk before the manager speaks, so no number comes back, whatever is restarted.
+
+What comes in. A PE's state counts if the 24 bits in its page 0 are the tag of what it says, in a *session*. A session
+is opened by answering the nonce that the PE says in page 2: it is the number of that answer, so what was recorded
+before it proves nothing. The tag covers the digest of what runs, which the frame has no room for: it is looked for
+among those that this PE may run, which are that of the epoch as this manager knows it, and what its page 3 named.
+
+    no session    nothing of this PE counts; a nonce is answered, once in a heartbeat period
+    offered       answers have gone out, and no state has come that was tagged with one
+    open          page 0 is believed, with its digest put back in its place
+
+A restarted PE asks by itself. One that is heard and cannot be believed for T_lease is told to (RENEW): it may have
+missed what opened its session, or this manager too many of its states.
+
+Guessing. 24 bits are found by chance in 16 million tries, so once many tags of a PE have not fitted, a state of it
+counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
+guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
+
+Another manager is believed to be there if its LEASE is tagged, and its numbers rise; nobody else can end a reign.
+
+Not proven by anything, for want of room: page 1 (what is staged), page 3 (digests to try), and EMCY.
+Page 1 does not count as a sign of life. An EMCY can take away what it names until the operator clears it.
+
+Lost: as in `command_tags`; a PE asks again. Late, doubled: the number of page 0 is not above the last. Forged: counted
+in `refused`, told in the status. After a restart nothing is known and every PE is asked, by the new term, to begin
+anew.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.topology import uplink_bus
+from heronry_manager.turn import Turn
+from heronry_manager.vocabulary import ManagerAction
+from heronry_wire.authentication import BEAT_SPAN, NO_NONCE, TAG_PLACE, Key, Session, next_number
+from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    Control,
+    Operation,
+    StatePage,
+    StatePage0,
+    StatePage2,
+    StatePage3,
+    decode_command,
+)
+from heronry_wire.sansio import Received, Send
+
+GUESSES = 8  # tags that did not fit, until a state needs another one before it
+FORGIVEN_PERIODS = 256  # without one, until they are forgotten
+_OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
+_NAMED = 3
+_IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
+
+
+@dataclass(slots=True)
+class _Opened:
+    """A session, and the number of the last page 0 that was believed in it."""
+
+    session: Session
+    beat: int = -1
+
+
+@dataclass(slots=True)
+class _Peer:
+    """What one PE has proven."""
+
+    node: int
+    period_ns: int
+    opened: _Opened | None = None
+    offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
+    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests of what it runs, as it says
+    answered_ns: int | None = None  # when its nonce was last answered
+    doubted_ns: int | None = None  # since when it is heard, and not believed
+    wrong: int = 0  # tags that did not fit, while they kept coming
+    wrong_ns: int = 0
+    fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
+    refused: int = 0  # states
+    refuses: tuple[int, int] = (0, 0)  # commands, as it says: unproven, other
+
+
+class Authenticity:
+    """The key of one manager, and what has been proven with it."""
+
+    def __init__(self, spec: Spec, turn: Turn, key: Key, digest_of: Callable[[int], int | None]) -> None:
+        """The term of `turn` was never used by this manager; `digest_of` gives the digest of an epoch of this reign."""
+        self._turn, self._key, self._digest_of = turn, key, digest_of
+        self._signer = CommandSigner(key, turn.node, turn.term)
+        self._managers = CommandVerifier(key, spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
+        self._peers = {
+            pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
+        }
+        self._answers: list[tuple[_Peer, int]] = []  # that this turn gives
+        self.tag_ids = {management_id(node, Command.TAG): node for node in MANAGER_NODES}
+        turn.seal = self._seal
+
+    def status(self, pe: str) -> dict[str, Any]:
+        """What of a PE was not believed, and what it did not believe."""
+        peer = self._peers[pe]
+        return {
+            "is_believed": peer.doubted_ns is None and peer.opened is not None,
+            "refused_states": peer.refused,
+            "refused_commands": sum(peer.refuses),
+        }
+
+    # What goes out
+
+    def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
+        """Let every command be followed by its TAG; then answer the nonces that have come."""
+        sealed: list[ManagerAction] = []
+        for action in actions:
+            sealed.append(action)
+            tag = self._signer.tag(action.frame) if isinstance(action, Send) else None
+            if tag is not None:
+                sealed.append(Send(0, tag))
+        for peer, nonce in self._answers:
+            sealed += [Send(0, frame) for frame in self._signer.welcome(peer.node, nonce)]
+            peer.offers.append(_Opened(Session(self._turn.node, self._turn.term, self._signer.number)))
+        self._answers.clear()
+        return sealed
+
+    def answer(self, pe: str, page: StatePage2) -> None:
+        """Open a session for a PE that asks, at the end of this turn; the next one not before a period is over."""
+        peer, now_ns = self._peers[pe], self._turn.now_ns
+        is_early = peer.answered_ns is not None and now_ns - peer.answered_ns < peer.period_ns // 2
+        if page.nonce != NO_NONCE and not is_early:
+            peer.answered_ns = now_ns
+            self._answers.append((peer, page.nonce))
+
+    # What comes in
+
+    def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
+        """Give a page of a PE with its digest in its place, or None where it is not believed; page 0 alone can be."""
+        peer = self._peers[pe]
+        match page:
+            case StatePage0():
+                return self._proven(pe, peer, page, data[:TAG_PLACE])
+            case StatePage3():
+                self._told(pe, peer, page)
+            case _:
+                pass
+        return page
+
+    def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
+        """A PE names what it runs, and says what it has refused."""
+        if page.digest not in peer.named:
+            peer.named.append(page.digest)
+        refused = page.unproven, page.other
+        if refused != peer.refuses:
+            peer.refuses = refused
+            self._turn.emit("commands_refused", pe=pe, unproven=page.unproven, other=page.other)
+
+    def overhear(self, manager: int, control: bytes) -> None:
+        """Another manager has opened a session, perhaps: whoever only watches follows it there."""
+        order = decode_command(Command.CONTROL, control)
+        peers = {peer.node: peer for peer in self._peers.values()}
+        if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in peers:
+            session = Session(manager, order.term, order.a << 16 | order.b)
+            peers[order.node].offers.append(_Opened(session))
+
+    def hold_lease(self, manager: int, event: Received) -> None:
+        """Take the LEASE of another manager; it counts when its TAG comes."""
+        self._managers.hold(manager, Command.LEASE, event, self._turn.now_ns)
+
+    def proven_lease(self, manager: int, tag: bytes) -> bytes | None:
+        """Take the TAG of another manager; gives the LEASE that it proves."""
+        found = self._managers.tagged(manager, tag, self._turn.now_ns)
+        return found.event.frame.data if isinstance(found, Held) else None
+
+    def _proven(self, pe: str, peer: _Peer, page: StatePage0, said: bytes) -> StatePage0 | None:
+        found = self._find(peer, page, said)
+        if found is None:
+            self._doubt(pe, peer, page)
+            return None
+        opened, beat, digest = found
+        last, peer.fitted = peer.fitted, (opened.session, beat)
+        if self._is_guessed_at(peer) and not _is_next(last, opened.session, beat):
+            peer.refused += 1
+            return None
+        opened.beat = beat
+        if opened is not peer.opened:
+            peer.opened = opened
+            peer.offers.remove(opened)
+        peer.doubted_ns = None
+        return replace(page, digest=digest)
+
+    def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int] | None:
+        """Session, number and digest with which a tag fits."""
+        digests = self._digests(peer, page.epoch)
+        opened = [] if peer.opened is None else [peer.opened]
+        for one in (*opened, *peer.offers):
+            beat = next_number(one.beat, page.sequence, BEAT_SPAN)
+            for digest in digests:
+                if self._key.state_tag(peer.node, one.session, beat, said, digest) == page.digest:
+                    return one, beat, digest
+        return None
+
+    def _digests(self, peer: _Peer, epoch: int) -> list[int]:
+        if epoch == NO_EPOCH:
+            return [0]
+        known = self._digest_of(epoch)
+        return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
+
+    def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
+        """A page 0 was not believed. A PE that waits for its session says 0; one of an older reign cannot do better."""
+        now_ns = self._turn.now_ns
+        if page.digest and (peer.opened or peer.offers):
+            peer.refused += 1
+            peer.wrong = peer.wrong + 1 if self._is_recent(peer) else 1
+            peer.wrong_ns = now_ns
+            if peer.wrong == GUESSES:
+                self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
+        if peer.doubted_ns is None:
+            peer.doubted_ns = now_ns
+        elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
+            peer.doubted_ns = now_ns
+            self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
+
+    def _is_guessed_at(self, peer: _Peer) -> bool:
+        return peer.wrong >= GUESSES and self._is_recent(peer)
+
+    def _is_recent(self, peer: _Peer) -> bool:
+        return self._turn.now_ns - peer.wrong_ns <= FORGIVEN_PERIODS * peer.period_ns
+
+
+def _is_next(last: tuple[Session, int] | None, session: Session, beat: int) -> bool:
+    return last is not None and last[0] == session and 0 < beat - last[1] <= _IN_A_ROW

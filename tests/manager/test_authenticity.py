@@ -1,0 +1,279 @@
+"""A manager with a key: what it tags, whom it believes, and what a PE has to do for it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import pytest
+
+from heronry_manager.authenticity import GUESSES
+from heronry_manager.core import ManagerCore
+from heronry_manager.memory import NOTHING
+from heronry_manager.vocabulary import AskStatus, OperatorSaid, Reply
+from heronry_wire.authentication import Key, Session
+from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.management import (
+    Alive,
+    Control,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    Step,
+)
+from heronry_wire.sansio import Received, Send
+from manager.one_manager import BEAT_NS, MS, NODE, OneManager
+
+KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
+UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0)
+LEFT = 92
+
+
+@dataclass
+class Pe:
+    """A PE that holds a key, as far as its states go."""
+
+    manager: OneManager
+    name: str = "left"
+    key: Key = KEY
+    session: Session | None = None
+    beat: int = 0
+
+    @property
+    def node(self) -> int:
+        """Its node-ID."""
+        return self.manager.spec.pes[self.name].node_id
+
+    def ask(self, nonce: int = 77) -> None:
+        """Say a nonce, and take the answer if there is one."""
+        before = len(self.manager.frames)
+        self.manager.hear(Frame(state_id(self.node), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()))
+        verifier = CommandVerifier(KEY, BEAT_NS)
+        for frame in self.manager.frames[before:]:
+            if frame.can_id == management_id(NODE, Command.CONTROL):
+                verifier.hold(NODE, Command.CONTROL, Received(0, frame), 0)
+            elif isinstance(verifier.tagged(NODE, frame.data, 0, nonce), Held):
+                self.session = Session(NODE, *verifier.places[NODE])
+
+    def say(self, page: StatePage0 = UNCONFIGURED, session: Session | None = None) -> Frame:
+        """Say a page 0, tagged; gives the frame."""
+        said = replace(page, sequence=self.beat % 256).encode()[:5]
+        session = session or self.session
+        tag = 0 if session is None else self.key.state_tag(self.node, session, self.beat, said, page.digest)
+        self.beat += 1
+        frame = Frame(state_id(self.node), said + tag.to_bytes(3))
+        self.manager.hear(frame)
+        return frame
+
+    def counts(self) -> bool:
+        """Tell whether the manager has heard it lately."""
+        return status(self.manager)["state"] in ("up", "suspect")
+
+
+def status(manager: OneManager) -> dict[str, object]:
+    """What the status says of the left PE."""
+    (reply,) = [a for a in manager.give(OperatorSaid(1, AskStatus())) if isinstance(a, Reply)]
+    assert reply.status is not None
+    told: dict[str, object] = reply.status["pes"]["left"]
+    return told
+
+
+@pytest.fixture
+def manager() -> OneManager:
+    """Give a manager that has begun to speak."""
+    one = OneManager(key=KEY)
+    one.pass_time(6 * BEAT_NS)
+    return one
+
+
+@pytest.fixture
+def pe(manager: OneManager) -> Pe:
+    """Give a PE that has been welcomed."""
+    one = Pe(manager)
+    one.ask()
+    assert one.session is not None
+    return one
+
+
+def test_every_command_is_followed_by_its_tag_and_nothing_else_is(manager: OneManager) -> None:
+    told = [frame for frame in manager.frames if frame.can_id < 210]
+    assert {frame.can_id for frame in told[::2]} == {200, 201}
+    assert {frame.can_id for frame in told[1::2]} == {207}
+    signer = CommandSigner(KEY, NODE, 1)
+    assert [signer.tag(frame) for frame in told[::2]] == told[1::2]
+
+
+def test_a_manager_without_a_key_tags_nothing() -> None:
+    one = OneManager()
+    one.pass_time(6 * BEAT_NS)
+    assert all(frame.can_id != 207 for frame in one.frames)
+
+
+def test_a_pe_is_up_once_its_states_are_tagged_in_a_session(manager: OneManager) -> None:
+    pe = Pe(manager)
+    pe.say()
+    assert not pe.counts()
+    pe.ask()
+    pe.say()
+    assert pe.counts()
+    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
+
+
+def test_nobody_is_answered_while_the_manager_only_listens_or_advises() -> None:
+    listening = OneManager(key=KEY)
+    pe = Pe(listening)
+    pe.ask()
+    assert pe.session is None
+    advising = OneManager(key=KEY)
+    advising.core = ManagerCore(advising.spec, NODE, NOTHING, advising.now_ns, advise=True, key=KEY)
+    advising.pass_time(6 * BEAT_NS)
+    pe = Pe(advising)
+    pe.ask()
+    assert pe.session is None
+    assert advising.frames == []
+
+
+def test_a_nonce_is_answered_once_in_half_a_period_and_0_is_none(manager: OneManager) -> None:
+    nobody, first, early, second = (Pe(manager) for _ in range(4))
+    nobody.ask(0)
+    first.ask()
+    early.ask()
+    manager.pass_time(BEAT_NS)
+    second.ask()
+    assert [one.session for one in (nobody, early)] == [None, None]
+    assert (first.session, second.session) == (Session(NODE, 1, 2), Session(NODE, 1, 5))
+    pe = first
+    pe.say()  # it may have taken the first answer, or the second
+    assert pe.counts()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda pe: replace(pe, key=FOREIGN),
+        lambda pe: replace(pe, session=Session(127, 1, pe.session.number)),
+        lambda pe: replace(pe, session=Session(NODE, 1, pe.session.number - 1)),
+        lambda pe: replace(pe, session=None),
+    ],
+    ids=["foreign", "for another manager", "from before", "untagged"],
+)
+def test_a_state_that_is_not_tagged_in_this_session_does_not_count(pe: Pe, spoil: Callable[[Pe], Pe]) -> None:
+    spoil(pe).say()
+    assert not pe.counts()
+
+
+def test_a_replayed_state_does_not_keep_a_dead_pe_alive(manager: OneManager, pe: Pe) -> None:
+    recorded = [pe.say() for _ in range(10)]
+    for frame in recorded * 3:
+        manager.pass_time(BEAT_NS)
+        manager.hear(frame)
+    assert not pe.counts()
+    assert status(manager)["authentic"] == {"is_believed": False, "refused_states": 30, "refused_commands": 0}
+
+
+def test_page_1_is_no_sign_of_life(manager: OneManager, pe: Pe) -> None:
+    staged = StatePage1(PeState.UNCONFIGURED, PeFlags(0), 0, 0, Reason.NONE, 0)
+    manager.hear(Frame(state_id(pe.node), staged.encode()))
+    assert not pe.counts()
+
+
+def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:
+    runs = StatePage0(PeState.ACTIVE, PeFlags(0), 1, 900, 0, 0xABCDEF)
+    pe.say(runs)
+    assert not pe.counts()
+    named = StatePage3(PeState.ACTIVE, PeFlags(0), 0xABCDEF, 0, 0)
+    for _ in range(2):
+        manager.hear(Frame(state_id(pe.node), named.encode()))
+    pe.say(runs)
+    assert status(manager)["epoch"] == 900
+
+
+def test_who_is_heard_and_not_believed_is_told_to_begin_anew(manager: OneManager, pe: Pe) -> None:
+    stranger = replace(pe, key=FOREIGN)
+    for _ in range(12):
+        manager.pass_time(BEAT_NS)
+        stranger.say()
+    renewals = [c for c in manager.commands if isinstance(c, Control) and c.operation is Operation.RENEW]
+    assert [renewal.node for renewal in renewals] == [LEFT, LEFT]
+
+
+def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager, pe: Pe) -> None:
+    for _ in range(GUESSES):
+        pe.say()
+        replace(pe, key=FOREIGN).say()
+    assert [event["pe"] for event in manager.events if event["event"] == "states_doubted"] == ["left"]
+    assert pe.counts()
+    manager.pass_time(4 * BEAT_NS)
+    assert not pe.counts()
+    pe.beat += 3  # some were lost
+    pe.say()
+    assert status(manager)["state"] == "down"
+    pe.say()
+    assert status(manager)["state"] == "returning"
+    manager.pass_time(257 * BEAT_NS)
+    pe.beat += 3
+    pe.say()  # it is forgotten by now
+    assert status(manager)["state"] == "returning"
+
+
+def test_what_a_pe_has_refused_is_told_once_and_stands_in_the_status(manager: OneManager, pe: Pe) -> None:
+    page = StatePage3(PeState.UNCONFIGURED, PeFlags(0), 0, 3, 3)
+    for _ in range(2):
+        manager.hear(Frame(state_id(pe.node), page.encode()))
+    told = [event for event in manager.events if event["event"] == "commands_refused"]
+    assert [(event["pe"], event["unproven"], event["other"]) for event in told] == [("left", 3, 3)]
+    pe.say()
+    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 6}
+
+
+def lease_of(signer: CommandSigner, manager: int, term: int) -> list[Frame]:
+    """A LEASE of another manager, and its TAG."""
+    frame = Frame(management_id(manager, Command.LEASE), Lease(term, 0, Step.PREPARED, 0).encode())
+    tag = signer.tag(frame)
+    assert tag is not None
+    return [frame, tag]
+
+
+@pytest.mark.parametrize(("key", "stops"), [(KEY, 1), (FOREIGN, 0)])
+def test_another_manager_ends_a_reign_only_with_the_key(manager: OneManager, key: Key, stops: int) -> None:
+    for frame in lease_of(CommandSigner(key, 127, 9), 127, 9):
+        assert manager.core.hears(frame.can_id)
+        manager.hear(frame)
+    assert len(manager.stops) == stops
+
+
+def test_a_welcome_of_another_manager_is_followed_by_who_only_advises() -> None:
+    advisor = OneManager(key=KEY)
+    advisor.core = ManagerCore(advisor.spec, 127, NOTHING, advisor.now_ns, advise=True, key=KEY)
+    advisor.pass_time(6 * BEAT_NS)
+    control, _ = CommandSigner(KEY, NODE, 4).welcome(LEFT, 5)
+    other = Frame(control.can_id, Control(4, LEFT, Operation.ACKNOWLEDGE).encode())
+    for frame in (other, control):
+        advisor.hear(frame)
+    pe = Pe(advisor, session=Session(NODE, 4, 0))
+    pe.say()
+    assert pe.counts()
+
+
+def test_a_reigning_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> None:
+    for number in range(3):
+        manager.hear(CommandSigner(KEY, 127, 4 + number).welcome(LEFT, 5)[0])
+    pe.say()
+    assert pe.counts()
+
+
+def test_slices_leave_room_for_their_tags() -> None:
+    plain, tagged = OneManager(), OneManager(key=KEY)
+    assert plain.core._deployment._bitrate == 2 * tagged.core._deployment._bitrate
+
+
+def test_alive_goes_out_as_ever(manager: OneManager) -> None:
+    assert Alive(1, 0, frozenset()) in manager.commands
+    assert [a for a in manager.give(Received(0, Frame(5, b""))) if isinstance(a, Send)] == []
+    assert manager.now_ns > MS
