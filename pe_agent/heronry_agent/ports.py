@@ -2,7 +2,8 @@
 
 python-can's own flags (and can.conf, and CAN_*) name the uplink, the bus toward the manager. `--bus
 NAME=[INTERFACE:]CHANNEL` names any bus of the table; without an interface it is that of the flags. The bit rate is the
-table's, unless the flags give another for the uplink.
+table's, unless the flags give another for the uplink; that of a radio is what it carries through the air, which the
+adapter before it need not be told (an slcan modem takes the rates of CAN controllers alone).
 """
 
 import argparse
@@ -27,6 +28,6 @@ def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[s
         else:
             remedy = f"add --bus {port.bus}=INTERFACE:CHANNEL"
             raise BusArgumentError(f"bus {port.bus} of {table.name} has no channel; {remedy}")
-        rate = {} if "timing" in config else {"bitrate": port.bitrate}
+        rate = {} if "timing" in config or port.wireless else {"bitrate": port.bitrate}
         configs.append({**rate, **{key: value for key, value in config.items() if value is not None}})
     return configs

@@ -67,6 +67,18 @@ def test_what_waits_goes_out_by_priority(hub: Path) -> None:
         assert [arrival.frame.can_id for arrival in arrivals] == [700, 400, 500, 600]
 
 
+def test_how_long_a_frame_was_in_the_controller_is_known_from_its_echo(hub: Path) -> None:
+    with closing(link_to(hub)) as sender:
+        sender.send(Frame(0x123, bytes(8)), time.monotonic_ns())
+        departures: list[int] = []
+        while not departures:
+            turn(sender)
+            departures = sender.departures_ns()
+        assert len(departures) == 1
+        assert departures[0] > 100_000, "8 bytes at 1 Mbit/s take more than 100 us"
+        assert sender.departures_ns() == []
+
+
 def test_what_means_nothing_here_does_not_come_and_echoes_still_do(hub: Path) -> None:
     with closing(link_to(hub)) as sender, closing(link_to(hub)) as receiver:
         receiver.accept({500})
@@ -291,6 +303,7 @@ def test_a_back_end_that_is_not_well_known_is_sent_to_without_echo_and_its_stamp
         for can_id in (5, 6):
             link.send(Frame(can_id, b""), 0)
         assert [message.arbitration_id for message in Stubborn.current.sent] == [5, 6]
+        assert link.departures_ns() == [0, 0], "nobody knows when they left the modem behind it"
         Stubborn.current.arrived = [can.Message(timestamp=0.0)]
         assert link.receive(1_000)[0].time_ns == 1_000
 
