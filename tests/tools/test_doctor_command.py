@@ -9,7 +9,6 @@ import can
 import pytest
 
 from heronry_dg.loader import load
-from heronry_manager.compilation import Compiler
 from heronry_tools.cli import main
 from heronry_tools.doctor import computer
 from heronry_tools.doctor.computer import judge_computer
@@ -196,7 +195,7 @@ def test_a_node_that_has_its_table_alone_compares_with_that(
     hub: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = Path("dg_specs/elevator_and_chute.dg.yaml")
-    table = write_tables(Compiler(load(file)), ("tail_pe",), tmp_path)["tail_pe"]
+    table = write_tables(load(file), ("tail_pe",), tmp_path)["tail_pe"]
     with can.Bus(interface="softbus", channel=hub) as bus:
         for one in (lease(126), state(92)):
             bus.send(can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False))

@@ -22,7 +22,6 @@ from pathlib import Path
 
 from can.typechecking import CanFilter
 
-from heronry_dg.model import Spec
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.softbus.client import SoftBus
@@ -49,9 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     print(f"{arguments.spec}; {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     _print_start_up()
-    for busy in (0, arguments.busy):
-        with _busy(busy):
-            print(f"\nbeside {busy} busy processes" if busy else "\nnothing else to do")
+    for others in (0, arguments.busy):
+        with busy(others):
+            print(f"\nbeside {others} busy processes" if others else "\nnothing else to do")
             _fly(arguments.spec, arguments.seconds)
     return 0
 
@@ -63,7 +62,8 @@ def _print_start_up() -> None:
 
 
 @contextmanager
-def _busy(count: int) -> Iterator[None]:
+def busy(count: int) -> Iterator[None]:
+    """Keep this computer busy with so many processes that compute without end."""
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -90,18 +90,17 @@ def _fly(spec_name: str, seconds: float) -> None:
         time.sleep(_SETTLE_S)
         while observer.recv(0) is not None:
             pass
-        before, cpu_before_s = observer.statistics(), _cpu_s(pids)
-        late_ms = _lateness_ms(observer, spec, seconds)
-        after, cpu_after_s = observer.statistics(), _cpu_s(pids)
+        before, cpu_before_s = observer.statistics(), cpu_s(pids)
+        late_ms = lateness_ms(observer, spec.buses[spec.manager.bus].heartbeat_ns / 1e6, seconds)
+        after, cpu_after_s = observer.statistics(), cpu_s(pids)
         used_s = {pe: cpu_after_s[pe] - cpu_before_s[pe] for pe in pids}
         _print_agents(pids, used_s, before.clients, after.clients, seconds)
         print(f"bus load {after.load_since(before):.0%}, {(after.frames - before.frames) / seconds:.0f} frames/s")
-        print("state frames later than their period, ms: " + ", ".join(_quantiles(sorted(late_ms))))
+        print("state frames later than their period, ms: " + ", ".join(quantiles(sorted(late_ms))))
 
 
-def _lateness_ms(observer: SoftBus, spec: Spec, seconds: float) -> list[float]:
+def lateness_ms(observer: SoftBus, period_ms: float, seconds: float) -> list[float]:
     """Listen for so long; by how much each state frame came later after the one before than a period, in ms."""
-    period_ms = spec.buses[spec.manager.bus].heartbeat_ns / 1e6
     last: dict[int, float] = {}
     late_ms = []
     end = time.monotonic() + seconds
@@ -115,7 +114,8 @@ def _lateness_ms(observer: SoftBus, spec: Spec, seconds: float) -> list[float]:
     return late_ms
 
 
-def _quantiles(late_ms: Sequence[float]) -> Iterator[str]:
+def quantiles(late_ms: Sequence[float]) -> Iterator[str]:
+    """Words for what was sorted before."""
     for name, share in (("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)):
         yield f"{name} {late_ms[int(share * (len(late_ms) - 1))]:.2f}"
     yield f"longest {late_ms[-1]:.2f} of {len(late_ms)}"
@@ -132,7 +132,7 @@ def _print_agents(
     clients = {client.pid: client for client in after}
     print(f"{'PE':<10}{'MiB':>6}{'CPU':>7}{'frames/s':>10}{'us/frame':>10}{'lost':>6}")
     for pe, pid in pids.items():
-        line = f"{pe:<10}{_resident_mib(pid):>6.1f}{used_s[pe] / seconds:>7.1%}"
+        line = f"{pe:<10}{resident_mib(pid):>6.1f}{used_s[pe] / seconds:>7.1%}"
         if pid in clients:
             client = clients[pid]
             frames = client.sent + client.received - frames_before[pid]
@@ -140,7 +140,7 @@ def _print_agents(
         print(line)
 
 
-def _cpu_s(pids: dict[str, int]) -> dict[str, float]:
+def cpu_s(pids: dict[str, int]) -> dict[str, float]:
     """Processor time that each process has used, user and system (proc(5), stat, fields 14 and 15)."""
     used = {}
     for pe, pid in pids.items():
@@ -149,7 +149,8 @@ def _cpu_s(pids: dict[str, int]) -> dict[str, float]:
     return used
 
 
-def _resident_mib(pid: int) -> float:
+def resident_mib(pid: int) -> float:
+    """Memory of a process, with what it shares."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmRSS"))
 
