@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -22,6 +23,7 @@ pytestmark = pytest.mark.live
 ROOT = Path(__file__).resolve().parents[2]
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
 PATIENCE_S = 30.0
+AGENT_KIB = 35 * 1024  # python-can, canopen and asyncio alone take 27 MiB
 _SHORT = ("--kill", "pe:tail_pe@1", "--for", "4", "--json")
 EXTRAS = ("cantools", "numpy", "ortools", "pydantic", "rich", "yaml")
 
@@ -82,11 +84,24 @@ def test_an_agent_flies_on_a_small_install(small: dict[str, str], tmp_path: Path
             message = bus.recv(PATIENCE_S)
             assert message is not None, "the agent is silent"
             heard += message.arbitration_id == state_id(94)
+        resident = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{agent.pid}/status").read_text())
+        assert resident is not None
+        assert int(resident[1]) <= AGENT_KIB
         agent.terminate()
         _, said = agent.communicate(timeout=PATIENCE_S)
         assert agent.returncode == 0
     assert "Traceback" not in said
     assert "cannot be run here" not in said  # every image of the spec can be loaded
+
+
+def test_the_doctor_looks_at_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
+    """With a table for what should be there: a spec needs more than a node has."""
+    table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
+    with start_hub(tmp_path / "can0.sock") as hub:
+        words = ["doctor", str(table), "-i", "softbus", "-c", str(hub.path), "--seconds", "0.1", "--json"]
+        done = run("-m", "heronry_tools.cli", *words, env=small)
+    assert (done.returncode, done.stderr) == (1, "")  # nobody else is there
+    assert {"versions", "bus", "manager", "nodes"} <= {one["check"] for one in json.loads(done.stdout)["findings"]}
 
 
 @pytest.mark.parametrize("module", ["heronry_agent", "heronry_tools.cli", "heronry_tools.softbus"])
