@@ -142,6 +142,7 @@ class Authenticity:
             self._believe(manager, found, tag)
         elif may_pass:
             node, _ = self._passing.popleft()
+            turn.count("answer to another node", tag.can_id)
             turn.out += self._gateway.toward(node, tag)
         else:
             turn.count(found.value, tag.can_id)
