@@ -28,7 +28,7 @@ def test_a_verifier_that_believes_everything_is_found_out(monkeypatch: pytest.Mo
     monkeypatch.setattr(CommandVerifier, "_find", credulous)
     for number in range(60):
         attacked.attack(attacked.kinds[number % 5])
-    assert attacked.accepted.total() > 30
+    assert attacked.accepted.keys() == {"forged", "replayed", "reordered", "foreign"}  # cut short they are malformed
 
 
 def test_a_command_costs_at_most_one_more_frame() -> None:
