@@ -62,26 +62,26 @@ def exact_bits(frame: Frame) -> int:
     if frame.extended:
         base, extension = frame.can_id >> 18, frame.can_id & 0x3FFFF
         header = base << 27 | 0b11 << 25 | extension << 7 | frame.remote << 6 | len(data)
-        bits, crc, row = _head(header, 39)
+        bits, crc, state = _head(header, 39)
     else:
-        bits, crc, row = _head(frame.can_id << 7 | frame.remote << 6 | len(data), 19)
+        bits, crc, state = _head(frame.can_id << 7 | frame.remote << 6 | len(data), 19)
     for byte in data:
         crc = (crc << 8 & 0x7FFF) ^ _CRC_TABLE[crc >> 7 ^ byte]
-        more, row = row[byte]
+        more, state = state.after_byte[byte]
         bits += more
-    more, row = row[crc >> 7]
-    return bits + 8 * len(data) + more + row.stuffed_in_7_bits[crc & 0x7F]
+    more, state = state.after_byte[crc >> 7]
+    return bits + 8 * len(data) + more + state.stuffed_in_7_bits[crc & 0x7F]
 
 
 @lru_cache(maxsize=4096)
-def _head(header: int, header_bits: int) -> tuple[int, int, "_Row"]:
+def _head(header: int, header_bits: int) -> tuple[int, int, "_Stuffing"]:
     """Start a frame: bits without those of its data and their stuff bits, CRC so far, state of the stuffing."""
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
         crc &= 0x7FFF
     stuffed, last, run = _stuff(f"{header:0{header_bits}b}", "", 0)
-    return header_bits + stuffed + _CRC_BITS + _NEVER_STUFFED_BITS, crc, _ROWS[last, run]
+    return header_bits + stuffed + _CRC_BITS + _NEVER_STUFFED_BITS, crc, _STUFFING[last, run]
 
 
 def _crc_table() -> list[int]:
@@ -94,15 +94,18 @@ def _crc_table() -> list[int]:
     return table
 
 
-class _Row(list[tuple[int, "_Row"]]):
-    """For one state of the stuffing (last bit, length of its run): by next byte, stuff bits and next state.
+class _Stuffing:
+    """A state of the stuffing: the last bit, and the length of its run.
 
-    A CRC has 15 bits, a byte and 7 more: these are the last that are stuffed.
+    after_byte: by next byte, how many stuff bits it gets, and the next state.
+    stuffed_in_7_bits: how many the last bits that are stuffed get: a CRC has 15, a byte and these.
     """
 
-    __slots__ = ("stuffed_in_7_bits",)
+    __slots__ = ("after_byte", "stuffed_in_7_bits")
 
-    stuffed_in_7_bits: tuple[int, ...]
+    def __init__(self, last: str, run: int) -> None:
+        self.after_byte: list[tuple[int, _Stuffing]] = []
+        self.stuffed_in_7_bits = [_stuff(f"{bits:07b}", last, run)[0] for bits in range(128)]
 
 
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
@@ -115,18 +118,17 @@ def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     return stuffed, last, run
 
 
-def _rows() -> dict[tuple[str, int], _Row]:
-    rows = {(last, run): _Row() for last in "01" for run in range(1, 5)}
-    for (last, run), row in rows.items():
+def _stuffing() -> dict[tuple[str, int], _Stuffing]:
+    states = {(last, run): _Stuffing(last, run) for last in "01" for run in range(1, 5)}
+    for (last, run), state in states.items():
         for byte in range(256):
             stuffed, next_last, next_run = _stuff(f"{byte:08b}", last, run)
-            row.append((stuffed, rows[next_last, next_run]))
-        row.stuffed_in_7_bits = tuple(_stuff(f"{bits:07b}", last, run)[0] for bits in range(128))
-    return rows
+            state.after_byte.append((stuffed, states[next_last, next_run]))
+    return states
 
 
 _CRC_TABLE = _crc_table()
-_ROWS = _rows()
+_STUFFING = _stuffing()
 
 
 class Message(NamedTuple):

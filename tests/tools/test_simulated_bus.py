@@ -3,7 +3,7 @@
 from random import Random
 
 from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Station, Tampering
-from heronry_tools.simulator.clock import LATE, Clock
+from heronry_tools.simulator.clock import Clock
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits
@@ -36,7 +36,7 @@ def frame_of(event: Received) -> Frame:
 
 def test_the_clock_lets_arbitration_wait_for_everybody_who_speaks_at_that_instant() -> None:
     clock, order = Clock(), list[str]()
-    clock.at(5, lambda: order.append("late"), LATE)
+    clock.at(5, lambda: clock.at_last(lambda: order.append("late")))
     clock.at(5, lambda: clock.at(1, lambda: order.append("third")))
     clock.at(5, lambda: order.append("second"))
     clock.run_until(4)

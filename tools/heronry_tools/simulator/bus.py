@@ -21,11 +21,12 @@ Not modelled: single bits (a frame fails or it does not), the other channel of a
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass
+from functools import partial
 from heapq import heapify, heappop, heappush
 from random import Random
 from typing import NamedTuple
 
-from heronry_tools.simulator.clock import LATE, Clock
+from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.station import (
     BUS_OFF_ABOVE,
     ERROR_PASSIVE_ABOVE,
@@ -194,7 +195,7 @@ class SimulatedBus:
         """Let what is in a mailbox take part in arbitration; an error-passive station lets others go first."""
         if station.is_passive:
             suspended_ns = self._duration_ns(SUSPENDED_BITS)
-            self._clock.at(self._clock.now_ns + suspended_ns, lambda: self._wait_for_bus(station))
+            self._clock.at(self._clock.now_ns + suspended_ns, partial(self._wait_for_bus, station))
         else:
             self._wait_for_bus(station)
 
@@ -204,7 +205,7 @@ class SimulatedBus:
         heappush(self._waiting, station.mailbox)
         if self._on_air is None and not self._arbitration_due:
             self._arbitration_due = True
-            self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+            self._clock.at_last(self._arbitrate)
 
     def _wake(self, station: Station) -> None:
         if station.mailbox is None:
@@ -297,7 +298,7 @@ class SimulatedBus:
                 self._arbitrate()
             else:
                 self._arbitration_due = True
-                self._clock.at(self._clock.now_ns, self._arbitrate, LATE)
+                self._clock.at_last(self._arbitrate)
 
     def _hand_out(self, sender: Station, frame: Frame) -> None:
         sent = Sent(self._clock.now_ns, self.name, sender.name, frame)

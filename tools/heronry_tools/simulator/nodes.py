@@ -201,8 +201,8 @@ class SimulatedPe(Node):
         if self.delays is None or frame is not self._passing:
             bus.offer(station, frame, latest_ns)
         else:
-            delay_ns = self.delays.randrange(30_000_000)
-            self._clock.at(self._clock.now_ns + delay_ns, lambda: bus.offer(station, frame, latest_ns))
+            offer = partial(bus.offer, station, frame, latest_ns)
+            self._clock.at(self._clock.now_ns + self.delays.randrange(30_000_000), offer)
 
     def _do(self, action: Action) -> Answer | None:
         if type(action) is StepModule:
