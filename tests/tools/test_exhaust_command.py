@@ -55,6 +55,21 @@ def test_cases_are_flown_as_they_are_written_and_in_parallel_alike(capsys: pytes
     assert json.loads(capsys.readouterr().out) == alone
 
 
+def test_a_phase_that_is_entered_is_struck_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    case = "phase glide: 2 late-2 everybody, 3 lost manager"
+    assert main(["exhaust", "dg_specs/examples/phases.dg.yaml", "--case", case]) == 0
+    assert capsys.readouterr().out == "1 stories, 1 flights (1 late-2, 1 lost), 0 failed\n"
+
+
+def test_an_aircraft_that_does_not_start_has_no_stories(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "raising.dg.yaml"
+    file.write_text(
+        FILE.read_text().replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
+    )
+    assert main(["exhaust", str(file), "--case", "crash pe:flight: 1 lost everybody"]) == 2
+    assert "it does not start" in capsys.readouterr().err
+
+
 def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = FILE.read_text()
     file = tmp_path / "raising.dg.yaml"

@@ -231,6 +231,18 @@ def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None
     assert judged(check(spec, unwanted[1]), function=unwanted[0], lasts_ns=15 * S) == []
 
 
+def test_a_flight_in_which_modules_hang_for_no_reason_that_anybody_knows_is_a_bad_one() -> None:
+    simulation = flying(elevator_and_chute())
+    assert simulation.checks.silences((), simulation.now_ns) == []
+    simulation.pes["tail_pe"].stuck = True
+    simulation.run_for(3 * S)
+    found = simulation.checks.silences((), simulation.now_ns)
+    assert {violation.rule for violation in found} == {"service"}
+    assert any(violation.story.startswith("elevator was silent") for violation in found)
+    known = Struck("pe:tail_pe", 0, None)
+    assert simulation.checks.silences((known,), simulation.now_ns) == []
+
+
 def test_the_strikes_tell_what_they_did_and_until_when() -> None:
     simulation = flying(two_tails())
     start_ns = simulation.now_ns
