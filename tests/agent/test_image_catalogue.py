@@ -1,6 +1,7 @@
 """Every module of the shipped specs has its image, and every image gives what the spec says it gives."""
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -26,7 +27,8 @@ def test_every_module_of_a_shipped_spec_has_an_image(spec: Spec) -> None:
 
 
 def test_no_image_is_without_a_user() -> None:
-    used = {module.image for spec in SPECS.values() for module in spec.modules.values()}
+    examples = map(load, Path("dg_specs/examples").iterdir())
+    used = {module.image for spec in (*SPECS.values(), *examples) for module in spec.modules.values()}
     assert used == CATALOGUE.keys()
 
 

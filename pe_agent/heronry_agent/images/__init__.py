@@ -4,8 +4,9 @@ What it decides: which class a spec's `image` means. A bare name is looked up in
 imported as it stands, so that code of one's own needs no entry here. Nothing is imported before it is asked for: a PE
 loads the code that it runs.
 
-The catalogue serves the two specs that are shipped. `elevator_and_chute` names no images, so there an image has its
-module's name; `big_blue` names one where several modules share it, or where its variables are called differently.
+The catalogue serves the two specs that are shipped, and the examples. `elevator_and_chute` names no images, so there an
+image has its module's name; `big_blue` names one where several modules share it, or where its variables are called
+differently.
 
 Images are written against `heronry_agent.module` alone. They hold no clock and no random source: the time of a step is
 in its context, and the same inputs give the same outputs. An input may be absent in any step, first and foremost in the
@@ -73,6 +74,16 @@ CATALOGUE: Mapping[str, str] = {
     **_in("control", state_estimator="StateEstimator"),
     **_in("guidance", experimental_autopilot="OrbitAutopilot", guidance="Guidance"),
     **_in("servo_monitor", elevator_monitor="ElevatorMonitor", servo_monitor="ServoMonitor"),
+    **_in(
+        "redundancy",
+        elevator_follows="ElevatorFollows",
+        elevator_limiter="ElevatorLimiter",
+        pitch_versions="PitchVersions",
+        pressure_fail_over="PressureFailOver",
+        pressure_majority="PressureMajority",
+        pressure_median="PressureMedian",
+        pressure_stuck="PressureStuck",
+    ),
     **_in("wing", inflation_control="InflationControl", wing_monitor="WingMonitor"),
     **_in("recovery", chute_logic="ChuteLogic", cutdown_logic="CutdownLogic"),
     **_in("mission", mission_sequencer="MissionSequencer"),

@@ -1,0 +1,53 @@
+"""One of each part for fault tolerance (`heronry_agent.parts`), with the names of the specs that show them."""
+
+from heronry_agent.parts.choosers import FailOver, NVersion
+from heronry_agent.parts.limiter import RateLimiter
+from heronry_agent.parts.monitors import ActuatorMonitor, StuckSensorMonitor
+from heronry_agent.parts.voters import MajorityVoter, MedianVoter
+
+_PRESSURES = {f"pressure_{number}": f"device:pressure_sensor_{number}" for number in (1, 2, 3)}
+
+
+class PressureMedian(MedianVoter):
+    """The middle of three pressures, in hPa."""
+
+    channels, output, tolerance = _PRESSURES, "median_pressure", 20.0
+
+
+class PressureMajority(MajorityVoter):
+    """What two of three pressures say, in hPa."""
+
+    channels, output, tolerance = _PRESSURES, "agreed_pressure", 20.0
+
+
+class PressureFailOver(FailOver):
+    """The pressure that two agree on, else the middle."""
+
+    sources, output = ("agreed_pressure", "median_pressure"), "static_pressure"
+
+
+class PitchVersions(NVersion):
+    """The pitch of the gyros, else that of the horizon, in degrees."""
+
+    variable, output, tolerance = "pitch_angle", "checked_pitch", 5.0
+    authors = {1: "module:gyro_attitude", 2: "module:horizon_attitude"}  # noqa: RUF012 - a ClassVar of NVersion
+
+
+class ElevatorLimiter(RateLimiter):
+    """The elevator's demand, by 30 degrees a second at most."""
+
+    source = output = "elevator_demand"
+    most_per_s = 30.0
+
+
+class PressureStuck(StuckSensorMonitor):
+    """Watches the barometer."""
+
+    source, output, element = "absolute_pressure", "pressure_health", "device:barometer"
+
+
+class ElevatorFollows(ActuatorMonitor):
+    """Watches the first elevator servo."""
+
+    command, position, output = "elevator_demand", "elevator_angle", "elevator_health"
+    element, tolerance, lag_s = "device:elevator_servo_1", 2.5, 0.1

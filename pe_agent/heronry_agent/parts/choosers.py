@@ -1,0 +1,74 @@
+"""Fail-over and N-version: one value out of several of different worth.
+
+FailOver   the first of `sources` that is there. One that comes back is taken again only after it was there for
+           `patience_ns`: what comes and goes must not make the output jump
+NVersion   programs that were written apart give one variable in versions of their own. The best version that is not
+           outvoted is taken: with three or more it must be within `tolerance` of their median, and who is not is
+           reported. With two, the best is taken
+"""
+
+import math
+import statistics
+from collections.abc import Mapping
+from typing import ClassVar
+
+from heronry_agent.images.reading import number
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
+
+_BLAMING = 3  # versions that must be there
+
+
+class FailOver(Module):
+    """Passes on the best source; a subclass sets the attributes."""
+
+    sources: ClassVar[tuple[str, ...]]  # variables, the best first
+    output: ClassVar[str]
+    patience_ns: ClassVar[int] = 1_000_000_000
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._present = dict.fromkeys(self.sources, 0)
+        self._taken: str | None = None
+        self._enough = max(1, -(-self.patience_ns // ctx.period_ns))
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Give the value of the source that counts now; nothing while none is there."""
+        heard = {source: value for source in self.sources if (value := number(inputs, source)) is not None}
+        self._present = {source: self._present[source] + 1 if source in heard else 0 for source in self.sources}
+        if self._taken not in heard:
+            self._taken = next(iter(heard), None)
+        else:
+            self._taken = next(s for s in heard if s == self._taken or self._present[s] >= self._enough)
+        return {} if self._taken is None else {self.output: heard[self._taken]}
+
+
+class NVersion(Module):
+    """Passes on the best version that is not outvoted; a subclass sets the attributes."""
+
+    variable: ClassVar[str]
+    authors: ClassVar[Mapping[int, str]]  # version -> the element that gives it
+    output: ClassVar[str]
+    tolerance: ClassVar[float]
+    patience_ns: ClassVar[int] = 1_000_000_000
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._odd = {version: Lasting(self.patience_ns, ctx.period_ns) for version in self.authors}
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Compare, and give the best; nothing while there is no version."""
+        heard = {d.version: d.number() for d in inputs.every(self.variable) if d.valid and _is_finite(d.value)}
+        if not heard:
+            return {}
+        middle = statistics.median(heard.values())
+        outvoted = {v for v, value in heard.items() if len(heard) >= _BLAMING and abs(value - middle) > self.tolerance}
+        for version, odd in self._odd.items():
+            if odd.begins(version in outvoted):
+                self.ctx.report_failed(self.authors[version])
+        best = min(heard.keys() - outvoted, default=None)
+        return {self.output: middle if best is None else heard[best]}
+
+
+def _is_finite(value: Value) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value)

@@ -1,0 +1,160 @@
+"""The parts for fault tolerance: what each gives, whom it accuses, and when it does not.
+
+Three files in tests/scenarios fly them: a watched servo sticks, a barometer is stuck, a voter hears a liar.
+"""
+
+import math
+import statistics
+from itertools import pairwise
+from typing import ClassVar
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.rig import Rig
+from heronry_agent.module import Datum, Inputs
+from heronry_agent.parts.choosers import NVersion
+
+MEDIAN, MAJORITY, FAIL_OVER = "pressure_median", "pressure_majority", "pressure_fail_over"
+pressures = st.floats(100.0, 1100.0)
+
+
+class ThreeWritten(NVersion):
+    """Three programs."""
+
+    variable, output, tolerance = "angle", "angle", 5.0
+    authors: ClassVar = {1: "module:first", 2: "module:second", 3: "module:third"}
+
+
+def written(rig: Rig, seconds: float, **by_version: float | None) -> object:
+    """Feed versions v1, v2, v3 of `angle` for some time; the last output."""
+    out: object = None
+    data = [Datum(value, int(name[1:]), 0) for name, value in by_version.items() if value is not None]
+    for _ in range(round(seconds * 40)):
+        out = rig.module.step(Inputs({str(i): ("angle", datum) for i, datum in enumerate(data)})).get("angle")
+    return out
+
+
+# Voters
+
+
+@given(st.lists(pressures, min_size=3, max_size=3))
+def test_the_median_is_the_middle_and_one_channel_never_leads(values: list[float]) -> None:
+    named = {f"pressure_{i}": value for i, value in enumerate(values, 1)}
+    assert Rig(MEDIAN).step(**named) == {"median_pressure": statistics.median(values)}
+
+
+@pytest.mark.parametrize("image", [MEDIAN, MAJORITY])
+def test_the_odd_one_out_is_reported_once_and_again_after_it_was_well(image: str) -> None:
+    rig = Rig(image)
+    rig.run(0.9, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    assert rig.host.reported == []
+    rig.run(2, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    assert rig.host.reported == ["device:pressure_sensor_3"]
+    rig.run(0.5, pressure_1=900.0, pressure_2=905.0, pressure_3=903.0)
+    rig.run(2, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    assert len(rig.host.reported) == 1, "it was not well for long"
+    rig.run(1, pressure_1=900.0, pressure_2=905.0, pressure_3=903.0)
+    rig.run(1, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    assert len(rig.host.reported) == 2
+
+
+def test_of_two_that_differ_nobody_is_blamed_and_the_one_nearer_to_before_is_given() -> None:
+    rig = Rig(MEDIAN)
+    rig.run(1, pressure_1=900.0, pressure_2=900.0, pressure_3=900.0)
+    assert rig.run(3, pressure_1=902.0, pressure_3=700.0) == {"median_pressure": 902.0}
+    assert rig.host.reported == []
+
+
+def test_a_majority_is_more_than_half_of_all_channels_there_should_be() -> None:
+    rig = Rig(MAJORITY)
+    assert rig.step(pressure_1=900.0, pressure_2=910.0, pressure_3=700.0) == {"agreed_pressure": 905.0}
+    assert rig.step(pressure_1=900.0, pressure_2=800.0, pressure_3=700.0) == {}
+    assert rig.step(pressure_1=900.0, pressure_2=910.0) == {"agreed_pressure": 905.0}
+    assert rig.step(pressure_1=900.0) == {}
+    assert rig.step() == {}
+
+
+@pytest.mark.parametrize("image", [MEDIAN, MAJORITY])
+@pytest.mark.parametrize("nonsense", [math.nan, math.inf, "word", None])
+def test_what_is_no_number_counts_for_nothing(image: str, nonsense: float | str | None) -> None:
+    rig = Rig(image)
+    assert list(rig.run(3, pressure_1=900.0, pressure_2=900.0, pressure_3=nonsense).values()) == [900.0]
+    assert rig.host.reported == []
+
+
+# Fail-over and N-version
+
+
+def test_a_fail_over_is_at_once_and_the_way_back_takes_patience() -> None:
+    rig = Rig(FAIL_OVER)
+    both = {"agreed_pressure": 1.0, "median_pressure": 2.0}
+    assert rig.step(**both) == {"static_pressure": 1.0}
+    assert rig.step(median_pressure=2.0) == {"static_pressure": 2.0}
+    assert rig.run(0.9, **both) == {"static_pressure": 2.0}
+    assert rig.step(median_pressure=2.0) == {"static_pressure": 2.0}, "it comes and goes"
+    assert rig.run(0.9, **both) == {"static_pressure": 2.0}
+    assert rig.run(0.2, **both) == {"static_pressure": 1.0}
+    assert rig.step() == {}
+
+
+def test_the_best_program_counts_unless_two_others_outvote_it() -> None:
+    rig = Rig(f"{__name__}:ThreeWritten")
+    assert written(rig, 1, v1=1.0, v2=2.0, v3=3.0) == 1.0
+    assert written(rig, 2, v1=30.0, v2=2.0, v3=3.0) == 2.0
+    assert rig.host.reported == ["module:first"]
+    assert written(rig, 2, v2=2.0, v3=30.0) == 2.0
+    assert written(rig, 0.1, v3=30.0) == 30.0
+    assert written(rig, 0.1) is None
+    assert rig.host.reported == ["module:first"]
+
+
+def test_where_all_programs_disagree_the_middle_one_counts() -> None:
+    rig = Rig(f"{__name__}:ThreeWritten")
+    assert written(rig, 1, v1=100.0, v2=50.0, v3=0.0) == 50.0
+    assert written(rig, 0.1, v1=math.nan, v2=50.0) == 50.0
+
+
+# Limiter and monitors
+
+
+@given(st.lists(st.one_of(st.none(), st.floats(-90, 90)), min_size=1, max_size=50))
+def test_a_limited_output_never_steps_further_than_its_rate(demands: list[float | None]) -> None:
+    rig, outputs = Rig("elevator_limiter"), []
+    for demand in demands:
+        out = rig.step(elevator_demand=demand)
+        assert (demand is None) == (out == {})
+        outputs += out.values()
+    steps = [abs(float(b) - float(a)) for a, b in pairwise(outputs)]  # type: ignore[arg-type]
+    assert max(steps, default=0) <= 30 / 40 + 1e-9
+
+
+def test_a_limited_output_arrives() -> None:
+    rig = Rig("elevator_limiter")
+    assert rig.step(elevator_demand=0.0) == {"elevator_demand": 0.0}
+    assert rig.run(0.5, elevator_demand=9.0) == {"elevator_demand": 9.0}
+
+
+def test_a_sensor_that_says_the_same_for_long_is_stuck() -> None:
+    rig = Rig("pressure_stuck")
+    for tick in range(100):
+        assert rig.step(absolute_pressure=900.0 + tick % 2) == {"pressure_health": 0}
+    assert rig.run(0.9, absolute_pressure=900.0) == {"pressure_health": 0}
+    rig.step(absolute_pressure=None)
+    assert rig.run(0.9, absolute_pressure=900.0) == {"pressure_health": 0}
+    assert rig.run(0.3, absolute_pressure=900.0) == {"pressure_health": 1}
+    assert rig.host.reported == ["device:barometer"]
+
+
+def test_an_actuator_that_follows_with_its_lag_is_well_and_one_that_does_not_is_accused() -> None:
+    rig, position = Rig("elevator_follows"), 0.0
+    for tick in range(400):
+        command = 10.0 * math.sin(tick / 40)
+        position += (command - position) * 0.2
+        assert rig.step(elevator_demand=command, elevator_angle=position) == {"elevator_health": 0}
+    assert rig.run(0.9, elevator_demand=20.0, elevator_angle=0.0) == {"elevator_health": 0}
+    rig.step(elevator_demand=20.0)
+    assert rig.run(0.3, elevator_demand=20.0, elevator_angle=0.0) == {"elevator_health": 0}
+    assert rig.run(1.5, elevator_demand=20.0, elevator_angle=0.0) == {"elevator_health": 1}
+    assert rig.host.reported == ["device:elevator_servo_1"]
