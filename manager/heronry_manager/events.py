@@ -131,8 +131,10 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
             view.failed = [element for element in view.failed if element != one["element"]]
         case "link_limited" if one["share"] == "100%":
             view.links.pop(one["bus"], None)
-        case "link_limited" | "link_gone" | "link_back":
-            view.links[one["bus"]] = one.get("share", kind.removeprefix("link_"))
+        case "link_back":
+            view.links.pop(one["bus"], None)
+        case "link_limited" | "link_gone":
+            view.links[one["bus"]] = one.get("share", "gone")
         case "phase_changed":
             view.phase = one["phase"]
         case "fault_reported" if one["element"] not in view.failed:

@@ -79,7 +79,7 @@ class RadioLinks:
 
     def limits(self) -> Mapping[str, Fraction]:
         """Share of each radio that may be planned with, where that is not all of it."""
-        short = (record for record in self.records.values() if record.step < PER_MILLE and not record.gone)
+        short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
 
     def heard(self, frame: Frame, now_ns: int, *, anybody_beyond: bool) -> list[LinkChange]:
@@ -105,8 +105,9 @@ class RadioLinks:
         if record.gone:
             return []
         record.gone = record.settling = True
+        record.step = PER_MILLE  # whatever comes back says anew what it has left
         record.low, record.rising_since_ns = False, None
-        return [LinkChange("gone", record.radio, record.step)]
+        return [LinkChange("gone", record.radio, 0)]
 
     def _follow(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
         """Move the step, if it must move."""

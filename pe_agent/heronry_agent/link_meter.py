@@ -5,7 +5,7 @@ Two things are known of any CAN interface:
     carried     while a frame of ours is in the controller, the radio is never idle. So what it carried in that time
                 (our frame, and whatever was heard meanwhile), by the time, is what it can carry. A driver that cannot
                 say how long a frame took leaves this out
-    delivered   state frames carry a sequence for each bus, and data one for each identifier: a gap is a loss
+    delivered   state frames carry a sequence for each bus, data and echoes one for each identifier: a gap is a loss
 
 What can be used is the product of both. It is taken over the last ten heartbeat periods, and from the last two alone
 where these are worse by half: a queue grows while one waits for certainty, and none while one is too careful.
@@ -35,7 +35,7 @@ _QUICK_SHARE = 2  # the last periods count alone where they are worse than the w
 _FEWEST = 8  # frames that must have been due before a share of them means anything
 _NS_PER_S = 1_000_000_000
 _LONGEST_GAP = 64  # a jump of the sequence by more is a new beginning
-_NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_NUMBERED = frozenset((Use.STATE, Use.STANDARD_DATA, Use.ALLOCATED_DATA, Use.ACTUATOR_ECHO))
 
 
 @dataclass(slots=True)
@@ -55,11 +55,12 @@ class LinkMeter:
         self.gone = False
         self._bitrate = bitrate
         self._patience_ns = misses * period_ns + period_ns // 8
-        self._outage_ns = 2 * period_ns
+        self._outage_ns, self._stuck_ns = 3 * period_ns // 2, period_ns // 2
         self._heard_ns = now_ns
         self._periods = deque((_Period(),), maxlen=WINDOW_PERIODS)
         self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
-        self._last: dict[tuple[int, int], int] = {}  # (identifier, sender) -> sequence
+        self._last: dict[tuple[int, int], tuple[int, int]] = {}  # (identifier, sender) -> sequence, number of outages
+        self._outages = 0  # that are over
 
     def heard(self, frame: Frame, now_ns: int) -> bool:
         """Take a frame from beyond; tells whether the radio was gone."""
@@ -68,8 +69,9 @@ class LinkMeter:
             self._begin_anew()
         if self._in_flight_bits is not None:
             self._in_flight_bits += exact_bits(frame)
-        self._number(frame, now_ns)
+        self._outages += now_ns - self._heard_ns >= self._outage_ns
         self._heard_ns = now_ns
+        self._number(frame)
         return was_gone
 
     def handed_over(self) -> None:
@@ -79,7 +81,9 @@ class LinkMeter:
     def left(self, frame: Frame, took_ns: int) -> None:
         """It has left, after so long; 0 where nobody knows."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
-        if took_ns > 0 and heard_bits is not None:
+        if took_ns <= 0 or heard_bits is None:
+            return
+        if heard_bits or took_ns < self._stuck_ns:
             self._periods[-1].bits += exact_bits(frame) + heard_bits
             self._periods[-1].busy_ns += took_ns
 
@@ -122,17 +126,17 @@ class LinkMeter:
         due = sum(one.due for one in recent)
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
-    def _number(self, frame: Frame, now_ns: int) -> None:
+    def _number(self, frame: Frame) -> None:
         """Count what is missing before a numbered frame."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and data[0] >> 6):
             return
         key, sequence = (frame.can_id, 0 if use is Use.STATE else data[0]), data[4 if use is Use.STATE else 3]
-        last = self._last.get(key)
-        self._last[key] = sequence
-        ahead = 1 if last is None else (sequence - last) % 256
+        last, outages = self._last.get(key, (sequence - 1, self._outages))
+        self._last[key] = sequence, self._outages
+        ahead = (sequence - last) % 256
         if 0 < ahead <= _LONGEST_GAP:
-            self._periods[-1].due += ahead if now_ns - self._heard_ns < self._outage_ns else min(ahead, 2)
+            self._periods[-1].due += ahead if outages == self._outages else min(ahead, 2)
             self._periods[-1].came += 1
 
     def _begin_anew(self) -> None:

@@ -75,6 +75,7 @@ def test_a_frame_that_is_stuck_in_an_outage_says_nothing() -> None:
     one = meter()
     one.handed_over()
     one.stuck(PERIOD_NS)
+    carry(one, PERIOD_NS // 2)
     assert one.usable() == 1000
 
 
@@ -112,8 +113,10 @@ def test_an_outage_counts_as_one_frame_of_each_sender() -> None:
     one = meter()
     for number in range(20):
         one.heard(state(number), number)
+        one.heard(datum(number), number)
     one.heard(state(29), 3 * PERIOD_NS)
-    assert one.delivered_percent() == 100 * 21 // 22
+    one.heard(datum(60), 3 * PERIOD_NS + MS)
+    assert one.delivered_percent() == 100 * 42 // 44
 
 
 def test_the_last_two_periods_count_alone_where_they_are_much_worse() -> None:

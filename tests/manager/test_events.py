@@ -136,6 +136,17 @@ def test_a_fault_that_is_reported_twice_is_latched_once() -> None:
     assert reduce([LOSS[2], LOSS[2]]).failed == ["device:pitot"]
 
 
+def test_a_radio_is_shown_while_it_is_not_whole() -> None:
+    view = reduce([event("link_limited", MS, bus="radio", by="comms", share="40%")])
+    assert view.links == {"radio": "40%"}
+    view = reduce([event("link_gone", 2 * MS, bus="radio", by="comms")], view)
+    assert view.links == {"radio": "gone"}
+    view = reduce([event("link_back", 3 * MS, bus="radio", by="comms")], view)
+    assert view.links == {}
+    view = reduce([event("link_limited", 4 * MS, bus="radio", by="comms", share="60%")], view)
+    assert reduce([event("link_limited", 5 * MS, bus="radio", by="comms", share="100%")], view).links == {}
+
+
 def test_kinds_of_a_later_version_change_nothing() -> None:
     assert reduce([{"v": 2, "t_ns": 1, "event": "landed", "where": "sea"}, {}]) == Snapshot()
 

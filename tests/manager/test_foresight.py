@@ -2,7 +2,9 @@
 
 import select
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -174,3 +176,27 @@ def test_the_next_phase_is_at_hand_too(tmp_path: Path) -> None:
         answer = foresight.request(RequestPlan(1, frozenset(), "glide", running))
         assert isinstance(answer, PlanReady)
         assert answer.plan == plan(spec, Situation(phase="glide"), running)
+
+
+def test_what_is_foreseen_is_foreseen_for_the_limits_of_the_moment(foresight: Foresight) -> None:
+    half = {"bus:can0": Fraction(1, 2)}
+    foresight.settled(frozenset(), None, RUNNING, half)
+    think_to_the_end(foresight)
+    limited = at_once(foresight, RequestPlan(1, TAIL_LOST, None, RUNNING, limits=half)).plan
+    assert limited == plan(SPEC, Situation(TAIL_LOST, half), RUNNING)
+    assert not was_foreseen(foresight, RequestPlan(2, TAIL_LOST, None, RUNNING))
+
+
+def test_no_contingency_is_looked_up_while_a_bus_is_limited() -> None:
+    class Table(ContingencyTable):
+        def __init__(self) -> None:
+            """Know nothing: it must not be asked."""
+
+        def plan(self, *_: object) -> NoReturn:
+            raise AssertionError("its plans are for whole buses")
+
+    foresight = Foresight(SPEC, None, lambda: pytest.fail("a thinker needs a solver"), Table())
+    none = {"bus:can0": Fraction(0)}
+    found = at_once(foresight, RequestPlan(1, TAIL_LOST, None, RUNNING, limits=none)).plan
+    assert found.now.limits == none
+    assert all(report.bits_per_s == 0 for report in found.buses.values())

@@ -153,7 +153,8 @@ def test_a_gateway_that_was_restarted_is_listened_to(link: Link) -> None:
 def test_gone_and_back_and_who_returns_finds_the_step_of_the_moment(link: Link) -> None:
     link.report(0, LinkState.GONE)
     link.report(0, LinkState.GONE)
-    assert link.changes == [("gone", 1000)]
+    assert link.changes == [("gone", 0)]
+    assert link.links.limits() == {}
     link.anybody_beyond = False
     for usable in (300, 90, 170):
         link.report(usable)

@@ -8,8 +8,10 @@ from heronry_manager.vocabulary import AskStatus, FailElement, OperatorSaid, Ord
 from heronry_tools.status_report import report
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkState
 from heronry_wire.management import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
+from manager.test_radio_links import Flight
 
 
 def told(manager: OneManager, *orders: Order) -> list[str]:
@@ -66,3 +68,13 @@ def test_with_a_key_it_tells_which_and_what_was_refused() -> None:
     lines = told(manager)
     assert lines[0].endswith(f"key {Key(b'k' * 32).fingerprint}")
     assert "it is not believed; it refused 6 commands" in lines[3]
+
+
+def test_a_radio_that_is_not_whole_is_a_trouble() -> None:
+    flight = Flight()
+    flight.report(1000)
+    assert not any("bus:radio" in line for line in told(flight))
+    flight.report(100, times=2)
+    assert "! bus:radio has 8 % of its bandwidth; 100 % of its frames come" in told(flight)
+    flight.report(0, LinkState.GONE)
+    assert "! bus:radio is gone: nothing is heard from beyond" in told(flight)
