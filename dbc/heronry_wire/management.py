@@ -110,6 +110,8 @@ class FaultCode(IntEnum):
     MODULE_EXCEPTION = 0xFF01
     MODULE_OVERRUN = 0xFF02
     REPORTED = 0xFF03  # a module says that an element has failed
+    PARTITION_ENDED = 0xFF04  # the process of a module ended under it
+    MODULE_RESTARTED = 0xFF08  # no fault yet: a module has failed, and was built anew; the detail counts
     PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, asks for a mission phase
 
 

@@ -82,6 +82,9 @@ class ModuleEntry:
     movable: bool  # may run on other PEs too: its identifiers are exclusive
     modes: tuple[ModeEntry, ...]
     silent_output: bool = False  # it serves a function and drives no actuator: only an echo shows that it runs
+    partition: str = ""  # modules of one partition share a process
+    ram: int = 0  # bytes that it may take in the largest of its modes
+    restarts: int = 0  # how often it is built anew, when it fails, before it is given up
 
 
 @dataclass(frozen=True, slots=True)

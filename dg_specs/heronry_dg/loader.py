@@ -199,6 +199,7 @@ def _module(module: ModuleElement, gates: Gates) -> Module:
         requires=frozenset(form.requires),
         flash=form.flash,
         partition=form.partition,
+        restarts=form.restarts,
         checkpoint=form.checkpoint,
         rate_per_h=form.rate_per_h,
     )

@@ -18,6 +18,7 @@ from typing import Literal
 from heronry_dg.gates import Expression, Leaf, leaves
 
 CRITICALITIES = ("A", "B", "C", "D", "E")
+DEFAULT_RESTARTS = 2
 Criticality = Literal["A", "B", "C", "D", "E"]
 
 
@@ -109,7 +110,8 @@ class Module:
     runs_on: tuple[str, ...] | None = None  # None: any PE
     requires: frozenset[str] = frozenset()
     flash: int = 0  # bytes
-    partition: str | None = None
+    partition: str | None = None  # None: that of the best criticality it could serve
+    restarts: int = DEFAULT_RESTARTS
     checkpoint: bool | int | str | None = None
     rate_per_h: Fraction | None = None
 

@@ -25,7 +25,7 @@ from pydantic import (
 
 from heronry_dg import quantities
 from heronry_dg.findings import shown
-from heronry_dg.model import CRITICALITIES, Criticality
+from heronry_dg.model import CRITICALITIES, DEFAULT_RESTARTS, Criticality
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
@@ -35,6 +35,7 @@ NAME_PATTERN: Final = "[A-Za-z][A-Za-z0-9_]{0,63}"  # a C and a DBC identifier, 
 DEFAULT_PHASE: Final = "default"
 ONLY_MODE: Final = "only"
 MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
+MOST_RESTARTS: Final = 10  # the delay doubles each time
 MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
 
 
@@ -100,6 +101,7 @@ FailureRate = Annotated[Fraction, PlainValidator(quantities.failures_per_hour), 
 Threshold = Annotated[Fraction | None, PlainValidator(_optional_number), WithJsonSchema({"type": "number"})]
 Names = Annotated[list[str], AfterValidator(_different), Field(json_schema_extra={"uniqueItems": True})]
 Version = Annotated[int, Field(ge=1)]
+Restarts = Annotated[int, Field(ge=0, le=MOST_RESTARTS)]
 Points = Annotated[int, Field(ge=0, le=MOST_POINTS)]
 PrintableText = Annotated[str, Field(min_length=1, max_length=64, pattern=r'^[^\x00-\x1f\x7f"\\]*$')]
 Checkpoint = Annotated[
@@ -278,7 +280,14 @@ class ModuleForm(Fallible):
     requires: Names = Field(default=[], description="Features that its PE must have.", examples=[["fpu"]])
     flash: Memory = Field(default=0, description="Flash that it takes where it runs.", examples=["4KiB"])
     partition: PrintableText | None = Field(
-        default=None, description="Memory partition that it runs in on its PE.", examples=["control"]
+        default=None,
+        description="Process that it shares with others of its partition; one for each criticality if left out.",
+        examples=["control"],
+    )
+    restarts: Restarts = Field(
+        default=DEFAULT_RESTARTS,
+        description="How often its PE builds it anew when it has failed, before it is given up; a minute forgives.",
+        examples=[0],
     )
     checkpoint: Checkpoint | None = Field(
         default=None, description="Whether, or how, its state is kept for a restart elsewhere.", examples=[True]

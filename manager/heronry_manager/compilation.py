@@ -52,6 +52,10 @@ class Compiler:
     def _identifiers(self) -> Mapping[tuple[str, str], int]:
         return identifiers(self._spec)
 
+    @cached_property
+    def _ranks(self) -> Mapping[str, int]:
+        return criticality_ranks(self._spec)
+
     def table(self, pe: str) -> PeTable:
         """Table of one PE."""
         spec, own = self._spec, self._spec.pes[pe]
@@ -131,6 +135,9 @@ class Compiler:
                 for mode in module.modes.values()
             ),
             silent_output=self._is_silent_output(module),
+            partition=module.partition or CRITICALITIES[self._ranks[module.name]],
+            ram=max(mode.ram for mode in module.modes.values()),
+            restarts=module.restarts,
         )
 
     def _is_silent_output(self, module: Module) -> bool:

@@ -23,6 +23,7 @@ KINDS: Mapping[str, str] = {
     "pe_absent": "pe, cause: not heard in the start-up window",
     "pe_heard_again": "pe, cause: a hold-down begins",
     "pe_joined": "pe, cause: counted on from now",
+    "module_restarted": "element, by, times: a module failed and was built anew by its PE; nothing is held against it",
     "fault_reported": "element, by, detail, code: a module, an agent or the operator reported a fault; it is latched",
     "fault_cleared": "element, by: the element is taken for well again",
     "link_limited": "bus, by, share: so much of a radio's bandwidth is planned with from now on, by its gateway's word",

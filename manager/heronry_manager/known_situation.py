@@ -21,7 +21,7 @@ from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
 from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
-from heronry_wire.management import Emergency
+from heronry_wire.management import Emergency, FaultCode
 
 
 class KnownSituation:
@@ -101,6 +101,9 @@ class KnownSituation:
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
             return False
+        if emergency.code is FaultCode.MODULE_RESTARTED:
+            self._turn.emit("module_restarted", element=element, by=pe, times=emergency.detail)
+            return True
         self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
         return True
 

@@ -19,8 +19,8 @@ from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
-from heronry_agent.host import ModuleHost
 from heronry_agent.incarnation import next_incarnation
+from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
 from heronry_agent.table_waiting import Waiting, WaitingCore
 from heronry_agent.vocabulary import Note
@@ -118,9 +118,6 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
-    host = ModuleHost(table, Bench(origin_ns))
-    for image, reason in host.missing_images.items():
-        tell(Note("image", f"{image} cannot be run here: {reason}"))
     with ExitStack() as undo:
         links = []
         for config in configs:
@@ -133,9 +130,10 @@ def _run(arguments: argparse.Namespace) -> int:
         def new_core() -> AgentCore:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
             secret = None if key is None else Secret(key, os.urandom(_SALT_BYTES))
-            missing = frozenset(host.missing_images)
-            return AgentCore(table, incarnation, time.monotonic_ns(), missing_images=missing, secret=secret)
+            return AgentCore(table, incarnation, time.monotonic_ns(), secret=secret)
 
+        host = PartitionHost(table, Bench(origin_ns))
+        undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)
         driver = AgentDriver(table, new_core, host, links, tell=tell, service=service)

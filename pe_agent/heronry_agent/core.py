@@ -34,7 +34,21 @@ from heronry_agent.slice_reading import SliceReader
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
-from heronry_agent.vocabulary import Action, Event, Heard, Left, StartFailed, StepFailed, Stepped
+from heronry_agent.vocabulary import (
+    Action,
+    DriveFailed,
+    Driven,
+    Event,
+    Heard,
+    ImagesMissing,
+    Left,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StepFailed,
+    StepMeasured,
+    Stepped,
+)
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
@@ -161,7 +175,7 @@ class AgentCore:
         if due_ns is None:
             due_ns = self._due_ns = min(
                 self._reporting.next_ns,
-                self.modules.schedule.next_ns,
+                self.modules.next_ns,
                 self.modules.faults.next_ns,
                 self.staging.ask_ns,
                 self._canopen.next_ns,
@@ -204,20 +218,36 @@ class AgentCore:
 
     def _take_own(self, event: Event) -> None:
         """Take what comes from this PE itself: time, and the answers of its modules."""
+        modules = self.modules
         match event:
             case Tick():
                 self._tick()
             case Stepped():
-                self.modules.stepped(event)
-            case StepFailed():
-                self.modules.step_failed(event)
-            case StartFailed():
-                self.modules.fail(event.module, event.reason)
+                modules.stepped(event)
+            case StepFailed() | StartFailed() | DriveFailed() | PartitionEnded():
+                modules.went_wrong(event)
+            case Driven():
+                modules.driven(event)
+                return
+            case NotReady():
+                modules.not_ready(event)
+            case StepMeasured():
+                modules.measured(event)
+            case ImagesMissing():
+                self._images_missing(event)
             case Left(port, took_ns):
                 self._radios[port].left(took_ns)
             case Received():
                 raise AssertionError
-        self.modules.release()
+        if self._turn.now_ns >= self.modules.next_ns:
+            self.modules.tick()
+            self.modules.release()
+
+    def _images_missing(self, event: ImagesMissing) -> None:
+        """Code that is not there: slices that name it are refused from now on."""
+        self.staging.reader.missing_images |= event.images
+        for image in sorted(event.images):
+            self._turn.note("image", f"{image} cannot be run here")
 
     def _tick(self) -> None:
         turn = self._turn

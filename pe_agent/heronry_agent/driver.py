@@ -5,14 +5,15 @@ A turn goes so:
 1. Wait until a frame has come, a deadline is due, or whoever started the agent is gone.
 2. Hand over every frame that has come, with its age: after a pause of this process the old ones among them must not
    look like news (rule 6), and no deadline passes before they are known.
-3. Hand over what a module has computed, then the deadline if it is due. What this releases is computed at once, and
-   waits for the next turn: so frames that came meanwhile count before its outputs go out.
+3. Hand over what the partitions have computed, then the deadline if it is due. What this releases is computed
+   elsewhere, meanwhile.
 
 What means nothing to the PE now is kept back by the kernel (or the hub): on a full bus that is most of the traffic.
 
 A frame that could not leave within T_lease does not leave at all: rule 6 allowed it for then, not for now.
 
-Nothing runs in a thread, and nothing repeats frames for us: when this loop stands still, the PE is silent.
+No step of this loop waits for anything but its select. Nothing runs in a thread, and nothing repeats frames for us:
+when this loop stands still, the PE is silent.
 
 A bus that is lost ends nothing (`heronry_wire.link` gets it back). Meanwhile the core goes on, its frames go nowhere,
 and rule 6 takes its exclusive outputs away. When the bus toward the manager comes back after more than T_lease, others
@@ -32,8 +33,8 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from heronry_agent.core import AgentCore
-from heronry_agent.host import ModuleHost
-from heronry_agent.vocabulary import Action, Event, Left, Note, StartFailed, StepFailed, Stepped, StopModule
+from heronry_agent.partition_host import PartitionHost
+from heronry_agent.vocabulary import Action, Event, Left, Note
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
@@ -74,7 +75,7 @@ class AgentDriver:
         self,
         table: PeTable,
         new_core: Callable[[], AgentCore],
-        host: ModuleHost,
+        host: PartitionHost,
         links: Sequence[Link],
         *,
         tell: Callable[[Note], None],
@@ -85,7 +86,6 @@ class AgentDriver:
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._service, self._own_state = service, state_id(table.node_id)
         self._off_since_ns: int | None = None  # the outage of the uplink that is not dealt with yet
-        self._answer: Stepped | StepFailed | None = None
         self._accepted: Collection[int] = ()  # what the links were last told to take in
         self._until_eof = False
         self._stopping = False
@@ -97,13 +97,15 @@ class AgentDriver:
     def run(self, *, until_eof: bool) -> None:
         """Run until stopped."""
         self._until_eof = until_eof
+        always: list[Any] = [sys.stdin] if until_eof else []
         while not self._stopping:
-            readers: list[Any] = [link for link in self._links if link.is_open]
-            ready, _, _ = select.select([*readers, *([sys.stdin] if until_eof else [])], [], [], self._wait_s())
+            readers: list[Any] = [*always, *self._host.readers(), *(link for link in self._links if link.is_open)]
+            ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and self._is_abandoned():
                 break
             self._take_frames()
-            self._take_answer()
+            for event in self._host.take(ready, time.monotonic_ns()):
+                self._step(time.monotonic_ns(), event)
             now_ns = time.monotonic_ns()
             if now_ns >= self.core.next_deadline_ns():
                 self._step(now_ns, Tick())
@@ -130,9 +132,7 @@ class AgentDriver:
 
     def _begin_anew(self) -> None:
         """Stop all modules, listen, and be a new incarnation of this PE."""
-        for module in self.core.reconfiguration.live:
-            self._host.carry_out(StopModule(module), time.monotonic_ns())
-        self._answer = None
+        self._host.abandon()
         is_told = False
         while id_is_taken(self._links, self._table):
             if not is_told:
@@ -152,9 +152,7 @@ class AgentDriver:
                 link.accept(identifiers)
 
     def _wait_s(self) -> float:
-        if self._answer is not None:
-            return 0.0
-        deadlines = [self.core.next_deadline_ns()]
+        deadlines = [self.core.next_deadline_ns(), self._host.next_deadline_ns()]
         deadlines += [at_ns for link in self._links if (at_ns := link.next_deadline_ns()) is not None]
         return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
 
@@ -183,11 +181,6 @@ class AgentDriver:
             found.sort(key=lambda one: one[0].time_ns)
         return found
 
-    def _take_answer(self) -> None:
-        answer, self._answer = self._answer, None
-        if answer is not None:
-            self._step(time.monotonic_ns(), answer)
-
     def _step(self, now_ns: int, event: Event) -> None:
         for action in self.core.step(now_ns, event):
             self._carry_out(action, now_ns)
@@ -206,7 +199,5 @@ class AgentDriver:
                 self._tell(action)
             case _:
                 answer = self._host.carry_out(action, time.monotonic_ns())
-                if isinstance(answer, StartFailed):
+                if answer is not None:
                     self._step(time.monotonic_ns(), answer)
-                elif answer is not None:
-                    self._answer = answer

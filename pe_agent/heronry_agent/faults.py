@@ -10,6 +10,8 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
     phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
                     that an answer to an older request ends nothing
 
+A module that was only built anew is told the same way, and is no fault that would stay told.
+
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
 
@@ -66,7 +68,8 @@ class Faults:
             return []
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
             return []
-        self._told.add((kind, index))
+        if code is not FaultCode.MODULE_RESTARTED:
+            self._told.add((kind, index))
         self.history.add(code, kind, index)
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
         return self._pend(key, emergency, now_ns)

@@ -2,8 +2,12 @@
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
 spec: a bare name is looked up in `heronry_agent.images`, `package.module:Class` is imported. It is built anew when it
-is scheduled, and when its mode changes; it keeps no reference to a bus, a clock or another module. All it knows of the
-world comes through `inputs` and `self.ctx`.
+is scheduled, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on with what it
+remembers. It keeps no reference to a bus or another module. All it knows of the world comes through `inputs` and
+`self.ctx`.
+
+On a node it lives in a process apart, its *partition*, with others of its group. What it raises, and whatever ends that
+process, is counted against it: it is built anew a few times, and then given up.
 
 Local and remote data look the same. A datum that is too old, foreign or of an unaccepted version is simply absent, so
 an optional input that is not supplied and one that has just been lost are handled by the same line of code.
@@ -83,10 +87,13 @@ class Context(Protocol):
         """Time of this step on the host's monotonic clock."""
 
     def read(self) -> Value | None:
-        """Read the device the module is bolted to; None when it does not answer."""
+        """Device the module is bolted to, as it was when this step began; None when it did not answer."""
 
     def write(self, value: Value) -> None:
-        """Drive the device the module is bolted to."""
+        """Drive the device the module is bolted to: done when the step has ended, if that is still allowed then."""
+
+    def may_drive(self) -> bool:
+        """Tell whether outputs may be set now: ask before each, where the module itself speaks to a device."""
 
     def report_failed(self, element: str, detail: int = 0) -> None:
         """Tell the manager that an element (`device:NAME`, `module:NAME`) has failed; detail is 0..65535."""
@@ -104,3 +111,7 @@ class Module:
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Compute one period: values of the variables that the mode gives; one left out is not published."""
         raise NotImplementedError
+
+    def mode_changed(self) -> bool:
+        """Go on in `ctx.mode`, with `ctx.period_ns`: True if what it remembers serves there; else built anew."""
+        return False

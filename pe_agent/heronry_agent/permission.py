@@ -47,9 +47,13 @@ class Permission:
 
     def allows(self, now_ns: int) -> bool:
         """Tell whether an exclusive output may be driven at this moment."""
-        if not self._named or self._overtaken or self._heard_ns is None:
-            return False
-        return now_ns - self._heard_ns <= self._lease_ns and self._is_past(self._doubted_ns, now_ns)
+        return now_ns <= self.until_ns(now_ns)
+
+    def until_ns(self, now_ns: int) -> int:
+        """Until when one may be driven, as things stand now; a time before now: not at all."""
+        if not self._named or self._overtaken or self._heard_ns is None or not self._is_past(self._doubted_ns, now_ns):
+            return now_ns - 1
+        return self._heard_ns + self._lease_ns
 
     def identifiers_until_ns(self, now_ns: int) -> int | None:
         """Until when frames may be sent that another PE could send as well; None: not now."""

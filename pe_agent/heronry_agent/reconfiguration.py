@@ -9,9 +9,9 @@
 A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
 and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period).
 
-A module whose mode changes is stopped at BREAK and built anew at GO: its old mode may give what nobody reads any more,
-and read what nobody sends. With a single GO_ALL both happen in one instant. A DEMUX branch that ran here until BREAK is
-not held at GO, in whatever mode it comes back: nobody else has it.
+A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
+mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
+branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it.
 
 A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides.
 """
@@ -26,9 +26,14 @@ from heronry_wire.sansio import require
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """What taking a step means: modules to stop, then to start (with their modes); `rewire` if the epoch is new."""
+    """What taking a step means: modules to stop, then to start (with their modes); `rewire` if the epoch is new.
+
+    keep: those that stop and will start again in another mode; drop: those kept before and not wanted any more.
+    """
 
     stop: tuple[int, ...] = ()
+    keep: frozenset[int] = frozenset()
+    drop: tuple[int, ...] = ()
     start: tuple[tuple[int, int], ...] = ()
     rewire: bool = False
 
@@ -43,6 +48,7 @@ class Reconfiguration:
     live: dict[int, int] = field(default_factory=dict)
     held: frozenset[int] = frozenset()
     failed: set[int] = field(default_factory=set)
+    _kept: frozenset[int] = frozenset()  # stopped, and wanted in another mode
     _wanted: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -63,13 +69,16 @@ class Reconfiguration:
         rewire = target is not self.running
         if not rewire and step <= self.step:
             return None
+        kept = self._kept
         stop = self._break(target) if rewire else ()
         self.step = step
         if step is Step.GO_ALL:
             self.held = frozenset()
         start = self._startable() if step >= Step.GO else ()
         self.live.update(start)
-        return Moves(stop, start, rewire)
+        keep, drop = self._kept.intersection(stop), tuple(sorted(kept - self._kept))
+        self._kept -= self.live.keys()
+        return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def drop(self, module: int) -> bool:
         """A module has failed; tells whether it ran."""
@@ -97,6 +106,7 @@ class Reconfiguration:
         stop = tuple(m for m, mode in self.live.items() if self._wanted.get(m) != mode)
         for module in stop:
             del self.live[module]
+        self._kept = frozenset(self._wanted.keys() & (self._kept | set(stop)))
         self.failed.clear()
         self.running = target
         return stop

@@ -1,12 +1,17 @@
 """The modules of one PE at work: released by the schedule, fed from the mailboxes, heard in data frames and faults.
 
-A module exists from its StartModule to its StopModule. In between the schedule releases it, one step at a time over
-the whole PE. Its outputs go to the mailboxes of this PE and, where the slice says so, on the buses; what it wrote to a
-device is echoed; what it reports, or its own exception, becomes a fault. A module that raises, gives a value that its
-type cannot carry, or takes too long again and again, is stopped: the manager hears of it and decides.
+A module exists from its StartModule to its StopModule. In between the schedule releases it, one step at a time in each
+partition. Its outputs go to the mailboxes of this PE and, where the slice says so, on the buses; what it wants its
+device to do is done, if it may, and echoed; what it reports becomes a fault.
 
-Rule 6 is asked at the last moment, twice: a DEMUX branch is not stepped without permission, since a step drives its
-device, and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
+A module *fails* when it raises, gives or writes what cannot be carried, hangs, or its partition ends under it. It is
+told and built anew as often as its table allows (`restarts`), then stopped: the manager hears of it and decides. One
+that cannot be built, or that takes too long again and again, is stopped at once. A partition in which a module hangs is
+ended by force; what else lived in it begins again at once, and other partitions notice nothing.
+
+Rule 6 is asked at the last moment, three times: a DEMUX branch is not stepped without permission, since it may speak to
+its device itself; what it wants of the device when it answers is not done without permission, since this process may
+have stood still in between; and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
 
 An answer of a module that has been stopped since it was asked is dropped. While this PE holds back its own exclusive
 outputs, and for a second after that, no report is believed: a surface that nobody drives does not follow, and that is
@@ -22,10 +27,26 @@ from heronry_agent.permission import Permission
 from heronry_agent.phase_requests import PhaseRequests
 from heronry_agent.publishing import Publisher
 from heronry_agent.reconfiguration import Moves, Reconfiguration
+from heronry_agent.restarts import Restarts
 from heronry_agent.schedule import Schedule
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
-from heronry_agent.vocabulary import StartModule, StepFailed, StepModule, Stepped, StopModule
+from heronry_agent.vocabulary import (
+    Drive,
+    DriveFailed,
+    Driven,
+    EndPartition,
+    MeasureStep,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.management import ElementKind, FaultCode
@@ -55,6 +76,7 @@ class RunningModules:
         self._publisher = Publisher(index)
         self.mailboxes = Mailboxes(index)
         self.schedule = Schedule()
+        self.restarts = Restarts()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
         self.phase_requests = PhaseRequests(index, self.faults)
         self._held_ns = -JUDGED_AFTER_NS  # when something exclusive was last held back
@@ -64,9 +86,12 @@ class RunningModules:
     def carry_out(self, moves: Moves, wanted: Slice) -> None:
         """Stop, rewire and start what a step of a configuration asks for."""
         for module in moves.stop:
-            self._stop(module)
+            self._stop(module, keep=module in moves.keep)
+        for module in moves.drop:
+            self._turn.out.append(StopModule(module))
         if moves.rewire:
             self.mailboxes.rewire(wanted)
+            self.schedule.chain(self._chains(wanted))
         self._publish = {
             source: tuple(port for port in self._index.ports if mask >> port & 1)
             for source, mask in wanted.publish.items()
@@ -75,25 +100,38 @@ class RunningModules:
             self._start(module, mode)
         self._take_stock()
 
+    @property
+    def next_ns(self) -> int:
+        """When to call `tick`, if nothing comes before."""
+        return min(self.schedule.next_ns, self.restarts.next_ns)
+
+    def tick(self) -> None:
+        """Begin again what has waited for it, and ask for what steps have spent that should have ended."""
+        for module in self.restarts.due(self._turn.now_ns):
+            self._begin(module)
+        self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
+
     def release(self) -> None:
-        """Step the module that is due, unless one is computing."""
-        while (module := self.schedule.due(self._turn.now_ns)) is not None:
-            if self._running[module].entry.demux and not self._permission.allows(self._turn.now_ns):
-                self._turn.count("step held", module)
-                self._held_ns = self._turn.now_ns
-                continue
-            inputs = self.mailboxes.inputs(module, self._turn.now_ns)
-            self._turn.out.append(StepModule(module, self.schedule.begin(module, self._turn.now_ns), inputs))
-            return
+        """Step the modules that are due, one in each partition."""
+        now_ns = self._turn.now_ns
+        while (module := self.schedule.due(now_ns)) is not None:
+            until_ns = now_ns + self._index.lease_ns
+            if self._running[module].entry.demux:
+                until_ns = self._permission.until_ns(now_ns)
+                if now_ns > until_ns:
+                    self._turn.count("step held", module)
+                    self._held_ns = now_ns
+                    continue
+            inputs = self.mailboxes.inputs(module, now_ns)
+            self._turn.out.append(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
 
     def stepped(self, event: Stepped) -> None:
         """A module has computed one period."""
-        if not self.schedule.end(event.module, event.release, self._turn.now_ns):
+        if not self.schedule.end(event.module, event.release, event.spent_ns):
             self._turn.count("stale answer", event.module)
             return
         running = self._running[event.module]
-        for device, value in event.writes:
-            self._echo(self._publisher.echo(device, value) or self._publisher.output_echo(event.module, running.mode))
+        self._drive(running, event.writes)
         if running.entry.silent_output:
             self._echo(self._publisher.output_echo(event.module, running.mode))
         for element, detail in event.reports:
@@ -104,24 +142,72 @@ class RunningModules:
             for variable, value in event.outputs.items():
                 self._give(running, variable, value)
         except WireError as error:
-            self.fail(event.module, str(error))
+            self._failed(event.module, str(error))
         else:
             if self.schedule.overruns_now(event.module):
-                self.fail(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
+                self._give_up(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
 
-    def step_failed(self, event: StepFailed) -> None:
-        """A module raised in its step."""
-        if self.schedule.end(event.module, event.release, self._turn.now_ns):
-            self.fail(event.module, event.reason)
-        else:
+    def driven(self, event: Driven) -> None:
+        """The device of a module has moved: tell whoever follows it."""
+        running = self._running.get(event.module)
+        if running is None:
+            return
+        echo = self._publisher.echo(running.entry.device or "", event.value)
+        self._echo(echo or self._publisher.output_echo(event.module, running.mode))
+
+    def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
+        """A module has failed, or its partition under it."""
+        match event:
+            case StepFailed(module, release, reason):
+                if self.schedule.end(module, release, 0):
+                    self._failed(module, reason)
+                else:
+                    self._turn.count("stale answer", module)
+            case StartFailed(module, reason):
+                self._give_up(module, reason)
+            case DriveFailed(module, reason):
+                self._failed(module, reason)
+            case PartitionEnded(partition, reason, computing):
+                words = f"partition {partition} ended: {reason}"
+                self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
+
+    def not_ready(self, event: NotReady) -> None:
+        """A module could not be stepped before now: let it see what there is now."""
+        if not self.schedule.again(event.module, event.release, self._turn.now_ns):
             self._turn.count("stale answer", event.module)
 
-    def fail(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+    def measured(self, event: StepMeasured) -> None:
+        """A step has not ended, and has spent so much: one that hangs ends with its partition."""
+        if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
+            return
+        partition = self._index.modules[event.module].partition
+        self._turn.out.append(EndPartition(partition))
+        self._lost(
+            partition, event.module, f"it hangs, after {event.spent_ns // 1_000_000} ms", FaultCode.MODULE_OVERRUN
+        )
+
+    def _failed(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+        """A module has failed: it is built anew, or given up."""
+        running = self._running.get(module)
+        if running is None or module in self.restarts.waiting:
+            return
+        times = self.restarts.failed(module, running.entry.restarts, self._turn.now_ns)
+        if times is None:
+            self._give_up(module, reason, code)
+            return
+        self._halt(module)
+        self._turn.note(
+            "restart", f"module {running.entry.name} begins again, {times} of {running.entry.restarts}: {reason}"
+        )
+        self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
+
+    def _give_up(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
         """Stop a module that cannot go on, and say so."""
         if not self._reconfiguration.drop(module):
             return
         name = self._running[module].entry.name
         self._stop(module)
+        self.restarts.forget(module)
         self._take_stock()
         self._turn.note("fault", f"module {name} is stopped: {reason}")
         self._found(code, ElementKind.MODULE, module, 0)
@@ -147,21 +233,67 @@ class RunningModules:
         modes = {module: running.mode for module, running in self._running.items()}
         live = self._reconfiguration.live
         require(modes == live, "modules {} run, and {} should", modes, live)
-        require(self.schedule.modules == modes.keys(), "scheduled {}, running {}", self.schedule.modules, modes)
+        scheduled = self.schedule.modules
+        require(
+            scheduled.isdisjoint(self.restarts.waiting), "scheduled {}, waiting {}", scheduled, self.restarts.waiting
+        )
+        require(scheduled | self.restarts.waiting == modes.keys(), "scheduled {}, running {}", scheduled, modes)
 
     def _start(self, module: int, mode: int) -> None:
         entry = self._index.modules[module]
         gives = {v: (self._index.source_of[entry.name, v], q) for v, q in entry.modes[mode].gives.items()}
         self._running[module] = _Running(entry, mode, gives)
-        self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns)
+        self._begin(module)
+
+    def _begin(self, module: int) -> None:
+        """Let a module compute, built anew or carried over."""
+        running = self._running[module]
+        entry, mode = running.entry, running.mode
+        self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
         self.phase_requests.started(module, mode)
         self._turn.out.append(StartModule(module, entry, mode))
 
-    def _stop(self, module: int) -> None:
+    def _stop(self, module: int, *, keep: bool = False) -> None:
         del self._running[module]
+        keep = keep and module not in self.restarts.waiting
+        self.restarts.cancel(module)
+        self._halt(module, keep=keep)
+
+    def _halt(self, module: int, *, keep: bool = False) -> None:
+        """Let a module compute no more, for now or for good."""
         self.schedule.stop(module)
         self.phase_requests.stopped(module)
-        self._turn.out.append(StopModule(module))
+        self._turn.out.append(StopModule(module, keep))
+
+    def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
+        """A partition is gone: charge the culprit, or all of its modules, and let the others begin again."""
+        lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
+        for module in lived:
+            if culprit in (None, module) or culprit not in lived:
+                self._failed(module, reason, code)
+            else:
+                self._halt(module)
+                self.restarts.begin_at(module, self._turn.now_ns)
+
+    def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
+        """Which modules each one reads here from another partition."""
+        entries = self._index.modules
+        here = {entries[module.module].name: module.module for module in wanted.modules}
+        chains = {}
+        for module in wanted.modules:
+            local = (source for source in module.sources if source is not None and source not in wanted.remote)
+            producers = {here[self._index.table.sources[source].module] for source in local}
+            partition = entries[module.module].partition
+            chains[module.module] = frozenset(p for p in producers if entries[p].partition != partition)
+        return {module: producers for module, producers in chains.items() if producers}
+
+    def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
+        """Do what a module wants of its device, if it still may."""
+        if writes and running.entry.demux and not self._permission.allows(self._turn.now_ns):
+            self._turn.count("write held", running.entry.index)
+            self._held_ns = self._turn.now_ns
+            return
+        self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     def _take_stock(self) -> None:
         """Work out anew what depends on which modules run."""

@@ -1,37 +1,51 @@
-"""When each module is due: one grid per module, exact for ever, and never a burst.
+"""When each module is due: one grid per module, exact for ever, never a burst, and no step that is waited for for ever.
 
 The k-th release of a module is k periods after it was started, computed from k and not from the one before: a rate of
 30 Hz has no period of whole nanoseconds, and does not drift for that. Of releases that have passed while the PE was
 busy or paused, one is made up and the others are skipped and counted (`overruns`).
 
-A module *overruns* when OVERRUNS_IN_A_ROW of its steps, one after the other, have each taken longer than its period,
-from when it was released to its answer: it will never keep up, and all others here wait for it. A pause of the whole
-process spoils a step or two and is none.
+A partition computes one step at a time, partitions compute side by side. What is due at the same instant begins in the
+order of the spec. So that a chain of modules on one PE passes a value on within one instant, a module waits for those
+it reads here from another partition and that were due just before it: until they have answered, at most a quarter of
+its own period. Whoever hangs or is late thus costs its readers its value, and nothing else.
 
-A PE computes one step at a time. What is due at the same instant runs in the order of the spec, each after the one
-before has answered, so that a chain of modules on one PE passes a value on within one instant.
+What a step has *spent* is the time it took without the time for which the processor was not its own: a machine that is
+starved, or stood still, accuses nobody. Somebody else must measure that; this file says when and what it means.
+
+    overruns    OVERRUNS_IN_A_ROW steps, one after the other, have each spent more than a period: it will never keep up
+    hangs       one step has spent HUNG_PERIODS periods and at least HUNG_NS. `overdue` asks for the measurement
 """
 
 from collections import Counter
-from collections.abc import KeysView
+from collections.abc import KeysView, Mapping
 from dataclasses import dataclass
-from heapq import heapify, heappush, heapreplace
 
 from heronry_wire.sansio import NEVER_NS
 
 OVERRUNS_IN_A_ROW = 10
+HUNG_PERIODS = 3  # by then its output is not fresh any more
+HUNG_NS = 100_000_000
 
 NS_MHZ = 1_000_000_000_000
 """Nanoseconds in a second times thousandths in a hertz: the period in ns is this over the rate in mHz."""
 
+_PATIENCE = 4  # parts of a period: one of them is waited
+
 
 @dataclass(slots=True)
 class _Grid:
+    module: int
+    partition: str
     rate_mhz: int
     started_ns: int
-    due_ns: int  # the next release
-    index: int = 0  # its number
+    index: int = 0  # of the next release
+    due_ns: int = 0
     late_steps: int = 0  # in a row
+    patience_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self.due_ns = self.started_ns
+        self.patience_ns = NS_MHZ // self.rate_mhz // _PATIENCE
 
     def release(self, now_ns: int) -> int:
         """Move on to the first release after now; returns how many were passed over."""
@@ -42,70 +56,163 @@ class _Grid:
         self.index, self.due_ns = index, self.started_ns + index * NS_MHZ // self.rate_mhz
         return index - following
 
+    def hung_ns(self) -> int:
+        """How much a step may spend."""
+        return max(HUNG_NS, HUNG_PERIODS * NS_MHZ // self.rate_mhz)
+
+
+@dataclass(slots=True)
+class _Step:
+    """A step that has not been answered."""
+
+    module: int
+    release: int
+    due_ns: int
+    look_ns: int  # when to ask what it has spent
+
 
 class Schedule:
     """Releases of the modules of one PE."""
 
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
-        self._queue: list[tuple[int, int]] = []  # a heap: when each module is due, of equals the first of the spec
-        self._busy: tuple[int, int] | None = None  # module and release being computed
-        self._begun_ns = 0
+        self._steps: dict[str, _Step] = {}  # by partition
+        self._due_ns: dict[int, int] = {}  # when the release was due that was taken and not begun yet
+        self._producers: Mapping[int, frozenset[int]] = {}
         self._releases = 0
+        self._next_ns: int | None = NEVER_NS  # None: something has changed
         self.overruns: Counter[int] = Counter()
 
     @property
     def next_ns(self) -> int:
-        """When a module is due; NEVER_NS while one computes, since nothing can be released before it answers."""
-        return self._queue[0][0] if self._queue and self._busy is None else NEVER_NS
+        """When a module is due, or what it spends is to be asked for."""
+        if self._next_ns is None:
+            releases = map(self._release_ns, self._grids.values())
+            looks = (step.look_ns for step in self._steps.values())
+            self._next_ns = min(min(releases, default=NEVER_NS), min(looks, default=NEVER_NS))
+        return self._next_ns
 
     @property
     def modules(self) -> KeysView[int]:
         """Modules that have releases."""
         return self._grids.keys()
 
-    def start(self, module: int, rate_mhz: int, now_ns: int) -> None:
+    def start(self, module: int, rate_mhz: int, now_ns: int, partition: str = "") -> None:
         """Begin a grid; its first release is now."""
-        self._grids[module] = _Grid(rate_mhz, now_ns, due_ns=now_ns)
-        heappush(self._queue, (now_ns, module))
+        self.stop(module)
+        self._grids[module] = _Grid(module, partition, rate_mhz, now_ns)
+        self._next_ns = None
 
     def stop(self, module: int) -> None:
         """End a grid; an answer that is still to come will not be recognised."""
-        self._grids.pop(module, None)
-        if self._busy is not None and self._busy[0] == module:
-            self._busy = None
-        self._queue = [due for due in self._queue if due[1] != module]
-        heapify(self._queue)
+        grid = self._grids.pop(module, None)
+        if grid is not None and self.computing(grid.partition) == module:
+            del self._steps[grid.partition]
+        self._next_ns = None
+
+    def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
+        """Say which modules each one reads here from other partitions."""
+        self._producers = producers
+        self._next_ns = None
+
+    def computing(self, partition: str) -> int | None:
+        """Module of a partition that is being stepped."""
+        step = self._steps.get(partition)
+        return None if step is None else step.module
 
     def due(self, now_ns: int) -> int | None:
         """Take the module to be stepped now, if any: the earliest due, of equals the first of the spec."""
         if now_ns < self.next_ns:
             return None
-        module = self._queue[0][1]
-        grid = self._grids[module]
+        grids = [grid for grid in self._grids.values() if self._release_ns(grid) <= now_ns]
+        if not grids:
+            return None
+        grid = min(grids, key=lambda g: (g.due_ns, g.module))
+        self._due_ns[grid.module] = grid.due_ns
         missed = grid.release(now_ns)
         if missed:
-            self.overruns[module] += missed
-        heapreplace(self._queue, (grid.due_ns, module))
-        return module
+            self.overruns[grid.module] += missed
+        self._next_ns = None
+        return grid.module
 
     def begin(self, module: int, now_ns: int) -> int:
         """A module is being stepped; returns the number of this release, which its answer repeats."""
         self._releases += 1
-        self._begun_ns = now_ns
-        self._busy = (module, self._releases)
+        grid = self._grids[module]
+        self._steps[grid.partition] = _Step(
+            module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns()
+        )
+        self._next_ns = None
         return self._releases
 
-    def end(self, module: int, release: int, now_ns: int) -> bool:
+    def end(self, module: int, release: int, spent_ns: int) -> bool:
         """A module has answered; False when it was not asked, or has been stopped since."""
-        if self._busy != (module, release):
+        grid = self._asked(module, release)
+        if grid is None:
             return False
-        self._busy = None
-        grid = self._grids[module]
-        is_late = (now_ns - self._begun_ns) * grid.rate_mhz > NS_MHZ
+        del self._steps[grid.partition]
+        is_late = spent_ns * grid.rate_mhz > NS_MHZ
         grid.late_steps = grid.late_steps + 1 if is_late else 0
+        self._next_ns = None
+        return True
+
+    def again(self, module: int, release: int, now_ns: int) -> bool:
+        """A module could not be stepped, and now can: it is due at once. False as in `end`."""
+        grid = self._asked(module, release)
+        if grid is None:
+            return False
+        del self._steps[grid.partition]
+        grid.due_ns = min(grid.due_ns, now_ns)
+        grid.index -= 1
+        self._next_ns = None
         return True
 
     def overruns_now(self, module: int) -> bool:
         """Tell whether a module has taken too long too often."""
         return self._grids[module].late_steps >= OVERRUNS_IN_A_ROW
+
+    def overdue(self, now_ns: int) -> list[tuple[int, int]]:
+        """Modules and releases whose spending is to be asked for now."""
+        found = [step for step in self._steps.values() if step.look_ns <= now_ns]
+        for step in found:
+            step.look_ns = now_ns + self._grids[step.module].hung_ns()
+        if found:
+            self._next_ns = None
+        return [(step.module, step.release) for step in found]
+
+    def hangs(self, module: int, release: int, spent_ns: int, now_ns: int) -> bool:
+        """Take what a step has spent so far; tells whether that is too much."""
+        grid = self._asked(module, release)
+        if grid is None:
+            return False
+        left_ns = grid.hung_ns() - spent_ns
+        self._steps[grid.partition].look_ns = now_ns + max(left_ns, HUNG_NS // 10)
+        self._next_ns = None
+        return left_ns <= 0
+
+    def _asked(self, module: int, release: int) -> _Grid | None:
+        """Grid of a module whose answer is waited for."""
+        grid = self._grids.get(module)
+        step = None if grid is None else self._steps.get(grid.partition)
+        return grid if step is not None and (step.module, step.release) == (module, release) else None
+
+    def _release_ns(self, grid: _Grid) -> int:
+        """When a module may be released, as things stand."""
+        if grid.partition in self._steps:
+            return NEVER_NS
+        producers = self._producers.get(grid.module)
+        return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
+
+    def _waits(self, grid: _Grid, producers: frozenset[int]) -> bool:
+        """Tell whether one of its producers was due just before, and has not answered."""
+        earliest_ns = grid.due_ns - grid.patience_ns
+        for module in producers:
+            producer = self._grids.get(module)
+            if producer is None:
+                continue
+            if earliest_ns <= producer.due_ns and (producer.due_ns, module) < (grid.due_ns, grid.module):
+                return True
+            step = self._steps.get(producer.partition)
+            if step is not None and step.module == module and earliest_ns <= step.due_ns <= grid.due_ns:
+                return True
+        return False

@@ -19,7 +19,7 @@ class SliceReader:
     def __init__(self, index: TableIndex, missing_images: frozenset[str]) -> None:
         """`missing_images` are those of the table that cannot be loaded here."""
         self._index = index
-        self._missing_images = missing_images
+        self.missing_images = missing_images
 
     def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
         """Find the slice of a contingency, and its digest; `digest` is that of the whole configuration."""
@@ -37,7 +37,7 @@ class SliceReader:
         if not self._is_coherent(wanted):
             return Reason.UNKNOWN_INDEX
         images = {self._index.modules[module.module].image for module in wanted.modules}
-        return Reason.IMAGE if images & self._missing_images else wanted
+        return Reason.IMAGE if images & self.missing_images else wanted
 
     def _is_coherent(self, wanted: Slice) -> bool:
         indices = [module.module for module in wanted.modules]

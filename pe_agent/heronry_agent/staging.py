@@ -79,7 +79,7 @@ class Staging:
 
     def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
         """`quiet_ns` is how long the frames of a body may pause before the missing ones are asked for."""
-        self._reader = reader
+        self.reader = reader
         self._quiet_ns = quiet_ns
         self._collection: _Collection | None = None
         self._term = 0  # the one whose PREPARE was last accepted
@@ -107,13 +107,13 @@ class Staging:
 
     def _take_from_board(self, command: Prepare) -> bool:
         """Stage the slice that this number stands for, or ask for it."""
-        collection, found = self._collection, self._reader.on_board(command.contingency, command.digest)
+        collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
         assert collection is not None
         if found is None:
             return self.refuse(Reason.NOT_ON_BOARD)
         body, digest = found
         collection.head = SliceHead(0, command.epoch & 0xFF, len(body), digest)
-        read = self._reader.read(body, digest)
+        read = self.reader.read(body, digest)
         return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
 
     def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
@@ -185,7 +185,7 @@ class Staging:
         if collection.missing():
             self.ask_ns = now_ns + self._quiet_ns
             return False
-        read = self._reader.read(collection.body(), collection.head.digest)
+        read = self.reader.read(collection.body(), collection.head.digest)
         if isinstance(read, Slice):
             return self._stage(read)
         collection.bodies, self.ask_ns = None, NEVER_NS

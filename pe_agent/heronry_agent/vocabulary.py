@@ -1,8 +1,9 @@
 """What the agent core is told and what it asks for, beside frames and time (`heronry_wire.sansio`).
 
-Every StepModule is answered by one `Stepped` or `StepFailed` that repeats its `release`, a number that is used once: an
-answer that comes after the module was stopped is thereby recognised and dropped. A StartModule is answered only when it
-failed. Nothing else needs an answer.
+A StepModule is answered by one `Stepped`, `StepFailed` or `NotReady` that repeats its `release`, a number that is used
+once, or by the `PartitionEnded` of its partition, or never: an answer that comes after the module was stopped is
+thereby recognised and dropped. StartModule is answered only when it failed, MeasureStep by `StepMeasured`, Drive by
+`Driven` if the device moved or `DriveFailed` if it cannot be driven so. Nothing else needs an answer.
 """
 
 from collections.abc import Mapping
@@ -11,26 +12,26 @@ from typing import NamedTuple
 
 from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.sansio import Received, Send, Tick, Withdraw
-
-"""A deadline that does not come."""
+from heronry_wire.sansio import NEVER_NS, Received, Send, Tick, Withdraw
 
 
 class Stepped(NamedTuple):
     """A module has computed one period.
 
     outputs: value by variable; one left out is not published.
-    writes: (device, value) in the order in which the module drove them.
+    writes: what the module wants its device to do, in order; nothing of it has been done yet.
     reports: (element, detail): elements that the module says have failed, as `device:NAME` or `module:NAME`.
     phases: mission phases that the module asked for, in their order.
+    spent_ns: how long it took, without the time for which the processor was not its own.
     """
 
     module: int
     release: int
     outputs: Mapping[str, Value]
-    writes: tuple[tuple[str, Value], ...] = ()
+    writes: tuple[Value, ...] = ()
     reports: tuple[tuple[str, int], ...] = ()
     phases: tuple[str, ...] = ()
+    spent_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +52,57 @@ class StartFailed:
 
 
 @dataclass(frozen=True, slots=True)
+class NotReady:
+    """A module could not be stepped, since its partition was still loading; now it can."""
+
+    module: int
+    release: int
+
+
+@dataclass(frozen=True, slots=True)
+class StepMeasured:
+    """What a step that has not ended has spent so far, as in `Stepped`."""
+
+    module: int
+    release: int
+    spent_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PartitionEnded:
+    """A partition is gone, and all modules in it, the one that was `computing` among them; `reason` is one line."""
+
+    partition: str
+    reason: str
+    computing: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImagesMissing:
+    """Images that cannot be loaded here."""
+
+    images: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """The device of a module has moved, to this value."""
+
+    module: int
+    value: Value
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFailed:
+    """A module wants of its device what that cannot do; `reason` is one line."""
+
+    module: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class StartModule:
-    """Build a module anew, to run in a mode (an index into `entry.modes`)."""
+    """Let a module run in a mode (an index into `entry.modes`): one that was kept goes on, if it can do that."""
 
     module: int
     entry: ModuleEntry
@@ -61,17 +111,46 @@ class StartModule:
 
 @dataclass(frozen=True, slots=True)
 class StopModule:
-    """Drop a module; it is stepped no more."""
+    """Step a module no more: drop it, or keep it for the StartModule that follows in another mode."""
 
     module: int
+    keep: bool = False
 
 
 class StepModule(NamedTuple):
-    """Let a module compute one period; `inputs` holds (variable, datum) by leaf path, fresh ones only."""
+    """Let a module compute one period.
+
+    inputs: (variable, datum) by leaf path, fresh ones only.
+    until_ns: when what it may drive now is no longer its own to drive, unless it is told again.
+    """
 
     module: int
     release: int
     inputs: Mapping[str, tuple[str, Datum]]
+    until_ns: int = NEVER_NS
+
+
+@dataclass(frozen=True, slots=True)
+class MeasureStep:
+    """Say how much a step has spent that should have ended by now."""
+
+    module: int
+    release: int
+
+
+@dataclass(frozen=True, slots=True)
+class EndPartition:
+    """End a partition by force, with all modules in it."""
+
+    partition: str
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Drive the device of a module."""
+
+    module: int
+    value: Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,5 +176,8 @@ class Left(NamedTuple):
     took_ns: int
 
 
-Event = Received | Tick | Stepped | StepFailed | StartFailed | Left
-Action = Send | Withdraw | StartModule | StopModule | StepModule | Heard | Note
+ModuleEvent = (
+    Stepped | StepFailed | StartFailed | NotReady | StepMeasured | PartitionEnded | ImagesMissing | Driven | DriveFailed
+)
+Event = Received | Tick | Left | ModuleEvent
+Action = Send | Withdraw | StartModule | StopModule | StepModule | MeasureStep | EndPartition | Drive | Heard | Note

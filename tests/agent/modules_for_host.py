@@ -8,13 +8,13 @@ from heronry_agent.module import Context, Inputs, Module, Value
 
 
 class Gain(Module):
-    """Reads its device, writes twice what it read, and tells what it knows of itself."""
+    """Reads its device, writes twice, and tells what it knows of itself."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
-        self.ctx.write(4.0)
         read = self.ctx.read()
         assert isinstance(read, float)
-        self.ctx.write(2 * read)
+        self.ctx.write(read + 4.0)
+        self.ctx.write(8.0)
         self.ctx.report_failed("device:left", 3)
         return {"demand": inputs["rate"].number() if "rate" in inputs else 0.5}
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from heronry_agent.authenticity import Secret
 from heronry_agent.core import AgentCore
 from heronry_agent.module import Value
-from heronry_agent.vocabulary import Action, Event, StartModule, StepModule, Stepped, StopModule
+from heronry_agent.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
@@ -173,6 +173,7 @@ class OnePe:
         self.running: dict[int, int] = {}
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
+        self.spent_ns = 0  # by each step
 
     def give(self, event: Event) -> list[Action]:
         """Give an event now, and answer for the modules."""
@@ -184,7 +185,9 @@ class OnePe:
                 case StartModule(module, _, chosen):
                     self.running[module] = chosen
                 case StopModule(module):
-                    del self.running[module]
+                    self.running.pop(module, None)
+                case Drive(module, value):
+                    actions += self.give(Driven(module, value))
                 case StepModule(module, release, inputs):
                     self.steps.setdefault(module, []).append(self.now_ns)
                     self.seen[module] = {path: datum.value for path, (_, datum) in inputs.items()}
@@ -192,9 +195,9 @@ class OnePe:
         return actions
 
     def answer(self, module: int, release: int) -> list[Action]:
-        writes = (("left", 1.5),) if module == SERVO_1 else ()
+        writes = (1.5,) if module == SERVO_1 else ()
         reports, phases = self.reports.get(module, ()), self.phases.get(module, ())
-        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, reports, phases))
+        return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, reports, phases, self.spent_ns))
 
     def hear(self, frame: Frame, port: int = 0) -> list[Action]:
         return self.give(Received(port, frame))

@@ -110,7 +110,7 @@ def test_the_core_takes_anything(table: PeTable, story: list, data: st.DataObjec
         for action in actions:
             if isinstance(action, StepModule) and data.draw(st.integers(0, 3)):
                 reports = (("device:left", 1),) if data.draw(st.booleans()) else ()
-                give(Stepped(action.module, action.release, data.draw(outputs), (("left", 1.0),), reports))
+                give(Stepped(action.module, action.release, data.draw(outputs), (1.0,), reports))
 
     for happening in story:
         if isinstance(happening, int):

@@ -97,6 +97,7 @@ class Slow(OnePe):
 
     def answer(self, module: int, release: int) -> list[Action]:
         self.now_ns += self.took_ns
+        self.spent_ns = self.took_ns
         return super().answer(module, release)
 
 

@@ -4,14 +4,27 @@ from dataclasses import replace
 
 import pytest
 
-from agent.one_pe import TABLE
+from agent.one_pe import SERVO_1, TABLE
 from heronry_agent.bench import Bench
-from heronry_agent.host import Answer, ModuleHost
+from heronry_agent.host import ModuleHost
 from heronry_agent.module import Datum
-from heronry_agent.vocabulary import Heard, StartFailed, StartModule, StepFailed, StepModule, Stepped, StopModule
+from heronry_agent.vocabulary import (
+    Drive,
+    DriveFailed,
+    Driven,
+    EndPartition,
+    Heard,
+    ModuleEvent,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepModule,
+    Stepped,
+    StopModule,
+)
 from heronry_wire.pe_table import ModuleEntry
 
-MODULE = 1
+MODULE = SERVO_1
 
 
 def entry(name: str, device: str | None = "left") -> ModuleEntry:
@@ -28,7 +41,7 @@ class Hosted:
         self.started = self.host.carry_out(StartModule(MODULE, self.entry, 0), 5)
         self._releases = 0
 
-    def step(self, **inputs: float) -> Answer | None:
+    def step(self, **inputs: float) -> ModuleEvent | None:
         self._releases += 1
         seen = {str(i): (name, Datum(value, 1, 0)) for i, (name, value) in enumerate(inputs.items())}
         return self.host.carry_out(StepModule(MODULE, self._releases, seen), 7)
@@ -38,8 +51,8 @@ def test_what_a_module_gives_writes_and_reports_comes_back_in_order() -> None:
     hosted = Hosted("Gain")
     assert hosted.started is None
     answer = hosted.step(rate=1.5)
-    assert answer == Stepped(MODULE, 1, {"demand": 1.5}, (("left", 4.0), ("left", 8.0)), (("device:left", 3),))
-    assert hosted.bench.position("left") == 8.0
+    assert answer == Stepped(MODULE, 1, {"demand": 1.5}, (4.0, 8.0), (("device:left", 3),))
+    assert hosted.bench.position("left") is None, "that is for the core to say"
 
 
 def test_nothing_of_one_step_is_left_in_the_next() -> None:
@@ -51,13 +64,33 @@ def test_nothing_of_one_step_is_left_in_the_next() -> None:
     assert len(answer.reports) == 1
 
 
-def test_a_write_that_moved_nothing_is_not_told() -> None:
+def test_a_device_is_driven_when_the_core_says_so() -> None:
     hosted = Hosted("Gain")
-    hosted.bench.write("left", 1.0, 0)
+    assert hosted.host.carry_out(Drive(MODULE, 8.0), 7) == Driven(MODULE, 8.0)
+    assert hosted.bench.position("left") == 8.0
+
+
+def test_a_device_that_did_not_move_is_not_told() -> None:
+    hosted = Hosted("Gain")
     hosted.bench.fail("left", "stuck", 0)
-    answer = hosted.step()
-    assert isinstance(answer, Stepped)
-    assert answer.writes == ()
+    assert hosted.host.carry_out(Drive(MODULE, 8.0), 7) is None
+
+
+def test_a_device_that_cannot_do_what_it_is_told_says_so() -> None:
+    servo = Hosted("Gain", device="elevator_servo_1")
+    answer = servo.host.carry_out(Drive(MODULE, "up"), 7)
+    assert isinstance(answer, DriveFailed)
+    assert "moves by a number" in answer.reason
+    nothing = Hosted("Steady", device=None)
+    assert nothing.host.carry_out(Drive(MODULE, 1.0), 7) == DriveFailed(MODULE, "it has no device to drive")
+
+
+def test_a_partition_that_ends_takes_its_modules_with_it() -> None:
+    hosted = Hosted("Counting")
+    hosted.host.carry_out(EndPartition("another"), 6)
+    assert isinstance(hosted.step(), Stepped)
+    hosted.host.carry_out(EndPartition(hosted.entry.partition), 6)
+    assert isinstance(hosted.step(), StepFailed)
 
 
 def test_a_module_knows_its_name_mode_period_and_the_time() -> None:

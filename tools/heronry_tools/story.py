@@ -24,6 +24,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "states_doubted": ("somebody else speaks as {pe}: {refused} of its states were refused", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
+    "module_restarted": ("{element} failed and begins again on {by} ({times})", "fault"),
     "fault_reported": ("{element} has failed, says {by}", "fault"),
     "link_limited": ("the link {bus} has {share} of its bandwidth, says {by}", "fault"),
     "link_gone": ("the link {bus} is gone, says {by}", "fault"),

@@ -20,7 +20,7 @@ from heronry_wire.management import (
     decode_state,
 )
 
-_ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST)
+_ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ _LINES: Mapping[str, str] = {
     "pe_absent": "{pe} is absent: {cause}",
     "pe_heard_again": "{pe} is heard again: {cause}",
     "pe_joined": "{pe} joins: {cause}",
+    "module_restarted": "{element} failed and begins again on {by} ({times})",
     "fault_reported": "{element} has failed, says {by}",
     "fault_cleared": "{element} is well again, says {by}",
     "link_limited": "{bus} has {share} of its bandwidth, says {by}",

@@ -22,7 +22,8 @@ What is not promised, and why:
 - `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
-- `stuck`: a PE whose modules hang while its heart beats is not served; that must end when it does.
+- `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
+  up if it lasts.
 """
 
 import re

@@ -2,7 +2,8 @@
 
 The cores and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of
 an aircraft were switched on at the same moment, and how their periods lie to each other decides much. A module computes
-in no time at all, unless its processor is slow.
+in no time at all, unless it is told to overrun or its processor is slow. What a module computes for too long is told to
+the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a real node.
 
 A core is asked for its invariants after every call that did more than send a frame or release a module, and at every
 sixteenth deadline.
@@ -18,9 +19,20 @@ from typing import Any, NamedTuple
 from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
-from heronry_agent.host import Answer, ModuleHost
+from heronry_agent.host import ModuleHost
 from heronry_agent.module import Datum, Value
-from heronry_agent.vocabulary import Action, Left, StepFailed, StepModule, Stepped
+from heronry_agent.vocabulary import (
+    Action,
+    Drive,
+    EndPartition,
+    Left,
+    MeasureStep,
+    ModuleEvent,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+)
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
@@ -50,7 +62,7 @@ from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
-_ROUTINE = frozenset((Send, StepModule))
+_ROUTINE = frozenset((Send, StepModule, Drive))
 _VALIDATED_EVERY = 16
 
 _LOOKED_UP_NS = 100_000  # how long a look into the contingencies takes
@@ -98,6 +110,7 @@ class SimulatedPe(Node):
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self._lease_ns = self.core.lease_ns
         self._names = {module.index: module.name for module in table.modules}
+        self.modules = tuple(self._names.values())  # that may run here
         actuators = {device.name for device in table.devices if device.kind == "actuator"}
         self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
         # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
@@ -109,8 +122,9 @@ class SimulatedPe(Node):
         self.delays: Random | None = None  # draws how long what it passes on is under way; a gateway's disease
         self._passing: Frame | None = None  # what it has just received, and may pass on
         self._unfinished: list[Action] = []
-        self._answer: Answer | None = None
-        self._hung: list[StepModule] = []
+        self._answers: list[ModuleEvent] = []  # given while the processor stood still
+        self._partitions = {module.index: module.partition for module in table.modules}
+        self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
         self.stations = [
             (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
         ]
@@ -123,11 +137,11 @@ class SimulatedPe(Node):
     def unstick(self) -> None:
         """Let the step that hung come to its end."""
         self.stuck = False
-        hung, self._hung = self._hung, []
-        for action in hung:
+        hung, self._hung = self._hung, {}
+        for action, _ in hung.values():
             answer = self._host.carry_out(action, self.time.now_ns())
-            if answer is not None and self.running:
-                self._carry_out(self.core.step(self.time.now_ns(), answer))
+            assert answer is not None
+            self._give(answer)
         self._wake()
 
     def jump(self, ahead_ns: int) -> None:
@@ -188,7 +202,8 @@ class SimulatedPe(Node):
             if answer is None:
                 continue
             if not self.is_awake:
-                self._unfinished, self._answer = actions[position + 1 :], answer
+                self._unfinished += actions[position + 1 :]
+                self._answers.append(answer)
                 return
             self._carry_out(self.core.step(self.time.now_ns(), answer))
 
@@ -204,22 +219,26 @@ class SimulatedPe(Node):
             offer = partial(bus.offer, station, frame, latest_ns)
             self._clock.at(self._clock.now_ns + self.delays.randrange(30_000_000), offer)
 
-    def _do(self, action: Action) -> Answer | None:
+    def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:
             return self._step(action)
+        if isinstance(action, MeasureStep):
+            return self._measure(action)
+        if isinstance(action, EndPartition):
+            self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != action.partition}
         if isinstance(action, Withdraw):
             for bus, station in self.stations:
                 bus.withdraw(station, action.identifiers)
             return None
         return self._host.carry_out(action, self.time.now_ns())
 
-    def _step(self, action: StepModule) -> Answer | None:
+    def _step(self, action: StepModule) -> ModuleEvent | None:
         """Let a module compute, as well as this PE can."""
         driver = self._drivers.get(action.module)
         if driver is not None:
             self._drive(Driven(self._clock.now_ns, self.name, driver, action.inputs))
         if self.stuck:
-            self._hung.append(action)
+            self._hung[action.module] = (action, self._clock.now_ns)
             return None
         how = self._broken.get(self._names[action.module]) if self._broken else None
         if how is not None:
@@ -229,12 +248,27 @@ class SimulatedPe(Node):
             self.pause(self.slow.randrange(8_000_000))
         return answer
 
-    def _fail(self, action: StepModule, how: str) -> Answer | None:
+    def _measure(self, action: MeasureStep) -> StepMeasured:
+        """Say what a step has spent: all the time if it hangs, next to none if it does not."""
+        step, since_ns = self._hung.get(action.module, (None, 0))
+        spent_ns = 0 if step is None else self._clock.now_ns - since_ns
+        return StepMeasured(action.module, action.release, spent_ns)
+
+    def _give(self, answer: ModuleEvent) -> None:
+        """Give the core an answer that comes later than it was asked for."""
+        if not self.is_awake:
+            self._answers.append(answer)
+        else:
+            self._carry_out(self.core.step(self.time.now_ns(), answer))
+            self._wake()
+
+    def _fail(self, action: StepModule, how: str) -> ModuleEvent | None:
         name = self._names[action.module]
-        if how == "overrun":
-            self.pause(OVERRUN_NS)
-            return self._host.carry_out(action, self.time.now_ns())
         answer = self._host.carry_out(action, self.time.now_ns())
+        if how == "overrun" and isinstance(answer, Stepped):
+            late = answer._replace(spent_ns=OVERRUN_NS)
+            self._clock.at(self._clock.now_ns + OVERRUN_NS, lambda: self._give(late))
+            return None
         if how == "unfit" and isinstance(answer, Stepped) and answer.outputs:
             self._broke(name)
             unfit = dict.fromkeys(answer.outputs, "what no such type can carry")
@@ -251,9 +285,9 @@ class SimulatedPe(Node):
         self._carry_out(unfinished)
 
     def _caught_up(self) -> None:
-        answer, self._answer = self._answer, None
-        if answer is not None:
-            self._carry_out(self.core.step(self.time.now_ns(), answer))
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            self._give(answer)
 
 
 def _off(value: Value) -> Value:

@@ -187,9 +187,20 @@ def _late(pe: SimulatedPe, _act: Act, random: Random) -> End:
     return end
 
 
-def _stuck(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+def _stuck(simulation: Simulation, act: Act, _random: Random) -> End | None:
+    pe = simulation.pes.get(act.name)
+    if pe is None:
+        return None
     pe.stuck = True
+    for module in pe.modules:
+        _excuse(simulation, module)
     return pe.unstick
+
+
+def _excuse(simulation: Simulation, module: str) -> None:
+    """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck."""
+    device = simulation.spec.modules[module].device
+    simulation.excusable |= {f"module:{module}"} | ({f"device:{device}"} if device is not None else set())
 
 
 def _clock_jump(pe: SimulatedPe, act: Act, _random: Random) -> End:
@@ -320,10 +331,7 @@ def _stop_altering(bus: SimulatedBus) -> None:
 
 def _module(simulation: Simulation, act: Act, _: Random) -> End:
     simulation.broken_modules[act.name] = act.kind
-    simulation.excusable.add(act.target)
-    device = simulation.spec.modules[act.name].device
-    if device is not None:  # a servo that nobody drives any more looks like one that is stuck
-        simulation.excusable.add(f"device:{device}")
+    _excuse(simulation, act.name)
 
     def end() -> None:
         simulation.broken_modules.pop(act.name, None)
@@ -352,7 +360,7 @@ _DO: dict[str, _Do] = {
     "cut": _cut,
     "pause": _on_pe(_pause),
     "slow": _on_pe(_slow),
-    "stuck": _on_pe(_stuck),
+    "stuck": _stuck,
     "clock_jump": _on_pe(_clock_jump),
     "bus_off": _on_pe(_bus_off),
     "bad_transmitter": _on_pe(_bad_transmitter),

@@ -1,0 +1,106 @@
+"""A partition: the process in which a group of modules computes, with one socket to its agent and nothing else.
+
+    python -m heronry_agent.partition AGENT_PID       started by the agent; the socket is file descriptor 3
+
+It has no bus, no table, no key: it does what comes on the socket, one packet after the other, and says what came of it
+(`partition_messages`). What a module raises is an answer; what ends the process, the agent sees.
+
+Nothing here outlives the agent. The kernel kills this process when the agent dies (PR_SET_PDEATHSIG), even in the
+middle of a step, and a closed socket ends it. An agent that stands still asks for nothing, and so nothing is computed;
+a step that was asked for before, and comes to its turn when the agent's word is too old (`until_ns`), is not computed.
+
+A partition stands back behind its agent, whose heartbeats go first, and leaves no core file, which would take seconds.
+"""
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+import time
+
+from heronry_agent.module import Datum
+from heronry_agent.module_runner import ModuleRunner, Result
+from heronry_agent.partition_messages import (
+    Done,
+    Failed,
+    Load,
+    Loaded,
+    Start,
+    StartRefused,
+    Step,
+    Stop,
+    Uncarriable,
+    decode_order,
+    encode_answer,
+)
+
+SOCKET = 3
+_PR_SET_PDEATHSIG = 1
+_STANDS_BACK = 5  # steps of "niceness" behind its agent
+_PACKET_BYTES = 262_144
+
+
+class Partition:
+    """The modules of this process, and what they are told."""
+
+    def __init__(self, runner: ModuleRunner) -> None:
+        self._runner = runner
+        self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
+
+    def obey(self, packet: bytes) -> bytes | None:
+        """Do what a packet says; gives the answer, if there is one."""
+        match decode_order(packet):
+            case Step() as order:
+                return self._step(order)
+            case Start() as order:
+                self._leaves[order.module] = order.leaves
+                reason = self._runner.start(order.module, order.orders, time.monotonic_ns())
+                return None if reason is None else encode_answer(StartRefused(order.module, reason))
+            case Stop() as order:
+                self._runner.stop(order.module, keep=order.keep)
+                return None
+            case Load() as order:
+                reasons = {image: self._runner.load(image) for image in order.images}
+                return encode_answer(Loaded({image: reason for image, reason in reasons.items() if reason is not None}))
+
+    def _step(self, order: Step) -> bytes:
+        result: Result | str = Result({})
+        if time.monotonic_ns() <= order.until_ns:
+            inputs: dict[str, tuple[str, Datum]] = {}
+            leaves = self._leaves.get(order.module, ())
+            for leaf, datum in order.inputs:
+                path, variable = leaves[leaf]
+                inputs[path] = (variable, datum)
+            result = self._runner.step(order.module, order.now_ns, order.until_ns, order.reading, inputs)
+        if isinstance(result, str):
+            return encode_answer(Failed(order.module, order.release, result))
+        try:
+            return encode_answer(Done(order.module, order.release, time.monotonic_ns(), result))
+        except Uncarriable as error:
+            return encode_answer(Failed(order.module, order.release, str(error)))
+
+
+def die_with(agent: int) -> None:
+    """Let the kernel kill this process when its agent dies; ends it at once if the agent is gone already."""
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != agent:
+        sys.exit(1)
+
+
+def main(arguments: list[str]) -> int:
+    """Serve the agent until it is gone; gives the exit code."""
+    die_with(int(arguments[0]))
+    os.nice(_STANDS_BACK)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
+    partition = Partition(ModuleRunner(time.monotonic_ns))
+    while packet := os.read(SOCKET, _PACKET_BYTES):
+        answer = partition.obey(packet)
+        if answer is not None:
+            os.write(SOCKET, answer)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

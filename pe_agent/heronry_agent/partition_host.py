@@ -1,0 +1,290 @@
+"""The module host of a node: the modules live in partitions, and the agent's loop never waits for one.
+
+It takes the actions of the core and gives the events that `ModuleHost` gives in a simulator. A partition is
+
+    absent    until one of its modules is started; or it is warmed up, one partition a second once the PE is at work, so
+              that no exec delays a reconfiguration in flight
+    loading   its process imports the code of all its modules in the table. What is started meanwhile is told to it
+              afterwards; a step is given back as `NotReady` then, to be asked for anew with what there is to see then
+    running   it does what it is told, one thing after the other
+    ending    killed, and not reaped yet; nobody waits for it, and its successor may start
+
+Whatever a partition does that it was not asked for ends it: an answer too many, a packet that cannot be read, one too
+long. So a flood is one packet. Who was computing is for the core to find out: here a partition has ended, and why.
+"""
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+
+from heronry_agent.bench import Bench
+from heronry_agent.devices import Devices
+from heronry_agent.host import orders_of
+from heronry_agent.partition_messages import (
+    Answer,
+    Done,
+    Failed,
+    Garbled,
+    Load,
+    Loaded,
+    Start,
+    StartRefused,
+    Step,
+    Stop,
+    decode_answer,
+)
+from heronry_agent.partition_process import PartitionProcess
+from heronry_agent.schedule import NS_MHZ
+from heronry_agent.vocabulary import (
+    Action,
+    Drive,
+    EndPartition,
+    Heard,
+    ImagesMissing,
+    MeasureStep,
+    ModuleEvent,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import NEVER_NS
+
+WARM_UP_NS = 1_000_000_000
+LOADING_NS = 20_000_000_000
+_REAP_NS = 2_000_000
+_PACKETS_A_TURN = 4
+
+
+class PartitionHost:
+    """The partitions of one PE."""
+
+    def __init__(self, table: PeTable, bench: Bench) -> None:
+        self._devices = Devices(table, bench)
+        self._entries = {module.index: module for module in table.modules}
+        self._processes: dict[str, PartitionProcess] = {}
+        self._load_by_ns: dict[str, int] = {}  # loading partitions
+        self._waiting: dict[str, list[StartModule]] = {}  # to be told when it is loaded
+        self._held: dict[str, StepModule] = {}
+        self._modes: dict[int, int] = {}
+        self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each module that runs
+        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether the core has to hear of it
+        self._cold = sorted({module.partition for module in table.modules}, reverse=True)
+        self._warm_ns = NEVER_NS
+
+    def readers(self) -> list[PartitionProcess]:
+        """What to select on."""
+        return list(self._processes.values())
+
+    def next_deadline_ns(self) -> int:
+        """When to call `take`, if nothing comes before."""
+        if self._ending:
+            return time.monotonic_ns() + _REAP_NS
+        return min((self._warm_ns if not self._load_by_ns else NEVER_NS), *self._load_by_ns.values(), NEVER_NS)
+
+    def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
+        """Do what an action asks of the modules or their devices; gives what the core is to hear at once."""
+        match action:
+            case StepModule():
+                self._step(action, now_ns)
+            case StartModule():
+                return self._start(action, now_ns)
+            case StopModule():
+                self._stop(action)
+            case MeasureStep():
+                return self._measure(action, now_ns)
+            case EndPartition():
+                self._end(action.partition, tell=False)
+            case Drive():
+                return self._devices.drive(action, now_ns)
+            case Heard():
+                self._devices.heard(action, now_ns)
+            case _:
+                pass
+        return None
+
+    def take(self, ready: Iterable[object], now_ns: int) -> list[ModuleEvent]:
+        """What has come from the partitions, and from time passing; `ready` are those that select named."""
+        events: list[ModuleEvent] = []
+        named = {process for process in ready if isinstance(process, PartitionProcess)}
+        for process in list(self._processes.values()):
+            if process in named or process.is_asked:
+                events += self._read(process, now_ns)
+            if process.broken is None and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
+                process.broken = "it does not finish loading its code"
+            if process.broken is not None:
+                self._end(process.name, tell=True)
+        if self._ending:
+            events += self._reap()
+        if now_ns >= self._warm_ns and not self._load_by_ns:
+            self._warm_up(now_ns)
+        return events
+
+    def abandon(self) -> None:
+        """End all partitions; nobody is told. What is started from now on begins in new ones."""
+        self._ending = [(process, False) for process, _ in self._ending]
+        for name in list(self._processes):
+            self._end(name, tell=False)
+
+    def close(self) -> None:
+        """End everything."""
+        self.abandon()
+        while self._ending:
+            self._reap()
+            time.sleep(_REAP_NS / 1e9)
+
+    # What the core asks
+
+    def _start(self, action: StartModule, now_ns: int) -> StartFailed | None:
+        name = action.entry.partition
+        self._modes[action.module] = action.mode
+        leaves = action.entry.modes[action.mode].leaves
+        self._numbers[action.module] = {leaf.path: number for number, leaf in enumerate(leaves)}
+        if name not in self._processes:
+            try:
+                self._spawn(name, now_ns)
+            except OSError as error:
+                return StartFailed(action.module, f"no process for partition {name}: {error.strerror}")
+        if self._warm_ns == NEVER_NS and self._cold:
+            self._warm_ns = now_ns + WARM_UP_NS
+        if self._processes[name].loading:
+            self._waiting[name].append(action)
+        else:
+            self._tell_start(self._processes[name], action)
+        return None
+
+    def _tell_start(self, process: PartitionProcess, action: StartModule) -> None:
+        leaves = tuple((leaf.path, leaf.variable) for leaf in action.entry.modes[action.mode].leaves)
+        process.refusals_due[action.module] += 1
+        process.send(Start(action.module, orders_of(action), leaves))
+
+    def _stop(self, action: StopModule) -> None:
+        name = self._entries[action.module].partition
+        process = self._processes.get(name)
+        if process is None:
+            return
+        if process.loading:
+            self._waiting[name] = [start for start in self._waiting[name] if start.module != action.module]
+            if name in self._held and self._held[name].module == action.module:
+                del self._held[name]
+        else:
+            process.send(Stop(action.module, action.keep))
+
+    def _step(self, action: StepModule, now_ns: int) -> None:
+        name = self._entries[action.module].partition
+        process = self._processes.get(name)
+        if process is None:
+            return  # it has just ended, which the core is about to hear
+        if process.loading:
+            self._held[name] = action
+            return
+        numbers = self._numbers[action.module]
+        inputs = [(numbers[path], datum) for path, (_, datum) in action.inputs.items()]
+        reading = self._devices.read(action.module, now_ns)
+        process.ask(action.module, action.release, now_ns)
+        process.send(Step(action.module, action.release, now_ns, action.until_ns, reading, inputs))
+
+    def _measure(self, action: MeasureStep, now_ns: int) -> StepMeasured:
+        process = self._processes.get(self._entries[action.module].partition)
+        spent_ns = 0 if process is None else process.spent_ns(action.module, action.release, now_ns)
+        return StepMeasured(action.module, action.release, spent_ns)
+
+    # What the partitions say
+
+    def _read(self, process: PartitionProcess, now_ns: int) -> Iterator[ModuleEvent]:
+        for _ in range(_PACKETS_A_TURN):
+            packet = process.receive()
+            if packet is None:
+                return
+            yield from self._hear(process, decode_answer(packet), now_ns)
+            if process.broken is not None:
+                return
+
+    def _hear(self, process: PartitionProcess, answer: Answer, now_ns: int) -> Iterator[ModuleEvent]:
+        match answer:
+            case Done(module, release, ended_ns, result):
+                spent_ns = process.answered(module, release, min(ended_ns, now_ns), self._period_ns(module))
+                if spent_ns is not None:
+                    outputs, writes = result.outputs, result.writes
+                    yield Stepped(module, release, outputs, writes, result.reports, result.phases, spent_ns)
+                    return
+            case Failed(module, release, reason):
+                if process.answered(module, release, now_ns, NEVER_NS) is not None:
+                    yield StepFailed(module, release, reason)
+                    return
+            case StartRefused(module, reason) if process.refusals_due[module] > 0:
+                process.refusals_due[module] -= 1
+                yield StartFailed(module, reason)
+                return
+            case Loaded(missing) if process.loading:
+                yield from self._loaded(process, frozenset(missing))
+                return
+            case Garbled(reason):
+                process.broken = reason
+                return
+            case _:
+                pass
+        process.broken = "it speaks out of turn"
+
+    def _loaded(self, process: PartitionProcess, missing: frozenset[str]) -> Iterator[ModuleEvent]:
+        process.loading = False
+        process.limit_memory()
+        del self._load_by_ns[process.name]
+        if missing:
+            yield ImagesMissing(missing & {entry.image for entry in self._entries.values()})
+        for action in self._waiting.pop(process.name):
+            self._tell_start(process, action)
+        held = self._held.pop(process.name, None)
+        if held is not None:
+            yield NotReady(held.module, held.release)
+
+    def _period_ns(self, module: int) -> int:
+        entry = self._entries.get(module)
+        return NS_MHZ // entry.modes[self._modes.get(module, 0)].rate_mhz if entry is not None else 0
+
+    # Processes
+
+    def _spawn(self, name: str, now_ns: int) -> None:
+        own = [entry for entry in self._entries.values() if entry.partition == name]
+        process = self._processes[name] = PartitionProcess(name, sum(entry.ram for entry in own))
+        process.send(Load(tuple(sorted({entry.image for entry in own}))))
+        self._load_by_ns[name], self._waiting[name] = now_ns + LOADING_NS, []
+        if name in self._cold:
+            self._cold.remove(name)
+
+    def _warm_up(self, now_ns: int) -> None:
+        self._warm_ns = now_ns + WARM_UP_NS
+        if not self._cold:
+            self._warm_ns = NEVER_NS
+            return
+        name = self._cold.pop()
+        with suppress(OSError):  # it will be tried again when it is needed
+            self._spawn(name, now_ns)
+
+    def _end(self, name: str, *, tell: bool) -> None:
+        process = self._processes.pop(name, None)
+        if process is None:
+            return
+        process.kill()
+        self._ending.append((process, tell))
+        self._load_by_ns.pop(name, None)
+        self._waiting.pop(name, None)
+        self._held.pop(name, None)
+
+    def _reap(self) -> list[ModuleEvent]:
+        events: list[ModuleEvent] = []
+        still = []
+        for process, tell in self._ending:
+            words = process.reap()
+            if words is None:
+                still.append((process, tell))
+            elif tell:
+                events.append(PartitionEnded(process.name, process.broken or words, process.computing))
+        self._ending = still
+        return events

@@ -1,0 +1,198 @@
+"""One partition as its agent holds it: a process started by exec, one socket to it, its memory limit, its time.
+
+Nothing here ever waits. What is sent is sent at once or the partition is given up for one that does not read; what has
+ended is reaped when the kernel says so. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
+its environment is cut down to what Python needs.
+
+Time that a partition *spent* leaves out what it waited for a processor: of a step that is over, the kernel has counted
+that (schedstat); of one that is not, a process that could run is charged its processor time alone, since the wait that
+it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is.
+
+Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
+modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
+MemoryError in its own step, or dies of it in C.
+"""
+
+import os
+import resource
+import signal
+import socket
+import sys
+import time
+from collections import Counter, deque
+from contextlib import suppress
+from dataclasses import dataclass
+
+from heronry_agent.partition import SOCKET
+from heronry_agent.partition_messages import ANSWER_BYTES, Order, encode_order
+
+SLACK_BYTES = 8 * 1024 * 1024
+
+_INHERITED = ("HOME", "LANG", "LD_LIBRARY_PATH", "PATH", "TZ", "VIRTUAL_ENV")
+_STATM_DATA, _PAGE_BYTES = 5, os.sysconf("SC_PAGE_SIZE")
+_CPU_CLOCK = 2  # of a process by its number, as clock_getcpuclockid(3) makes it
+_RUNNABLE = "R"
+
+
+@dataclass(slots=True)
+class _Asked:
+    """A step that has not been answered."""
+
+    module: int
+    release: int
+    since_ns: int
+    waited_ns: int
+    cpu_ns: int
+
+
+class PartitionProcess:
+    """A partition from its exec to its end."""
+
+    def __init__(self, name: str, ram: int) -> None:
+        """Start it. `ram` is what the spec gives its modules, in bytes. Raises OSError."""
+        self.name, self._ram = name, ram
+        self.loading = True
+        self.broken: str | None = None  # why it is no good any more
+        self.refusals_due: Counter[int] = Counter()  # STARTs that it may still refuse, by module
+        self._asked: deque[_Asked] = deque()
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setblocking(False)
+        with theirs:
+            self.pid = _spawn(theirs.fileno())
+        self._schedstat = _open(f"/proc/{self.pid}/schedstat")
+
+    def fileno(self) -> int:
+        """Number of the socket, for select."""
+        return self._socket.fileno()
+
+    @property
+    def is_asked(self) -> bool:
+        """Tell whether it owes an answer."""
+        return self.loading or bool(self._asked)
+
+    @property
+    def computing(self) -> int | None:
+        """Module whose step it owes."""
+        return self._asked[0].module if self._asked else None
+
+    def send(self, order: Order) -> None:
+        """Tell it something; one that does not take it is broken."""
+        try:
+            self._socket.send(encode_order(order))
+        except BlockingIOError:
+            self.broken = "it does not read what it is told"
+        except OSError:
+            pass  # it has ended: that is read from the socket
+
+    def ask(self, module: int, release: int, now_ns: int) -> None:
+        """A step is being sent to it."""
+        self._asked.append(_Asked(module, release, now_ns, self._waited_ns(), self._cpu_ns()))
+
+    def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
+        """It has answered; gives what the step has spent, or None when it was not asked for that."""
+        if not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
+            return None
+        asked = self._asked.popleft()
+        if self._asked:
+            self._asked[0].since_ns = max(self._asked[0].since_ns, ended_ns)
+        took_ns = max(0, ended_ns - asked.since_ns)
+        if took_ns <= period_ns:
+            return took_ns
+        if self._schedstat is None:
+            return self._cpu_ns() - asked.cpu_ns
+        return max(0, took_ns - (self._waited_ns() - asked.waited_ns))
+
+    def spent_ns(self, module: int, release: int, now_ns: int) -> int:
+        """What a step has spent that is not over; 0 for one that is not under way."""
+        asked = next((a for a in self._asked if (a.module, a.release) == (module, release)), None)
+        if asked is None or self.loading:
+            return 0
+        if self._schedstat is None or _state(self.pid) == _RUNNABLE:
+            return self._cpu_ns() - asked.cpu_ns
+        return max(0, now_ns - asked.since_ns - (self._waited_ns() - asked.waited_ns))
+
+    def receive(self) -> bytes | None:
+        """Next packet; None when there is none, or nothing will come any more (`broken`)."""
+        try:
+            packet = self._socket.recv(ANSWER_BYTES + 1)
+        except BlockingIOError:
+            return None
+        except OSError:
+            packet = b""
+        if not packet:
+            self.broken = self.broken or ""
+            return None
+        return packet
+
+    def limit_memory(self) -> None:
+        """Let it take no more than what it holds now and what it was given."""
+        try:
+            with open(f"/proc/{self.pid}/statm", encoding="ascii") as statm:  # noqa: PTH123 - no pathlib in the agent
+                held = int(statm.read().split()[_STATM_DATA]) * _PAGE_BYTES
+            most = held + self._ram + SLACK_BYTES
+            resource.prlimit(self.pid, resource.RLIMIT_DATA, (most, most))
+        except (OSError, ValueError):
+            pass  # it has ended: that is read from the socket
+
+    def kill(self) -> None:
+        """End it by force; `reap` tells when it is gone."""
+        self._socket.close()
+        if self._schedstat is not None:
+            os.close(self._schedstat)
+            self._schedstat = None
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, signal.SIGKILL)
+
+    def reap(self) -> str | None:
+        """How it ended, in words; None while it has not."""
+        pid, status = os.waitpid(self.pid, os.WNOHANG)
+        if not pid:
+            return None
+        code = os.waitstatus_to_exitcode(status)
+        return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+
+    def _waited_ns(self) -> int:
+        """How long it has waited for a processor, up to when it last got one."""
+        if self._schedstat is None:
+            return 0
+        try:
+            return int(os.pread(self._schedstat, 80, 0).split()[1])
+        except (OSError, IndexError):
+            return 0  # it has ended
+
+    def _cpu_ns(self) -> int:
+        try:
+            return time.clock_gettime_ns((~self.pid << 3) | _CPU_CLOCK)
+        except OSError:
+            return 0  # it has ended
+
+
+def _spawn(theirs: int) -> int:
+    environment = {k: v for k, v in os.environ.items() if k in _INHERITED or k.startswith(("LC_", "PYTHON"))}
+    return os.posix_spawn(
+        sys.executable,
+        [sys.executable, "-m", "heronry_agent.partition", str(os.getpid())],
+        environment,
+        file_actions=[
+            (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+            (os.POSIX_SPAWN_DUP2, 2, 1),
+            (os.POSIX_SPAWN_DUP2, theirs, SOCKET),
+        ],
+        setpgroup=0,
+    )
+
+
+def _open(path: str) -> int | None:
+    try:
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return None
+
+
+def _state(pid: int) -> str:
+    """State of a process as in ps(1); S when it is gone."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as stat:  # noqa: PTH123
+            return stat.read().rpartition(") ")[2][:1]
+    except OSError:
+        return "S"

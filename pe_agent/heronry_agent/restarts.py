@@ -1,0 +1,75 @@
+"""Whether a module that has failed is built anew, when, and when it is given up.
+
+    running    nothing is held against it, or not enough
+    waiting    it has failed and begins again at a time that `due` gives: at once the first time, then after
+               BACK_OFF_NS, doubled each time
+    given up   it has failed more than `budget` times with no more than FORGIVEN_NS between one failure and the next.
+               That is the last that this file knows of it: the manager is told, and decides. Wanted again, it has a new
+               budget
+
+Who is charged for the end of a partition: the module that was being stepped; if none was, all that lived in it. The
+others begin again at once, for nothing. Times are the caller's; a restart of the agent forgets everything.
+"""
+
+from dataclasses import dataclass
+
+from heronry_wire.sansio import NEVER_NS
+
+BACK_OFF_NS = 100_000_000
+FORGIVEN_NS = 60_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    failures: int
+    last_ns: int
+
+
+class Restarts:
+    """The records of the modules of one PE."""
+
+    def __init__(self) -> None:
+        self._records: dict[int, _Record] = {}
+        self._begin_ns: dict[int, int] = {}
+        self.next_ns = NEVER_NS
+
+    @property
+    def waiting(self) -> frozenset[int]:
+        """Modules that have failed and will begin again."""
+        return frozenset(self._begin_ns)
+
+    def failed(self, module: int, budget: int, now_ns: int) -> int | None:
+        """A module has failed: how often by now, or None when it is given up."""
+        record = self._records.get(module)
+        known = 0 if record is None or now_ns - record.last_ns > FORGIVEN_NS else record.failures
+        if known >= budget:
+            self.forget(module)
+            return None
+        self._records[module] = _Record(known + 1, now_ns)
+        self.begin_at(module, now_ns + (BACK_OFF_NS << known - 1 if known else 0))
+        return known + 1
+
+    def begin_at(self, module: int, at_ns: int) -> None:
+        """Let a module begin again at a time."""
+        self._begin_ns[module] = at_ns
+        self._find_next()
+
+    def forget(self, module: int) -> None:
+        """Hold nothing against a module."""
+        self._records.pop(module, None)
+        self.cancel(module)
+
+    def cancel(self, module: int) -> None:
+        """A module is not to begin again by itself, or has begun."""
+        self._begin_ns.pop(module, None)
+        self._find_next()
+
+    def due(self, now_ns: int) -> list[int]:
+        """Take the modules that begin again now."""
+        found = sorted(module for module, at_ns in self._begin_ns.items() if at_ns <= now_ns)
+        for module in found:
+            self.cancel(module)
+        return found
+
+    def _find_next(self) -> None:
+        self.next_ns = min(self._begin_ns.values(), default=NEVER_NS)

@@ -1,0 +1,328 @@
+"""A module fails, hangs, or loses its partition: it begins again as often as it may, and nobody else is touched."""
+
+from dataclasses import replace
+
+from agent.one_pe import (
+    BEAT_NS,
+    CONTROL,
+    DEMAND_ID,
+    FLYING,
+    MONITOR,
+    MS,
+    NEIGHBOUR,
+    NODE,
+    RATE,
+    RUN_MONITOR,
+    RUN_SERVO_1,
+    SERVO_1,
+    TABLE,
+    OnePe,
+    neighbour_state,
+    sent,
+    slice_messages,
+    started,
+    stopped,
+)
+from heronry_agent.module import Value
+from heronry_agent.restarts import BACK_OFF_NS
+from heronry_agent.schedule import HUNG_NS
+from heronry_agent.vocabulary import (
+    Action,
+    Drive,
+    DriveFailed,
+    Driven,
+    EndPartition,
+    ImagesMissing,
+    MeasureStep,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.identifiers import actuator_echo_id, emcy_id
+from heronry_wire.management import Activate, Alive, Control, ElementKind, FaultCode, Operation, Step, decode_emergency
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Tick
+
+ALL = Slice((*FLYING.modules, RUN_MONITOR), remote=FLYING.remote | {RATE: NEIGHBOUR}, publish=FLYING.publish)
+
+
+def table(restarts: int = 2, **partitions: str) -> PeTable:
+    """The table, with its modules in partitions (`flight` where none is named) and with restarts."""
+    modules = (
+        replace(module, partition=partitions.get(module.name, "flight"), restarts=restarts) for module in TABLE.modules
+    )
+    return replace(TABLE, modules=tuple(modules))
+
+
+class Partitioned(OnePe):
+    """A PE whose modules answer, but for those that hang."""
+
+    def __init__(self, table: PeTable) -> None:
+        super().__init__(table)
+        self.hanging: set[int] = set()
+        self.spent_by_hanging_ns = HUNG_NS
+        self.raising: set[int] = set()
+        self.held: dict[int, int] = {}
+
+    def answer(self, module: int, release: int) -> list[Action]:
+        if module in self.hanging:
+            self.held[module] = release
+            return []
+        if module in self.raising:
+            return self.give(StepFailed(module, release, "of all things"))
+        return super().answer(module, release)
+
+    def give(self, event) -> list[Action]:
+        actions = super().give(event)
+        for action in list(actions):
+            if isinstance(action, MeasureStep):
+                actions += self.give(StepMeasured(action.module, action.release, self.spent_by_hanging_ns))
+        return actions
+
+    def codes(self, actions: list[Action]) -> list[tuple[str, int, int]]:
+        told = [decode_emergency(frame.data) for frame in sent(actions, emcy_id(NODE))]
+        return [(e.code.name, e.index, e.detail) for e in told]
+
+    def heard_of(self) -> dict[tuple[str, int], int]:
+        """How often a module was told of so far, by code and module."""
+        found: dict[tuple[str, int], int] = {}
+        for code, index, _ in self.codes([action for _, action in self.done]):
+            found[code, index] = found.get((code, index), 0) + 1
+        return found
+
+
+def flying(**options) -> Partitioned:
+    pe = Partitioned(table(**options))
+    pe.configure(ALL, 7)
+    pe.hear(neighbour_state(7))
+    return pe
+
+
+def fly(pe: Partitioned, duration_ns: int) -> list[Action]:
+    return pe.fly(duration_ns, epoch=7, digest=1007)
+
+
+def step_of(actions: list[Action], module: int) -> StepModule:
+    (step,) = (a for a in actions if isinstance(a, StepModule) and a.module == module)
+    return step
+
+
+# Failing
+
+
+def test_a_module_that_raises_begins_again_twice_and_is_then_given_up() -> None:
+    pe = flying()
+    pe.raising.add(CONTROL)
+    begun_ns = pe.now_ns
+    actions = fly(pe, 300 * MS)
+    told = [code for code, index, _ in pe.codes(actions) if index == CONTROL]
+    assert "MODULE_RESTARTED" in told
+    assert "MODULE_EXCEPTION" in told
+    starts = [at_ns - begun_ns for at_ns, a in pe.done if isinstance(a, StartModule) and a.module == CONTROL]
+    assert starts == [0, 0, BACK_OFF_NS]
+    assert CONTROL not in pe.running
+    assert {SERVO_1, MONITOR} <= pe.running.keys()
+
+
+def test_an_acknowledged_restart_is_told_no_more_and_leaves_no_error() -> None:
+    pe = flying()
+    pe.raising.add(CONTROL)
+    pe.pass_time(0)
+    pe.raising.clear()
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE, CONTROL))
+    pe.done.clear()
+    fly(pe, 100 * MS)
+    assert pe.heard_of() == {}
+    assert pe.core.modules.faults.register == 0
+    assert CONTROL in pe.running
+
+
+def test_a_configuration_that_stops_a_module_ends_its_wait() -> None:
+    pe = flying()
+    pe.raising.add(CONTROL)
+    pe.pass_time(50 * MS)
+    assert pe.core.modules.restarts.waiting == {CONTROL}
+    pe.configure(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}), 8)
+    assert started(pe.pass_time(200 * MS)) == []
+    assert pe.running == {MONITOR: 0}
+
+
+def test_what_a_device_cannot_do_is_a_fault_of_its_module() -> None:
+    pe = flying()
+    pe.give(DriveFailed(SERVO_1, "up is no angle"))
+    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
+    pe.give(DriveFailed(SERVO_1, "it waits already"))
+    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
+
+
+def test_one_that_cannot_be_built_is_given_up_at_once() -> None:
+    pe = flying()
+    pe.give(StartFailed(CONTROL, "no such file"))
+    assert pe.heard_of() == {("MODULE_EXCEPTION", CONTROL): 1}
+
+
+# Hanging
+
+
+def test_a_module_that_hangs_is_ended_with_its_partition_and_others_go_on() -> None:
+    pe = flying(monitor="watch")
+    pe.hanging.add(CONTROL)
+    actions = fly(pe, HUNG_NS + BEAT_NS)
+    assert [a.partition for a in actions if isinstance(a, EndPartition)] == ["flight"]
+    assert pe.heard_of().keys() == {("MODULE_RESTARTED", CONTROL)}
+    assert len(pe.steps[MONITOR]) > 3, "it lives in another partition"
+    assert pe.running.keys() == {CONTROL, SERVO_1, MONITOR}
+
+
+def test_what_lived_with_it_begins_again_for_nothing() -> None:
+    pe = flying()
+    pe.hanging.add(CONTROL)
+    actions = fly(pe, HUNG_NS + BEAT_NS)
+    assert {SERVO_1, MONITOR} <= set(started(actions))
+    assert SERVO_1 not in {index for _, index in pe.heard_of()}
+
+
+def test_one_that_goes_on_hanging_is_given_up() -> None:
+    pe = flying()
+    pe.hanging.add(CONTROL)
+    fly(pe, 3 * HUNG_NS + BACK_OFF_NS + 3 * BEAT_NS)
+    assert ("MODULE_OVERRUN", CONTROL) in pe.heard_of()
+    assert pe.running.keys() == {SERVO_1, MONITOR}
+
+
+def test_one_that_could_not_run_is_not_accused() -> None:
+    pe = flying()
+    pe.hanging.add(CONTROL)
+    pe.spent_by_hanging_ns = 1 * MS
+    actions = fly(pe, 500 * MS)
+    assert [a for a in actions if isinstance(a, EndPartition)] == []
+    assert pe.heard_of() == {}
+    assert len([a for a in actions if isinstance(a, MeasureStep)]) > 2
+
+
+# Partitions that end
+
+
+def test_the_end_of_a_partition_is_charged_to_who_was_computing() -> None:
+    pe = flying(monitor="watch")
+    pe.pass_time(0)
+    pe.give(PartitionEnded("flight", "killed by SIGSEGV", SERVO_1))
+    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
+    assert pe.running.keys() == {CONTROL, SERVO_1, MONITOR}
+
+
+def test_if_nobody_was_all_of_them_are_charged_and_given_up_in_the_end() -> None:
+    pe = flying(restarts=1, monitor="watch")
+    pe.pass_time(0)
+    pe.give(PartitionEnded("flight", "killed by SIGKILL"))
+    assert pe.heard_of() == {("MODULE_RESTARTED", CONTROL): 1, ("MODULE_RESTARTED", SERVO_1): 1}
+    pe.give(PartitionEnded("flight", "killed by SIGKILL"))
+    assert pe.running == {MONITOR: 0}
+    assert pe.heard_of().keys() >= {("PARTITION_ENDED", CONTROL), ("PARTITION_ENDED", SERVO_1)}
+
+
+def test_the_end_of_a_partition_with_nothing_in_it_is_nobody_s_fault() -> None:
+    pe = flying()
+    pe.give(PartitionEnded("spare", "exit code 1"))
+    assert pe.heard_of() == {}
+
+
+def test_a_step_before_its_partition_is_ready_is_taken_again_with_what_there_is_then() -> None:
+    pe = flying(monitor="watch")
+    pe.hanging.add(MONITOR)
+    pe.pass_time(0)
+    release = pe.held[MONITOR]
+    pe.hanging.clear()
+    pe.now_ns += 7 * MS
+    step = step_of(pe.give(NotReady(MONITOR, release)), MONITOR)
+    assert step.release > release
+    pe.give(NotReady(MONITOR, release))
+    assert pe.core.counts["stale answer", MONITOR] == 1
+
+
+def test_images_that_turn_out_to_be_missing_are_refused_from_then_on() -> None:
+    pe = OnePe()
+    pe.give(ImagesMissing(frozenset({"control"})))
+    pe.command(Alive(1, 0, frozenset({NODE})), *slice_messages(FLYING, 7, 1007))
+    assert pe.ask()[1].reason.name == "IMAGE"
+
+
+# Outputs
+
+
+def test_an_answer_that_comes_after_a_pause_drives_nothing_that_may_not_be_driven() -> None:
+    pe = flying()
+    pe.hanging.add(SERVO_1)
+    pe.pass_time(0)
+    pe.now_ns += 500 * MS  # this process stood still; nobody has been heard since
+    actions = pe.give(Stepped(SERVO_1, pe.held[SERVO_1], {}, (1.5,)))
+    assert [a for a in actions if isinstance(a, Drive)] == []
+    assert sent(actions, actuator_echo_id(NODE)) == []
+    assert pe.core.counts["write held", SERVO_1] == 1
+
+
+def test_a_branch_may_drive_as_long_as_another_node_was_heard_and_no_longer() -> None:
+    pe = flying()
+    heard_ns = pe.now_ns
+    pe.hanging.add(SERVO_1)
+    step = step_of(pe.pass_time(0), SERVO_1)
+    assert step.until_ns == heard_ns + pe.core.lease_ns
+
+
+def test_a_device_that_moved_for_a_module_that_has_stopped_is_not_echoed() -> None:
+    pe = flying()
+    pe.configure(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}), 8)
+    assert sent(pe.give(Driven(SERVO_1, 1.0)), actuator_echo_id(NODE)) == []
+
+
+# Modes
+
+
+def blind(publish: dict[int, int]) -> Slice:
+    return Slice((ModuleSlice(CONTROL, 1, ()), RUN_SERVO_1), publish=publish)
+
+
+def test_a_module_that_changes_its_mode_is_kept_for_it() -> None:
+    pe = flying()
+    actions = pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
+    assert StopModule(CONTROL, keep=True) in actions
+    assert started(pe.command(Activate(1, 8, Step.GO, 1008))) == [CONTROL]
+
+
+def test_one_that_was_kept_and_is_not_wanted_after_all_is_dropped() -> None:
+    pe = flying()
+    pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
+    pe.command(*slice_messages(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}), 9, 1009))
+    actions = pe.command(Activate(1, 9, Step.GO_ALL, 1009))
+    assert StopModule(CONTROL) in actions
+
+
+def test_one_that_failed_is_not_kept() -> None:
+    pe = flying()
+    pe.raising.add(CONTROL)
+    pe.pass_time(50 * MS)
+    actions = pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
+    assert StopModule(CONTROL) in actions
+    assert stopped(actions).count(CONTROL) == 1
+
+
+def test_a_chain_over_two_partitions_hands_on_within_the_instant() -> None:
+    pe = flying(servo_1="servos")
+    outputs: dict[str, Value] = {"demand": 0.25}
+    pe.outputs[CONTROL] = outputs
+    pe.hanging.add(CONTROL)
+    actions = pe.give(Tick())
+    assert [a.module for a in actions if isinstance(a, StepModule)] == [CONTROL]
+    pe.hanging.clear()
+    pe.now_ns += 2 * MS
+    pe.give(Stepped(CONTROL, pe.held[CONTROL], outputs))
+    assert pe.seen[SERVO_1] == {"": 0.25}
+    assert FaultCode.MODULE_OVERRUN.name not in {code for code, _ in pe.heard_of()}
+    assert DEMAND_ID in {frame.can_id for frame in sent([a for _, a in pe.done], DEMAND_ID)}
