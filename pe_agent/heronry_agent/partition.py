@@ -18,6 +18,7 @@ import resource
 import signal
 import sys
 import time
+from contextlib import suppress
 
 from heronry_agent.module import Datum
 from heronry_agent.module_runner import ModuleRunner, Result
@@ -95,10 +96,11 @@ def main(arguments: list[str]) -> int:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
     partition = Partition(ModuleRunner(time.monotonic_ns))
-    while packet := os.read(SOCKET, _PACKET_BYTES):
-        answer = partition.obey(packet)
-        if answer is not None:
-            os.write(SOCKET, answer)
+    with suppress(ConnectionError):  # so ends what the agent ends while there is something unread
+        while packet := os.read(SOCKET, _PACKET_BYTES):
+            answer = partition.obey(packet)
+            if answer is not None:
+                os.write(SOCKET, answer)
     return 0
 
 

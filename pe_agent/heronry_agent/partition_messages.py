@@ -127,7 +127,7 @@ Answer = Loaded | StartRefused | Done | Failed | Garbled
 
 _KIND, _MODULE, _COUNT, _FLAG = struct.Struct("<B"), struct.Struct("<H"), struct.Struct("<H"), struct.Struct("<B")
 _NUMBER, _FLOAT, _DETAIL = struct.Struct("<q"), struct.Struct("<d"), struct.Struct("<H")
-_START, _STEP, _ANSWER = struct.Struct("<BHQB"), struct.Struct("<BHQqq"), struct.Struct("<BHQ")
+_START, _STEP, _ANSWER = struct.Struct("<BHQB"), struct.Struct("<BHQqQ"), struct.Struct("<BHQ")
 _LEAF = struct.Struct("<BBBq")
 
 
@@ -157,7 +157,7 @@ def decode_order(packet: bytes) -> Order:
     reader = _Reader(packet)
     kind = reader.take(_KIND)[0]
     if kind == _Kind.STEP:
-        module, release, now_ns, until_ns = struct.unpack_from("<HQqq", packet, 1)
+        module, release, now_ns, until_ns = struct.unpack_from("<HQqQ", packet, 1)
         reader.at = _STEP.size
         reading = reader.value()
         inputs = []

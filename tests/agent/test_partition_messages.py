@@ -53,7 +53,7 @@ orders = st.one_of(
         modules,
         releases,
         times,
-        times,
+        st.integers(0, 2**64 - 1),
         st.none() | values,
         st.lists(st.tuples(st.integers(0, 255), data), max_size=3),
     ),

@@ -27,13 +27,14 @@ from agent.one_pe import (
 )
 from heronry_tools.softbus.starter import start_hub
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import actuator_echo_id, heartbeat_id, state_id
+from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
 from heronry_wire.management import (
     Activate,
     Alive,
     PeFlags,
     PeState,
     Ping,
+    Reason,
     StatePage0,
     StatePage1,
     Step,
@@ -63,6 +64,7 @@ class Ground:
         self.table = folder / "tail.table"
         self.table.write_text(LIVE_TABLE.to_json())
         self.agents: list[subprocess.Popen[str]] = []
+        self.neighbour_beats = False  # whenever an agent does
 
     def start(self, *more: str) -> subprocess.Popen[str]:
         """Start an agent, and wait until it speaks or ends."""
@@ -88,6 +90,8 @@ class Ground:
             message = self.bus.recv(PATIENCE_S)
             assert message is not None, "the agent has fallen silent"
             heard.append(Frame(message.arbitration_id, bytes(message.data)))
+            if self.neighbour_beats and heard[-1].can_id == state_id(NODE):
+                self.say(neighbour_state(7))
             if wanted(heard[-1]):
                 return heard
 
@@ -100,6 +104,7 @@ class Ground:
         """Give it the configuration in which it flies, alive and with a neighbour."""
         messages = [Alive(1, 0, EVERYBODY), *slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007)]
         self.say(*map(command_frame, messages), neighbour_state(7))
+        self.neighbour_beats = True
 
     def close(self) -> None:
         for agent in self.agents:
@@ -138,8 +143,8 @@ def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> Non
     assert ground.hear_page_0().state is PeState.UNCONFIGURED
 
     ground.configure()
-    heard = ground.hear(lambda frame: frame.can_id == actuator_echo_id(NODE))
-    assert DEMAND_ID in {frame.can_id for frame in heard}
+    ground.hear(lambda frame: frame.can_id == actuator_echo_id(NODE))
+    ground.hear(lambda frame: frame.can_id == DEMAND_ID)
     assert ground.hear_page_0().state is PeState.ACTIVE
 
     agent.send_signal(signal.SIGTERM)
@@ -148,15 +153,21 @@ def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> Non
     assert "Traceback" not in "\n".join(said)
 
 
-def test_the_slice_of_a_table_it_cannot_load_is_refused(ground: Ground) -> None:
+def test_code_that_cannot_be_loaded_is_told_and_refused_from_then_on(ground: Ground) -> None:
     table = replace(LIVE_TABLE, modules=tuple(replace(m, image="nonsense") for m in LIVE_TABLE.modules))
     ground.table.write_text(table.to_json())
     ground.start()
     ground.hear_page_0()
-    ground.say(*map(command_frame, [*slice_messages(FLYING, 7, 1007), Ping(1, NODE, 0)]))
-    pages = [decode_state(f.data) for f in ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40)]
-    assert isinstance(pages[-1], StatePage1)
-    assert pages[-1].staged_digest == 0
+    ground.configure()
+    ground.hear(lambda frame: frame.can_id == emcy_id(NODE))
+    ground.say(*map(command_frame, [*slice_messages(replace(FLYING, publish={}), 8, 1008), Ping(1, NODE, 0)]))
+    ground.hear(lambda f: f.can_id == state_id(NODE) and f.data[0] >= 0x40 and _reason(f) is Reason.IMAGE)
+
+
+def _reason(frame: Frame) -> Reason:
+    page = decode_state(frame.data)
+    assert isinstance(page, StatePage1)
+    return page.reason
 
 
 def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
@@ -165,6 +176,7 @@ def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
     ground.configure()
     ground.hear(lambda frame: frame.can_id == DEMAND_ID)
 
+    ground.neighbour_beats = False
     agent.send_signal(signal.SIGSTOP)
     os.waitid(os.P_PID, agent.pid, os.WSTOPPED)
     ground.say(neighbour_state(7), command_frame(Alive(1, 1, EVERYBODY)))
@@ -179,6 +191,7 @@ def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
     assert PeFlags.OUTPUT_HELD in page.flags
     assert page.state is PeState.ACTIVE
 
+    ground.neighbour_beats = True
     ground.say(neighbour_state(7), command_frame(Alive(1, 2, EVERYBODY)))
     ground.hear(lambda frame: frame.can_id == DEMAND_ID)
 
