@@ -139,6 +139,7 @@ class ModuleRunner:
         try:
             outputs: object = code.step(Inputs(inputs))
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
+            context.writes, context.reports, context.phases = [], [], []  # they may be what took all memory
             return one_line(error)
         if not isinstance(outputs, Mapping):
             return f"its step gave {type(outputs).__name__}, not a mapping"

@@ -40,6 +40,7 @@ SOCKET = 3
 _PR_SET_PDEATHSIG = 1
 _STANDS_BACK = 5  # steps of "niceness" behind its agent
 _PACKET_BYTES = 262_144
+_DESCRIPTORS = 65_536
 
 
 class Partition:
@@ -92,6 +93,7 @@ def die_with(agent: int) -> None:
 def main(arguments: list[str]) -> int:
     """Serve the agent until it is gone; gives the exit code."""
     die_with(int(arguments[0]))
+    os.closerange(SOCKET + 1, _DESCRIPTORS)  # what the agent itself was given by whoever started it
     os.nice(_STANDS_BACK)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us

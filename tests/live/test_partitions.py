@@ -1,0 +1,250 @@
+"""Partitions as real processes: whatever a module does to its own, the agent is told one sentence, and others go on."""
+
+import os
+import select
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
+from heronry_agent.bench import Bench
+from heronry_agent.partition_host import PartitionHost
+from heronry_agent.schedule import HUNG_NS
+from heronry_agent.vocabulary import (
+    Drive,
+    Driven,
+    EndPartition,
+    ImagesMissing,
+    MeasureStep,
+    ModuleEvent,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+
+pytestmark = pytest.mark.live
+
+PATIENCE_S = 20.0
+LONG_NS = 3_600_000_000_000
+
+
+@pytest.fixture(autouse=True)
+def _path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Partitions find the modules of the tests."""
+    tests = Path(__file__).resolve().parents[1]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tests), os.environ.get("PYTHONPATH", ""))))
+
+
+class Hosted:
+    """A host with `control` in one partition, and `monitor` and `servo_1` in another."""
+
+    def __init__(self, image: str) -> None:
+        images = {CONTROL: image, MONITOR: "Misbehaving", SERVO_1: "Misbehaving"}
+        modules = tuple(
+            replace(
+                module,
+                image=f"live.modules_that_misbehave:{images[module.index]}",
+                partition="bad" if module.index == CONTROL else "good",
+            )
+            for module in TABLE.modules
+            if module.index in images
+        )
+        self.entries = {module.index: module for module in modules}
+        self.host = PartitionHost(replace(TABLE, modules=modules), Bench(0))
+        self.releases = 0
+
+    def do(self, action: object) -> ModuleEvent | None:
+        return self.host.carry_out(action, time.monotonic_ns())  # type: ignore[arg-type]
+
+    def start(self, module: int, mode: int = 0) -> None:
+        assert self.do(StartModule(module, self.entries[module], mode)) is None
+
+    def next(self) -> ModuleEvent:
+        """Next thing that the host has to tell."""
+        end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
+        while (now_ns := time.monotonic_ns()) < end_ns:
+            until_ns = min(end_ns, self.host.next_deadline_ns())
+            ready, _, _ = select.select(self.host.readers(), [], [], max(0, until_ns - now_ns) / 1e9)
+            events = self.host.take(ready, time.monotonic_ns())
+            if events:
+                assert len(events) == 1
+                return events[0]
+        raise AssertionError("the host has nothing to tell")
+
+    def step(self, module: int) -> ModuleEvent:
+        """What comes of the next step, when the partition is ready for it."""
+        self.releases += 1
+        self.do(StepModule(module, self.releases, {}, time.monotonic_ns() + LONG_NS))
+        event = self.next()
+        if event == NotReady(module, self.releases):
+            return self.step(module)
+        return event
+
+    def demand(self, module: int) -> object:
+        event = self.step(module)
+        assert isinstance(event, Stepped), event
+        return event.outputs["demand"]
+
+    def misbehave(self) -> ModuleEvent:
+        """Start both, step them twice, and give what comes of the third step of `control`."""
+        self.start(CONTROL)
+        self.start(MONITOR)
+        assert [self.demand(module) for module in (CONTROL, MONITOR) * 2] == [1.0, 1.0, 2.0, 2.0]
+        return self.step(CONTROL)
+
+    def pids(self) -> dict[str, int]:
+        return {process.name: process.pid for process in self.host.readers()}
+
+
+@pytest.fixture
+def hosted(request: pytest.FixtureRequest) -> Iterator[Hosted]:
+    hosted = Hosted(request.param)
+    yield hosted
+    hosted.host.close()
+    assert hosted.pids() == {}
+
+
+def on(image: str) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("hosted", [image], indirect=True)
+
+
+@pytest.mark.parametrize(
+    ("hosted", "reason"),
+    [
+        ("Segfaults", "killed by SIGSEGV"),
+        ("Exits", "exit code 3"),
+        ("Leaves", "exit code 1"),
+        ("HangsUp", "killed by SIGKILL"),
+        ("Floods", "a packet of kind 108 is no answer"),
+    ],
+    indirect=["hosted"],
+)
+def test_a_partition_that_ends_is_told_and_the_other_one_goes_on_and_so_does_its_successor(
+    hosted: Hosted, reason: str
+) -> None:
+    assert hosted.misbehave() == PartitionEnded("bad", reason, CONTROL)
+    assert hosted.demand(MONITOR) == 3.0
+    hosted.start(CONTROL)
+    assert hosted.demand(CONTROL) == 1.0
+
+
+@pytest.mark.parametrize(("hosted", "reason"), [("Eats", "MemoryError"), ("Shouts", "it gives")], indirect=["hosted"])
+def test_one_that_takes_or_gives_too_much_fails_in_its_own_step(hosted: Hosted, reason: str) -> None:
+    event = hosted.misbehave()
+    assert isinstance(event, StepFailed)
+    assert event.reason.startswith(reason)
+    assert hosted.demand(CONTROL) == 4.0
+
+
+@pytest.mark.parametrize("hosted", ["Spins", "Sleeps", "Stops"], indirect=True)
+def test_a_hang_is_measured_and_ended_from_outside(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    hosted.start(MONITOR)
+    hosted.demand(CONTROL), hosted.demand(CONTROL)
+    hosted.releases += 1
+    release = hosted.releases
+    hosted.do(StepModule(CONTROL, release, {}, time.monotonic_ns() + LONG_NS))
+    spent_ns = 0
+    while spent_ns < HUNG_NS:  # the other one computes meanwhile
+        assert isinstance(hosted.step(MONITOR), Stepped)
+        measured = hosted.do(MeasureStep(CONTROL, release))
+        assert isinstance(measured, StepMeasured)
+        spent_ns = measured.spent_ns
+    before = hosted.pids()
+    hosted.do(EndPartition("bad"))
+    hosted.start(CONTROL)
+    assert hosted.demand(CONTROL) == 1.0
+    assert hosted.pids()["bad"] != before["bad"]
+    assert hosted.pids()["good"] == before["good"]
+
+
+@on("Misbehaving")
+def test_a_killed_partition_that_was_idle_was_nobody_s(hosted: Hosted) -> None:
+    hosted.misbehave()
+    os.kill(hosted.pids()["bad"], signal.SIGKILL)
+    assert hosted.next() == PartitionEnded("bad", "killed by SIGKILL", None)
+
+
+@on("Misbehaving")
+def test_a_step_whose_time_is_over_when_its_turn_comes_computes_nothing(hosted: Hosted) -> None:
+    hosted.misbehave()
+    hosted.do(StepModule(CONTROL, 99, {}, time.monotonic_ns() - 1))
+    event = hosted.next()
+    assert isinstance(event, Stepped)
+    assert event.outputs == {}
+    assert hosted.demand(CONTROL) == 4.0
+
+
+@on("Misbehaving")
+def test_what_is_stopped_before_its_partition_is_ready_never_runs(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    hosted.do(StepModule(CONTROL, 1, {}, LONG_NS))
+    hosted.do(StopModule(CONTROL))
+    hosted.start(MONITOR)
+    assert hosted.demand(MONITOR) == 1.0
+    assert isinstance(hosted.step(CONTROL), StepFailed)
+
+
+@on("Warm")
+def test_a_module_that_is_kept_goes_on_in_its_new_mode_and_one_that_is_dropped_begins_anew(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    assert [hosted.demand(CONTROL), hosted.demand(CONTROL)] == [1.0, 2.0]
+    hosted.do(StopModule(CONTROL, keep=True))
+    hosted.start(CONTROL, 1)
+    assert hosted.demand(CONTROL) == 3.0
+    hosted.do(StopModule(CONTROL))
+    hosted.start(CONTROL)
+    assert hosted.demand(CONTROL) == 1.0
+
+
+@on("Nonexistent")
+def test_code_that_is_not_there_is_told(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    assert hosted.next() == ImagesMissing(frozenset({hosted.entries[CONTROL].image}))
+    event = hosted.next()
+    assert isinstance(event, StartFailed)
+    assert "no class Nonexistent" in event.reason
+
+
+@on("Misbehaving")
+def test_others_are_warmed_up_when_the_pe_is_at_work(hosted: Hosted) -> None:
+    hosted.start(CONTROL)
+    hosted.demand(CONTROL)
+    assert hosted.pids().keys() == {"bad"}
+    end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
+    while hosted.pids().keys() != {"bad", "good"} and time.monotonic_ns() < end_ns:
+        left_ns = max(0, hosted.host.next_deadline_ns() - time.monotonic_ns())
+        ready, _, _ = select.select(hosted.host.readers(), [], [], left_ns / 1e9)
+        assert hosted.host.take(ready, time.monotonic_ns()) == []
+    assert hosted.pids().keys() == {"bad", "good"}
+
+
+@on("Misbehaving")
+def test_a_device_is_driven_here_and_not_there(hosted: Hosted) -> None:
+    assert hosted.do(Drive(SERVO_1, 2.0)) == Driven(SERVO_1, 2.0)
+
+
+@on("Misbehaving")
+def test_a_partition_inherits_one_socket_and_no_secrets(
+    hosted: Hosted, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HERONRY_KEY", "very secret")
+    with (tmp_path / "a key").open("w"):
+        hosted.start(CONTROL)
+        hosted.demand(CONTROL)
+    process = Path(f"/proc/{hosted.pids()['bad']}")
+    files = {number.name: str(number.readlink()) for number in (process / "fd").iterdir()}
+    assert files.pop("3").startswith("socket:")
+    assert files.pop("0") == os.devnull
+    assert files.keys() == {"1", "2"}
+    assert b"very secret" not in (process / "environ").read_bytes()
