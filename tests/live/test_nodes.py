@@ -198,7 +198,7 @@ def test_a_canopen_master_hears_boot_up_and_heartbeats(aircraft: Aircraft) -> No
 
 
 def test_a_canopen_master_hears_the_emcy_of_a_module_that_fails(tmp_path: Path) -> None:
-    """A driver raises: EMCY, and a plan without it that runs."""
+    """A driver raises again and again: EMCY, and a plan without it that runs."""
     file = tmp_path / "failing.dg.yaml"
     own_code = "pressure_driver: {image: 'agent.modules_for_host:Raising', "
     file.write_text(SPEC_FILE.read_text().replace("pressure_driver: {", own_code))
