@@ -71,7 +71,9 @@ RULES = [
     Rule(r"heronry bench plan\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01"),
     Rule(r"PYTHONPATH=tests python -m planner\.(comparison|mutants) .*", How.EXEMPT, "tests/planner runs them"),
     Rule(r"heronry (bus|bound)\b.*|python -m heronry_tools\.bus_bench", How.RUN),
-    Rule(r"heronry (status|phase|fail|clear)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"),
+    Rule(
+        r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
+    ),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
 ]
 NO_INTERFACE = "nocan0"  # stands for the user's own: no test talks to a real aircraft
