@@ -91,6 +91,7 @@ class Operation(IntEnum):
     WELCOME = 3  # a, b = upper and lower half of the command's own number: the answer to the nonce of one PE
     RENEW = 4  # send a fresh nonce: the states of this PE cannot be believed as they are
     UNLOCK = 5  # a = seconds for which NMT and SDO may write on this one PE
+    HOLDS = 6  # a = element kind, b = element index: it is latched; of a phase, it is the present one. For a standby
 
 
 class ElementKind(IntEnum):

@@ -11,7 +11,12 @@ out; only state frames write what a PE is seen to run.
     LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start
     STARTING    LEASE and ALIVE go out; waiting for every PE, or for the start-up window to close
     REIGNING    everything else
-    RETIRED     another manager with a higher term reigns: silent for ever
+    STANDBY     another manager reigns: this one follows (`following`) and takes over when the PEs hear none any more
+    RETIRED     the same, without `standby`: silent for ever
+
+With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending:
+it forgets all but its memory, and learns from the bus. Manager 127 also stands by where it hears nobody at its start,
+for the start-up window, so that 126 goes first.
 
 A mission phase that is asked for, and an element that the operator fails or clears, change the situation like a fault.
 
@@ -23,21 +28,25 @@ A fault while an epoch is being prepared abandons its number. A fault after the 
 and deadlines waiting: the driver gives it the frames first.
 
 What a restart does: a new term, then the same start as ever, with all that is remembered (`memory`, kept by the driver
-in the journal): the phase, latched faults, quarantines. PEs go on with what they run, and where that is what would be
-planned now, it is adopted; else until the first new epoch.
+in the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run. Where that is known it
+is adopted; and where it can stay as it is, the best plan is asked for at leisure, and anything else is a fault that has
+just been found. Where it is not known, a plan is asked for, which may turn out to be what runs.
 """
 
 from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
+from heronry_dg.losses import lost_elements, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
+from heronry_manager.announcing import Announcer
 from heronry_manager.authenticity import Authenticity
 from heronry_manager.beacon import Beacon
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.deployment import Deployment
 from heronry_manager.exclusion import Exclusion
+from heronry_manager.following import Following
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.memory import Memory, Quarantined, Released, TermBegun
@@ -62,7 +71,7 @@ from heronry_manager.vocabulary import (
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
-from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     LEASE_PERIODS,
     Control,
@@ -70,6 +79,7 @@ from heronry_wire.management import (
     Emergency,
     FaultCode,
     Lease,
+    ManagementMessage,
     Operation,
     PeState,
     StatePage,
@@ -84,12 +94,15 @@ from heronry_wire.management import (
 from heronry_wire.sansio import Received, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
+_EVERYBODY = 0
+_FOLLOWED_BY_DIGEST = (Command.PREPARE, Command.SLICE, Command.ACTIVATE)  # a LEASE that is proven names the digest
 
 
 class Reign(Enum):
     """Where the manager stands."""
 
     LISTENING = "listening"
+    STANDBY = "standby"
     STARTING = "starting"
     REIGNING = "reigning"
     RETIRED = "retired"
@@ -109,43 +122,36 @@ class ManagerCore:
         advise: bool = False,
         on_board: ContingencyNumbers | None = None,
         key: Key | None = None,
+        standby: bool = False,
     ) -> None:
         """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
         advise: say nothing on the bus, ever, and tell what would be done instead.
         on_board: what PEs that were given their part of the contingency file can be switched to by number.
         key: of the fleet; with one every command is tagged, and nothing is believed that was not.
+        standby: stand by while another manager reigns, instead of ending.
         Raises NoTermError where all terms have been used.
         """
         self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
         self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * period_ns
-        self._advise, self._key = advise, key
+        self._advise, self._standby, self._window_ns = advise, standby, window_ns
+        self._key, self._on_board = key, on_board
         self._journal_problem: str | None = None
         term = next_term(node, memory.term)
         self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
-        self._health = Health(spec, now_ns, window_ns)
-        self._exclusion = Exclusion(spec)
-        self._situation = KnownSituation(
-            spec, self._turn, self._health, self._take, self._replan, limited=self._limited
-        )
-        self._orders = OperatorOrders(spec, self._turn, self._health, self._situation, has_key=key is not None)
         self._planning = Planning(self._turn)
-        self._deployment = Deployment(
-            self._turn, spec, self._health, self._exclusion, on_board, frames_per_command=1 if key is None else 2
-        )
-        self._authenticity: Authenticity | None = None
-        if key is not None:
-            self._authenticity = Authenticity(spec, self._turn, key, self._deployment.digest_of)
+        self._begin()
         self._beacon = Beacon(node, period_ns, self._listen_until_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
+        followed = tuple(Command) if standby else (Command.LEASE,)
+        if key is not None:
+            followed = tuple({*followed, Command.CONTROL, Command.TAG})
         self._manager_ids = {
-            management_id(node, command): (node, command)
-            for node in MANAGER_NODES
-            for command in (Command.LEASE, *((Command.CONTROL, Command.TAG) if key is not None else ()))
+            management_id(one, command): (one, command) for one in MANAGER_NODES for command in followed
         }
         self._turn.emit(
             "manager_started",
@@ -158,6 +164,33 @@ class ManagerCore:
             advises=advise,
             key=None if key is None else key.fingerprint,
         )
+
+    def _begin(self) -> None:
+        """Begin with nothing but what is remembered."""
+        spec, turn = self._spec, self._turn
+        self._health = Health(spec, turn.now_ns, self._window_ns)
+        self._exclusion = Exclusion(spec)
+        self._situation = KnownSituation(spec, turn, self._health, self._take, self._replan, limited=self._limited)
+        key = self._key
+        self._orders = OperatorOrders(spec, turn, self._health, self._situation, has_key=key is not None)
+        self._deployment = Deployment(
+            turn, spec, self._health, self._exclusion, self._on_board, frames_per_command=1 if key is None else 2
+        )
+        self._authenticity: Authenticity | None = None
+        if key is not None:
+            self._authenticity = Authenticity(spec, turn, key, self._deployment.digest_of)
+        self._announcer = Announcer(spec, self._situation)
+        self._following = Following(spec, turn, self._situation, self._exclusion, self._window_ns)
+
+    @property
+    def reigns(self) -> bool:
+        """Tell whether it commands."""
+        return self._reign in (Reign.STARTING, Reign.REIGNING)
+
+    @property
+    def term(self) -> int:
+        """Number of its reign, the present or the last one."""
+        return self._turn.term
 
     def hears(self, identifier: int) -> bool:
         """Tell whether frames of an identifier mean anything here; a driver may keep all others to itself."""
@@ -187,7 +220,9 @@ class ManagerCore:
                 self._turn.ask(self._obey(event))
             case JournalTold(problem):
                 self._journal_told(problem)
-        if self._reign in (Reign.STARTING, Reign.REIGNING):
+        if self._reign is Reign.STANDBY and self._following.is_orphaned():
+            self._follow_up()
+        if self.reigns:
             self._advance()
         return self._turn.end()
 
@@ -197,6 +232,13 @@ class ManagerCore:
             return None
         if self._reign is Reign.LISTENING:
             return self._listen_until_ns
+        if self._reign is Reign.STANDBY:
+            waits = (
+                self._following.next_deadline_ns(),
+                self._health.next_deadline_ns(),
+                self._identification.next_ns,
+            )
+            return min((deadline for deadline in waits if deadline is not None), default=None)
         deadlines = [self._beacon.next_ns, self._identification.next_ns, *self._deployment.next_deadlines_ns()]
         others = (self._health.next_deadline_ns(), self._planning.again_ns)
         return min(deadlines + [deadline for deadline in others if deadline is not None])
@@ -245,20 +287,20 @@ class ManagerCore:
 
     def _on_manager(self, node: int, command: Command, frame: Frame) -> None:
         """Another manager has spoken; with a key its LEASE counts when it is proven."""
-        if self._authenticity is None:
-            self._on_lease(node, decode_command(Command.LEASE, frame.data))
+        if self._authenticity is None or command in _FOLLOWED_BY_DIGEST:
+            self._on_command(node, decode_command(command, frame.data))
         elif command is Command.LEASE:
             self._authenticity.hold_lease(node, Received(0, frame))
         elif command is Command.CONTROL:
-            if self._advise:
+            if self._advise or self._reign is Reign.STANDBY:
                 self._authenticity.overhear(node, frame.data)
-        else:
+        elif command is Command.TAG:
             lease = self._authenticity.proven_lease(node, frame.data)
             if lease is not None:
-                self._on_lease(node, decode_command(Command.LEASE, lease))
+                self._on_command(node, decode_command(Command.LEASE, lease))
 
     def _speaks(self) -> bool:
-        return self._reign in (Reign.STARTING, Reign.REIGNING) and not self._advise
+        return self.reigns and not self._advise
 
     def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
         now_ns = self._turn.now_ns
@@ -267,6 +309,7 @@ class ManagerCore:
                 self._take(self._health.heard(pe, page.incarnation, now_ns))
                 if page.state is not PeState.UNCONFIGURED:
                     self._health.in_flight(now_ns)
+                self._following.state(pe, page)
                 cause = self._deployment.observe(pe, page)
                 if self._advise:
                     self._deployment.follow()
@@ -285,7 +328,7 @@ class ManagerCore:
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:
             return
-        if self._reign is Reign.LISTENING:  # it will be said again until somebody acknowledges it
+        if not self.reigns:  # it will be said again until somebody acknowledges it
             return
         is_request = emergency.kind is ElementKind.PHASE
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
@@ -294,11 +337,28 @@ class ManagerCore:
             told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
             self._turn.send(Command.CONTROL, told)
 
-    def _on_lease(self, node: int, lease: object) -> None:
-        if self._advise or not isinstance(lease, Lease):
+    def _on_command(self, node: int, message: ManagementMessage | Malformed) -> None:
+        """Another manager speaks."""
+        if isinstance(message, Malformed):
             return
-        if self._reign is Reign.LISTENING:
+        if self._reign is Reign.STANDBY:
+            before = self._following.node
+            self._following.heard(node, message)
+            if before is None and self._following.node is not None:
+                self._turn.emit("standing_by", node=node, term=self._following.term)
+        elif isinstance(message, Lease) and not self._advise:
+            self._on_lease(node, message)
+
+    def _on_lease(self, node: int, lease: Lease) -> None:
+        if self._reign is Reign.LISTENING and self._standby:
+            self._stand_by(node, lease)
+        elif self._reign is Reign.LISTENING:
             self._retire(node, lease, f"manager {node} already reigns on {self._bus.name} (term {lease.term})")
+        elif lease.term > self._turn.term and self._standby:
+            self._turn.emit("stepped_down", node=node, term=lease.term)
+            self._planning.forget()
+            self._begin()
+            self._stand_by(node, lease)
         elif lease.term > self._turn.term:
             self._retire(node, lease, f"manager {node} reigns with the higher term {lease.term}")
 
@@ -308,15 +368,42 @@ class ManagerCore:
         self._turn.emit("stopped", reason=reason)
         self._turn.ask(Stop(f"{reason}; stop it first, or let this one be"))
 
+    def _stand_by(self, node: int, lease: Lease) -> None:
+        self._reign = Reign.STANDBY
+        self._on_command(node, lease)
+
+    def _follow_up(self) -> None:
+        """Nobody reigns any more: take over from whom this one has followed."""
+        followed, now_ns = self._following, self._turn.now_ns
+        self._begin_term()
+        silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
+        self._turn.emit(
+            "taken_over",
+            term=self._turn.term,
+            before=followed.term,
+            silent_ns=silent_ns,
+            phase=self._situation.phase,
+        )
+        known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
+        self._planning.causes.append(Cause("nobody reigned", now_ns, known_ns))
+        if not self._health.starting():
+            self._ask_for_plan()
+
     # Time
 
     def _tick(self) -> None:
         now_ns = self._turn.now_ns
         if self._reign is Reign.LISTENING and now_ns >= self._listen_until_ns:
-            self._take_over()
+            if self._standby and self._node != FIRST_MANAGER:
+                self._reign = Reign.STANDBY
+            else:
+                self._begin_term()
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
+        if self._reign is Reign.STANDBY:
+            self._turn.ask(*self._identification.tick(now_ns))
+            return
         for pe in self._deployment.tick():
             self._fail_if(pe, "it does not acknowledge")
         self._turn.ask(*self._identification.tick(now_ns))
@@ -326,11 +413,14 @@ class ManagerCore:
         if first or self._planning.is_due_again():
             self._ask_for_plan()
 
-    def _take_over(self) -> None:
-        """Begin to speak: from now on the PEs know this term."""
-        self._reign = Reign.STARTING
-        self._turn.keep(TermBegun(self._turn.term))
-        self._deployment.numbers.begin(self._turn.term)
+    def _begin_term(self) -> None:
+        """Begin to speak: from now on the PEs know this term. Who is not heard may drive on for T_lease."""
+        self._reign, now_ns = Reign.STARTING, self._turn.now_ns
+        term = self._turn.term = next_term(self._node, self._turn.memory.term)
+        self._turn.keep(TermBegun(term))
+        self._deployment.numbers.begin(term)
+        self._exclusion.named(self._spec.pes, now_ns)
+        self._beacon = Beacon(self._node, self._bus.heartbeat_ns, now_ns)
 
     def _beat(self) -> None:
         """LEASE, ALIVE, and PING for whoever is suspect."""
@@ -340,6 +430,9 @@ class ManagerCore:
         lease = self._deployment.lease()
         self._turn.ask(*self._beacon.beat(now_ns, lease, self._nodes(counted_on), self._nodes(suspects)))
         self._exclusion.named(counted_on, now_ns)
+        fact = self._announcer.next()
+        if fact is not None:
+            self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
 
     def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
         return frozenset(self._spec.pes[pe].node_id for pe in pes)
@@ -363,7 +456,7 @@ class ManagerCore:
             case Change.SUSPECTED:
                 silent = now_ns - last if last is not None else None
                 self._turn.emit("pe_suspected", pe=pe, cause=change.cause, silent_ns=silent)
-                if self._reign is not Reign.LISTENING:
+                if self.reigns:
                     self._turn.ask(self._beacon.ping(self._turn.term, self._spec.pes[pe].node_id))
             case Change.ANSWERED:
                 self._turn.emit("pe_answered", pe=pe)
@@ -401,6 +494,9 @@ class ManagerCore:
         """Do what the operator says, if it can be done; orders are obeyed from the start of the reign on."""
         if isinstance(said.order, AskStatus):
             return Reply(said.number, done=True, sentence="", status=self.status())
+        if self._reign is Reign.STANDBY:
+            where = f"say it to manager {self._following.node}"
+            return Reply(said.number, done=False, sentence=f"this manager only stands by: {where}")
         if self._reign is Reign.LISTENING:
             return Reply(said.number, done=False, sentence="the manager has just started and still listens: try again")
         return self._orders.obey(said.number, said.order)
@@ -442,6 +538,8 @@ class ManagerCore:
 
         since_ns: the last sign of the old situation, where it is older than this moment.
         """
+        if self._reign is Reign.STANDBY:
+            return
         now_ns = self._turn.now_ns
         self._planning.causes.append(Cause(cause, now_ns, since_ns if since_ns is not None else now_ns))
         self._deployment.abandon(cause)
@@ -457,8 +555,20 @@ class ManagerCore:
             self._replan(cause)
 
     def _ask_for_plan(self) -> None:
-        self._reign = Reign.REIGNING
+        first, self._reign = self._reign is Reign.STARTING, Reign.REIGNING
+        if first and self._deployment.adopts_remembered(self._situation.phase) and self._may_stay():
+            self._planning.causes.clear()
+            self._settle()
+            return
         self._planning.ask(self._situation.now(), self._deployment.running)
+
+    def _may_stay(self) -> bool:
+        """Tell whether what runs can go on as it is: it has lost nothing, and nobody waits to be taken in."""
+        plan = self._deployment.plan
+        if plan is None or not self._deployment.everybody_runs_it() or not self._situation.spares(plan):
+            return False
+        lost = lost_elements(self._spec, self._situation.now())
+        return not lost & used_elements(self._spec, plan.configuration)
 
     def _settle(self) -> None:
         """Say that nothing is under way, if nothing is."""

@@ -9,8 +9,10 @@ Observed stays apart: a PE is known to run an epoch by its state frames alone (`
 is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what nobody
 commanded; it cannot stage its slice.
 
-*Adopting*: a new reign takes over what runs as it is, without a new epoch, where every PE counted on is ACTIVE in one
-epoch whose digest is that of the very plan that would be deployed. What is not that clean gets a new epoch.
+*Adopting*: a new reign takes over what runs as it is, without a new epoch, where it knows what that is: all PEs that
+are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is remembered,
+or of the very plan that would be deployed. What is not that clean gets a new epoch. A PE that is missing, or runs
+nothing, is then a fault like any other.
 
 The numbers of epochs are `numbering`'s to give. What is activated or adopted is remembered over a restart.
 """
@@ -21,8 +23,8 @@ from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
-from heronry_dg.objective import Placement, placement
-from heronry_dg.plan import Plan
+from heronry_dg.objective import Placement, placement, score
+from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
 from heronry_dg.transition import Transitions
 from heronry_manager.compilation import CompiledConfiguration, Compiler
@@ -51,7 +53,10 @@ from heronry_wire.management import (
 from heronry_wire.sansio import require
 
 _EPOCHS_REMEMBERED = 8
-_NO_REFUSAL = frozenset((Reason.NONE, Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD))
+_IN_ORDER = frozenset(
+    (Reason.NONE, Reason.STALE_TERM)
+)  # a PE that names an epoch of this reign refuses another manager
+_NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD}
 
 
 @dataclass(slots=True)
@@ -169,7 +174,7 @@ class Deployment:
         for epoch in (self.next, self.current):
             if epoch is None or page.staged_epoch != epoch.epoch:
                 continue
-            has_staged = page.staged_digest == epoch.compiled.digest and page.reason is Reason.NONE
+            has_staged = page.staged_digest == epoch.compiled.digest and page.reason in _IN_ORDER
             wants_body = page.reason is Reason.INCOMPLETE
             epoch.staged(pe, has_staged=has_staged, wants_body=wants_body, now_ns=self._turn.now_ns)
             if page.reason is Reason.NOT_ON_BOARD:
@@ -191,12 +196,19 @@ class Deployment:
 
     # From one epoch to the next
 
+    def everybody_runs_it(self) -> bool:
+        """Tell whether everybody counted on runs the current epoch."""
+        current = self.current
+        return current is not None and all(
+            self._observed[pe].epoch == current.epoch for pe in self._health.counted_on()
+        )
+
     def runs(self, plan: Plan) -> bool:
         """Tell whether everybody counted on runs this already, and take the plan for that of the current epoch."""
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
             return False
-        if not all(self._observed[pe].epoch == current.epoch for pe in self._health.counted_on()):
+        if not self.everybody_runs_it():
             return False
         self._plans[current.epoch] = plan
         return True
@@ -208,15 +220,42 @@ class Deployment:
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
         if not clean or len({one.epoch for one in seen}) != 1:
             return False
-        adopted = self._reconfiguration(seen[0].epoch, plan, compiled, (), Stage.DONE)
+        self._adopt(seen[0].epoch, plan, compiled)
+        return True
+
+    def adopts_remembered(self, phase: str | None) -> bool:
+        """Take over what is remembered to run, where it does; tells whether it does.
+
+        PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults.
+        """
+        runs = self._turn.memory.runs
+        if runs is None:
+            return False
+        configuration = self._code.decode(bytes.fromhex(runs.row))
+        compiled = self._compiler.configuration(configuration)
+        seen = [self._observed[pe] for pe in self._health.counted_on()]
+        inside = [one for one in seen if one.state is PeState.ACTIVE and one.epoch == runs.epoch]
+        clean = all(one.digest == compiled.digest == runs.digest for one in inside)
+        if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
+            return False
+        now = Situation(frozenset(), {}, phase)
+        plan = make_plan(self._spec, now, configuration, score(self._spec, now, configuration, None), optimal=False)
+        self._adopt(runs.epoch, plan, compiled)
+        return True
+
+    def _adopt(self, epoch: int, plan: Plan, compiled: CompiledConfiguration) -> None:
+        adopted = self._reconfiguration(epoch, plan, compiled, (), Stage.DONE)
         self.current = adopted
         self._remember(adopted, plan)
+        self._exclusion.activated(adopted.placed)  # whoever is missing may still hold what it was given
         for pe in self._health.counted_on():
+            if self._observed[pe].state is PeState.UNCONFIGURED:
+                self._exclusion.rebooted(pe)
+                continue
             self._observed[pe].configured = True
             self._exclusion.reported(pe, adopted.placed)
             adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
         self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
-        return True
 
     def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
         """Open the next epoch."""

@@ -21,7 +21,9 @@ from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
 from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
-from heronry_wire.management import Emergency, FaultCode
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
+
+_KINDS = frozenset(ElementKind)
 
 
 class KnownSituation:
@@ -115,6 +117,20 @@ class KnownSituation:
         if phase is not None:
             self.enter(phase, pe)
         return True
+
+    def overheard(self, manager: int, told: Control) -> None:
+        """Another manager reigns, and has said what it holds, or what is cleared."""
+        by = f"manager {manager}"
+        if told.operation is Operation.HOLDS and told.a == ElementKind.PHASE:
+            if self._mission.knows(told.b) and list(self._spec.phases)[told.b] != self.phase:
+                self.enter(list(self._spec.phases)[told.b], by)
+            return
+        kind = ElementKind(told.a) if told.a in _KINDS else None
+        element = None if kind is None else self.failed.element(kind, told.b)
+        if element is not None and told.operation is Operation.HOLDS:
+            self.latch(LatchedFault(element, by, "HOLDS", 0, self._turn.now_ns))
+        elif element is not None and told.operation is Operation.CLEAR:
+            self.clear(element, by)
 
     def lost(self, pe: str) -> None:
         """A PE is counted on no more."""

@@ -97,6 +97,11 @@ class Planning:
         self.causes.append(Cause(_AT_LEISURE, self._turn.now_ns, self._turn.now_ns))
         self.ask(now, running, at_leisure=True)
 
+    def forget(self) -> None:
+        """Nothing is awaited any more: somebody else plans now."""
+        self.waiting, self.again_ns, self.at_leisure = False, None, False
+        self.causes.clear()
+
     def done(self, causes: tuple[Cause, ...]) -> None:
         """These have been taken into account, by what runs now."""
         self.causes = [cause for cause in self.causes if cause not in causes]

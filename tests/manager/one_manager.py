@@ -21,8 +21,10 @@ from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
+    Control,
     Emergency,
     ManagementMessage,
+    Operation,
     PeFlags,
     PeState,
     Reason,
@@ -211,6 +213,10 @@ class OneManager:
     def said(self, message_type: type[ManagementMessage]) -> list[Any]:
         """Commands of one type."""
         return [message for message in self.commands if isinstance(message, message_type)]
+
+    def answers(self) -> list[Control]:
+        """What it has said in CONTROL to PEs, and not to a standby."""
+        return [one for one in self.said(Control) if one.operation is not Operation.HOLDS]
 
     def heads_to(self, pe: str) -> int:
         node = self.spec.pes[pe].node_id

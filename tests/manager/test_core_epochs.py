@@ -5,18 +5,20 @@ import pytest
 from heronry_manager.planning import PLAN_AGAIN_NS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.vocabulary import PlanFailed, PlanReady
+from heronry_wire.frame import Frame
 from heronry_wire.management import (
     Activate,
     Alive,
-    Control,
     ElementKind,
     Emergency,
     FaultCode,
     Lease,
     Operation,
+    PeFlags,
     PeState,
     Reason,
     SliceBody,
+    StatePage1,
     Step,
 )
 from manager.one_manager import BEAT_NS, MS, OneManager
@@ -127,7 +129,7 @@ def test_the_death_of_who_must_break_turns_the_wait_into_the_wait_for_its_lease(
 def test_a_reported_fault_is_acknowledged_each_time_and_latched_once(manager: OneManager) -> None:
     manager.report("middle", CONTROL_RAISED)
     manager.report("middle", CONTROL_RAISED)
-    acknowledged = manager.said(Control)
+    acknowledged = manager.answers()
     assert [(c.node, c.operation, c.a, c.b) for c in acknowledged] == [(93, Operation.ACKNOWLEDGE, 2, 0)] * 2
     assert [told["element"] for told in manager.of("fault_reported")] == ["module:control"]
     assert manager.requests[-1].down == {"module:control"}
@@ -143,7 +145,7 @@ def test_a_reported_fault_is_acknowledged_each_time_and_latched_once(manager: On
 )
 def test_a_reset_and_an_element_that_does_not_exist_are_no_faults(manager: OneManager, emergency: Emergency) -> None:
     manager.report("left", emergency)
-    assert manager.said(Control) == []
+    assert manager.answers() == []
     assert manager.of("fault_reported") == []
 
 
@@ -284,12 +286,15 @@ def test_who_refuses_its_slice_is_planned_around(manager: OneManager) -> None:
     assert manager.last("epoch_abandoned")
 
 
-def test_who_obeys_a_higher_term_is_planned_around(manager: OneManager) -> None:
+def test_who_has_staged_and_refuses_a_deposed_manager_is_not_blamed(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     manager.answer()
-    manager.stage("right", Reason.STALE_TERM)
-    assert manager.last("pe_refused")["reason"] == "STALE_TERM"
-    assert manager.requests[-1].down >= {"pe:right"}
+    epoch, digest = manager.prepared()
+    page = StatePage1(PeState.ACTIVE, PeFlags(0), epoch, digest, Reason.STALE_TERM, 0)
+    for pe in manager.spec.pes:
+        manager.hear(Frame(manager.state_id(pe), page.encode()))
+    assert manager.of("pe_refused") == []
+    assert manager.last("epoch_step")["epoch"] == epoch
 
 
 def test_who_has_moved_on_already_is_not_blamed(manager: OneManager) -> None:

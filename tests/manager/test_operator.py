@@ -80,7 +80,7 @@ def test_a_request_is_acknowledged_each_time_and_counts_once(manager: OneManager
     manager.report("left", request(2, 1))
     say(manager, EnterPhase("climb"))
     manager.report("left", request(2, 1))
-    told = manager.said(Control)
+    told = manager.answers()
     assert [(c.operation, c.a, c.b) for c in told] == [(Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)] * 2
     assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
 
@@ -98,7 +98,7 @@ def test_who_is_not_counted_on_is_not_heard_and_may_count_anew_when_it_is(manage
     manager.reboot("left")
     manager.commands.clear()
     manager.report("left", request(2, 1))
-    assert manager.said(Control) == []
+    assert manager.answers() == []
     manager.pass_time(HOLD_DOWN_NS + BEAT_NS)
     manager.report("left", request(2, 1))
     assert status(manager)["phase"] == "land"
@@ -106,7 +106,7 @@ def test_who_is_not_counted_on_is_not_heard_and_may_count_anew_when_it_is(manage
 
 def test_a_phase_that_the_spec_does_not_have_is_no_request(manager: OneManager) -> None:
     manager.report("left", request(9, 1))
-    assert manager.said(Control) == []
+    assert manager.answers() == []
 
 
 # Faults
@@ -119,7 +119,7 @@ def test_an_element_that_the_operator_fails_is_planned_without_until_he_clears_i
     assert [one["element"] for one in status(manager)["latched"]] == ["device:servo_left"]
     assert say(manager, ClearElement("device:servo_left")).done
     assert manager.requests[-1].down == set()
-    assert manager.said(Control)[-1] == Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
+    assert manager.answers()[-1] == Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
     assert status(manager)["latched"] == []
 
 
@@ -189,7 +189,7 @@ def test_a_channel_can_be_failed_and_cleared_and_no_pe_is_told(manager: OneManag
     assert say(twice, FailElement("channel:can0.1")).done
     assert twice.requests[-1].down == {"channel:can0.1"}
     assert say(twice, ClearElement("channel:can0.1")).done
-    assert twice.said(Control) == []
+    assert twice.answers() == []
 
 
 # Status, and when

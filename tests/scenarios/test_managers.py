@@ -30,8 +30,7 @@ def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
     reigning = simulation.manager
     simulation.start_manager(127)
     assert simulation.settle() == []
-    second = simulation.manager
-    assert second is not None
+    second = simulation.managers[127]
     assert second.stopped is not None
     assert "manager 126 already reigns" in second.stopped
     assert reigning is not None

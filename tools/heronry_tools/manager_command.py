@@ -11,11 +11,13 @@ examples:
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
   heronry manager big_blue -i socketcan -c can0 --advise
   heronry manager big_blue -i socketcan -c can0 --key fleet.key
+  heronry manager big_blue -i socketcan -c can0 --standby          the second one, node 127, on another computer
+  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first one, where there is a second
   heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
 
-It listens first: a bus with another manager on it is left alone. Where the spec has several buses, -c is the one that
-the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are honoured. 'heronry status',
-'phase', 'fail' and 'clear' talk to it from the same computer.
+It listens first: a bus with another manager on it is left alone, or with --standby followed. Where the spec has several
+buses, -c is the one that the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are
+honoured. 'heronry status', 'phase', 'fail' and 'clear' talk to it from the same computer.
 """
 
 
@@ -33,7 +35,7 @@ def add_parsers(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser)
-    parser.add_argument("--node", type=int, choices=(126, 127), default=126, help="node-ID (default 126)")
+    parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
     parser.add_argument(
         "--state-dir", type=Path, metavar="DIR", help="where its journal is kept (default: the user's state)"
     )
@@ -44,6 +46,11 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--key", type=Path, metavar="FILE", help="what 'heronry key' made: nobody without it commands, or is believed"
+    )
+    parser.add_argument(
+        "--standby",
+        action="store_true",
+        help="stand by while another manager reigns, and take over when the PEs hear none any more",
     )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"

@@ -29,6 +29,7 @@ from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import flagged_bus
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.key_file import read_key
 from heronry_wire.link import Link
 from heronry_wire.service_manager import ServiceManager
@@ -51,7 +52,8 @@ def reign(arguments: argparse.Namespace) -> int:
     file = spec_path(arguments.spec)
     try:
         with ExitStack() as stack:
-            name = f"{spec.name}-advisor" if arguments.advise else spec.name
+            second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else "-standby"
+            name = f"{spec.name}{second}"
             control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
             planner = stack.enter_context(PlannerClient(spec, file)) if has_solver else None
             if planner is not None:
@@ -63,7 +65,16 @@ def reign(arguments: argparse.Namespace) -> int:
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
             memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
-            core = ManagerCore(spec, arguments.node, memory, now_ns, advise=arguments.advise, on_board=numbers, key=key)
+            core = ManagerCore(
+                spec,
+                _node(arguments),
+                memory,
+                now_ns,
+                advise=arguments.advise,
+                on_board=numbers,
+                key=key,
+                standby=arguments.standby,
+            )
             foresight = Foresight(spec, planner, start_thinker, table)
             driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
@@ -80,7 +91,14 @@ def reign(arguments: argparse.Namespace) -> int:
 
 def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
     folder = arguments.state_dir or default_state_dir(spec.name)
-    return Journal(folder, arguments.node, spec, accept_changed_spec=arguments.changed_spec)
+    return Journal(folder, _node(arguments), spec, accept_changed_spec=arguments.changed_spec)
+
+
+def _node(arguments: argparse.Namespace) -> int:
+    """Node-ID: what was said, or the second one for whoever stands by."""
+    if arguments.node is not None:
+        return int(arguments.node)
+    return LAST_MANAGER if arguments.standby else FIRST_MANAGER
 
 
 def _has_solver() -> bool:

@@ -36,7 +36,9 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "phase_changed": ("PHASE {phase} (was {before}), asked for by {by}", "title"),
     "journal_failed": ("the journal cannot be kept: {problem}", "bad"),
     "journal_kept": ("the journal is kept again", "good"),
-    "adopted": ("epoch {epoch} runs already, and is what would be planned: it stays as it is", "good"),
+    "standing_by": ("a manager stands by: it follows manager {node}, term {term}", "quiet"),
+    "stepped_down": ("a manager steps down: manager {node} reigns with the higher term {term}", "plain"),
+    "adopted": ("epoch {epoch} runs already: it is adopted as it is", "good"),
 }
 
 
@@ -76,6 +78,9 @@ class Story:
         match kind:
             case "process":
                 yield from self._process(event)
+            case "taken_over":
+                silent = "no manager was heard" if event["silent_ns"] is None else f"{event['silent_ns'] / 1e6:.0f} ms"
+                yield Line(f"THE STANDBY TAKES OVER, term {event['term']}, after {silent} of silence", "title")
             case "pe_suspected" | "pe_answered" | "pe_lost":
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:

@@ -11,13 +11,14 @@ from heronry_tools.errors import UserError
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
-from heronry_tools.scenario.script import MANAGER, Deed, Script
+from heronry_tools.scenario.script import Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
-from heronry_tools.simulator.act import KINDS
+from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.scenario import lossy
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
+from heronry_wire.identifiers import FIRST_MANAGER
 
 _LONGEST_START_NS = 20_000 * MS
 _ORDERS: dict[str, Callable[[str], Order]] = {"phase": EnterPhase, "fail": FailElement, "clear": ClearElement}
@@ -28,8 +29,13 @@ class _Flight(Simulation):
 
     def __init__(self, script: Script) -> None:
         self._absent = set(script.without)
-        faults = lossy(script.loss)
-        super().__init__(script.spec, script.seed, faults=faults, contingencies=script.contingencies)
+        super().__init__(
+            script.spec,
+            script.seed,
+            faults=lossy(script.loss),
+            contingencies=script.contingencies,
+            standby=script.has_standby,
+        )
 
     def restore(self, pe: str) -> None:
         """Start a PE, unless it is not there yet."""
@@ -121,10 +127,10 @@ def _do(flight: _Flight, script: Script, deed: Deed) -> None:
                 pass  # the strikes see to it
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")
-            case "kill", target if target == MANAGER:
-                flight.kill_manager()
-            case "restore", target if target == MANAGER:
-                flight.start_manager()
+            case "kill", target if target in MANAGERS:
+                flight.kill_manager(MANAGERS[target])
+            case "restore", target if target in MANAGERS:
+                flight.start_manager(MANAGERS[target] or FIRST_MANAGER)
             case "kill", pe:
                 flight.kill(pe.removeprefix("pe:"))
             case "restore", pe:

@@ -26,8 +26,9 @@ from heronry_tools.scenario.bad_radios import KINDS, BadRadios
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
-from heronry_tools.scenario.script import EXAMPLE, MANAGER, Deed, Script
+from heronry_tools.scenario.script import EXAMPLE, Deed, Script
 from heronry_tools.scenario.trace import deed_line, event_line
+from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.planning import plan_ahead
 from heronry_wire.frame import Frame
 from heronry_wire.link import open_bus
@@ -41,8 +42,10 @@ def check(script: Script) -> None:
     """Refuse what cannot be done to processes, or judged; raises UserError."""
     if not script.expectations:
         raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
+    if script.has_standby:
+        raise UserError(f"{script.file}: two managers can be flown in the simulator alone; leave -i and -c out")
     for deed in script.deeds:
-        if deed.target == MANAGER or not (deed.what in ("kill", "restore", "phase") or _is_of_a_radio(script, deed)):
+        if deed.target in MANAGERS or not (deed.what in ("kill", "restore", "phase") or _is_of_a_radio(script, deed)):
             raise UserError(
                 f"{script.file}:{deed.line}: '{deed.text}' can be done in the simulator alone; leave -i and -c out"
             )

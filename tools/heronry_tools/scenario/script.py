@@ -4,6 +4,7 @@
     spec elevator_and_chute                                a shipped spec, or a file, from the scenario's folder
     seed 7                                                 for the simulator; 0 where it is not said
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
+    standby                                                there are two managers, 126 and 127
     without pe:tail_pe                                     is not there from the start
     contingencies 1                                        plans for up to so many faults are made ahead, and on board
     at 2.0s kill pe:control_pe
@@ -12,7 +13,8 @@
 
 Times are seconds from the moment at which the first configuration runs. What is done:
 
-    kill|restore pe:NAME|manager       phase NAME       fail|clear KIND:NAME       (the last three: the operator's word)
+    kill|restore pe:NAME|manager|primary|standby
+    phase NAME       fail|clear KIND:NAME       (the last three: the operator's word)
     stick device:NAME                  the device answers, and shows what it showed last (simulator)
     KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.simulator.act`)
 
@@ -38,7 +40,7 @@ from typing import NoReturn
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import KINDS, Act, read_act
+from heronry_tools.simulator.act import KINDS, MANAGERS, Act, read_act
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
@@ -59,7 +61,6 @@ _EXAMPLES = {
     "epoch": "expect epoch new within 200ms",
     "nothing": "expect nothing reported",
 }
-MANAGER = "manager"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,7 @@ class Script:
     seed: int
     without: frozenset[str]
     contingencies: int | None
+    has_standby: bool
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
     end_ns: int
@@ -125,6 +127,7 @@ class _Reader:
     loss: float = 0.0
     without: set[str] = field(default_factory=set)
     contingencies: int | None = None
+    has_standby: bool = False
     deeds: list[Deed] = field(default_factory=list)
     expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
     end_ns: int | None = None
@@ -154,6 +157,7 @@ class _Reader:
             self.seed,
             frozenset(self.without),
             self.contingencies,
+            self.has_standby,
             tuple(self.deeds),
             tuple(self._bounded(one, self.end_ns) for one in self.expected),
             self.end_ns,
@@ -178,22 +182,31 @@ class _Reader:
                 self.seed = int(number)
             case ["loss", share] if _SHARE.fullmatch(share):
                 self.loss = float(share)
-            case ["without", pe] if not self.deeds:
-                self.without.add(self._pe(pe))
-            case ["contingencies", faults] if faults in ("0", "1", "2") and not self.deeds:
-                self.contingencies = int(faults)
             case ["at", time, *deed] if deed:
                 self._deed(self._ns(time), deed)
             case ["expect", *expectation] if expectation:
                 self._expectation(expectation)
             case ["end", time]:
                 self.end_ns = self._not_before(self._ns(time))
-            case _:
+            case _ if self.deeds or not self._prepared(words):
                 self._refuse(
                     f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'without pe:NAME', 'contingencies 0|1|2' (before anything is done), "
+                    "'standby', 'contingencies 0|1|2', 'without pe:NAME' (before anything is done), "
                     "'at TIME ...', 'expect ...' or 'end TIME'"
                 )
+
+    def _prepared(self, words: list[str]) -> bool:
+        """Read what is said of the aircraft before anything is done; tells whether it can be read."""
+        match words:
+            case ["standby"]:
+                self.has_standby = True
+            case ["without", pe]:
+                self.without.add(self._pe(pe))
+            case ["contingencies", faults] if faults in ("0", "1", "2"):
+                self.contingencies = int(faults)
+            case _:
+                return False
+        return True
 
     def _loaded(self, name: str) -> tuple[Spec, Path]:
         path = str(self.file.parent / name) if Path(name).suffix else name
@@ -209,7 +222,7 @@ class _Reader:
         text = " ".join(words)
         match words:
             case ["kill" | "restore" as what, target]:
-                deed = Deed(self.number, at_ns, what, target if target == MANAGER else self._pe(target), text)
+                deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
                 self._in_turn(deed)
             case ["phase", phase]:
                 deed = Deed(self.number, at_ns, "phase", self._checked_phase(phase), text)

@@ -34,6 +34,9 @@ _LINES: Mapping[str, str] = {
     "pe_refused": "{pe} refuses epoch {epoch}: {reason}",
     "journal_failed": "the journal cannot be kept: {problem}",
     "journal_kept": "the journal is kept again",
+    "standing_by": "this manager stands by: manager {node} reigns, term {term}",
+    "stepped_down": "this manager steps down: manager {node} reigns, term {term}",
+    "taken_over": "the standby takes over, term {term}",
     "stopped": "the manager ends: {reason}",
 }
 

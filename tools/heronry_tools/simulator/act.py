@@ -22,6 +22,8 @@ What is not promised, and why:
 - `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
+- `manager_cut`: a manager alone on its side of a broken wire takes everybody for dead, and starts everybody anew when
+  it is mended. Where another one stands by, that one reigns by then, and nobody notices.
 - `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
   up if it lasts.
 """
@@ -35,7 +37,8 @@ from heronry_dg.situation import UnknownElementError, checked_element
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.protocol_state import STATES
 
-MANAGER = "manager"
+MANAGER = "manager"  # the one that reigns
+MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # whom a target means
 UNTIL_HEALED = -1
 
 _TEXT = re.compile(
@@ -62,7 +65,7 @@ class Kind:
 _COMMANDED = frozenset(
     (
         *("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service"),
-        *("freshness", "foreign", "publishing", "load"),
+        *("freshness", "foreign", "publishing", "load", "reign", "term", "policy"),
     )
 )
 
@@ -82,6 +85,13 @@ KINDS: Mapping[str, Kind] = {
     "late": Kind("gateway", (100, 2000), "what a gateway sends is up to 30 ms late, and out of order"),
     "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
     "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
+    "manager_cut": Kind(
+        MANAGER,
+        (20, 1000),
+        "the wires of a manager break, and it goes on",
+        unpromised=frozenset(("silence",)),
+        drawn=False,
+    ),
     "loss": Kind("bus", (100, 3000), "frames are destroyed (level: per mille)", levels=(1, 10, 100)),
     "omission": Kind("bus", (100, 3000), "a receiver misses frames (per mille)", levels=(1, 10, 100)),
     "doubled": Kind("bus", (100, 3000), "a receiver gets frames twice (per mille)", levels=(1, 10, 100)),
@@ -113,7 +123,7 @@ class Act:
 
     at_ms: int
     kind: str
-    target: str  # pe:NAME, bus:NAME, module:NAME, device:NAME, or manager
+    target: str  # pe:NAME, bus:NAME, module:NAME, device:NAME, manager, primary or standby
     lasts_ms: int = 0
     during: str = ""  # one of STATES; empty: whatever the state
     level: int = 0
@@ -142,7 +152,7 @@ def read_act(spec: Spec, text: str) -> Act:
     if match["during"] and match["during"] not in STATES:
         raise UserError(f"'{text}': there is no state '{match['during']}'; there is {', '.join(STATES)}")
     targets = possible_targets(spec, match["kind"])
-    if match["target"] not in targets:
+    if match["target"] not in (*targets, *(MANAGERS if targets == [MANAGER] else ())):
         raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")
     level = int(match["level"]) if match["level"] else kind.levels[0]
     return Act(

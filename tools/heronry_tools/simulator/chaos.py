@@ -40,7 +40,7 @@ def drawn_acts(spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = ())
     swarm = [name for name in there if _takes_part(name, kinds, random)] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
-        swarm = [name for name in there if KINDS[name].strikes == MANAGER]
+        swarm = [name for name in there if KINDS[name].strikes == MANAGER and KINDS[name].drawn]
     weights = [random.choice((1, 1, 2, 5)) for _ in swarm]
     aim = _aim(spec)
     acts: set[Act] = set()

@@ -14,10 +14,12 @@ from heronry_tools.simulator.check_exclusion import ExclusionCheck
 from heronry_tools.simulator.check_freshness import FreshnessCheck
 from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_load import LoadCheck
+from heronry_tools.simulator.check_orphans import OrphanCheck
 from heronry_tools.simulator.check_planned_load import PlannedLoadCheck
 from heronry_tools.simulator.check_publishing import PublishingCheck
 from heronry_tools.simulator.check_radio import RadioCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
+from heronry_tools.simulator.check_terms import TermCheck
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.stranger import STRANGER
@@ -54,6 +56,8 @@ class Checks:
         self._phase = spec.initial_phase()
         self._commands = Commanded(spec, tables)
         self._exclusion = ExclusionCheck(spec)
+        self._terms = TermCheck(spec)
+        self._orphans = OrphanCheck(spec)
         self._epochs = EpochCheck(spec, has_digests=key is None)
         self._blame = BlameCheck(spec)
         self._configurations = ConfigurationCheck(spec)
@@ -78,7 +82,7 @@ class Checks:
         for manager in MANAGER_NODES:
             self._watchers[management_id(manager, Command.ALIVE)] = self._alive
             for command in (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL):
-                self._watchers[management_id(manager, command)] = partial(self._commanded, command)
+                self._watchers[management_id(manager, command)] = partial(self._commanded, manager, command)
 
     def see(self, sent: Sent) -> None:
         """Take a frame from any bus."""
@@ -110,7 +114,7 @@ class Checks:
         ]
         blamed = self._blame.violations(truth)
         checks = (
-            *(self._exclusion, self._epochs, self._configurations, self._service),
+            *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
             *(self._freshness, self._publishing, self._load, self._radio),
         )
         found = [violation for check in checks for violation in check.violations]
@@ -151,6 +155,8 @@ class Checks:
         self._planned_load.published(sent)
 
     def _state(self, sent: Sent) -> None:
+        if sent.bus == self._spec.manager.bus:
+            self._orphans.state(self._node_of_state[sent.frame.can_id], sent.end_ns, sent.frame.data)
         page = self._epochs.state(sent)
         if page is None:
             return
@@ -161,16 +167,21 @@ class Checks:
             return
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
+            self._terms.state(node, sent.end_ns, page)
         else:
             self._commands.staged(node, page)
 
-    def _commanded(self, command: Command, sent: Sent) -> None:
+    def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data
+        if sent.bus == self._spec.manager.bus:
+            self._orphans.commanded(sent.end_ns)
         if sent.bus != self._spec.manager.bus or self._last_commands.get(identifier) == data:
             return
         if command is Command.LEASE:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
+        if not isinstance(message, Malformed) and not self._terms.commanded(sent.end_ns, manager, message):
+            return
         self._exclusion.commanded(message)
         if isinstance(message, Control):
             self._service.acknowledged(sent.end_ns, message)
@@ -183,6 +194,7 @@ class Checks:
     def _alive(self, sent: Sent) -> None:
         if sent.bus != self._spec.manager.bus:
             return
+        self._orphans.commanded(sent.end_ns)
         message = decode_command(Command.ALIVE, sent.frame.data)
         if isinstance(message, Alive):
             before = self._losses.counted_on

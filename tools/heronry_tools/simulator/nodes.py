@@ -312,6 +312,7 @@ class SimulatedManager(Node):
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
+        standby: bool = False,
         key: Key | None = None,
         planners: Planners = Planners.BEST,
         ahead: Prepared,
@@ -328,7 +329,9 @@ class SimulatedManager(Node):
         self._replies: list[Reply] = []
         self.stopped: str | None = None  # why the core wanted to end
         memory = disk.opened()
-        self.core = ManagerCore(spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key)
+        self.core = ManagerCore(
+            spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key, standby=standby
+        )
         self._disk = disk
         self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
         self.stations = [(bus, self._station)]

@@ -30,7 +30,7 @@ from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.authentication import Key
-from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES
 
 MS = 1_000_000
 PERFECT = Faults()
@@ -41,7 +41,8 @@ _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
 _HEAD = struct.Struct("<qBBH")
-_PHASE_EVENTS = ("manager_started", "phase_changed")
+_PHASE_EVENTS = ("manager_started", "phase_changed", "taken_over")
+_OF_A_STANDBY = ("manager_started", "standing_by", "stepped_down", "second_manager", "stopped")
 
 
 class Simulation:
@@ -56,6 +57,7 @@ class Simulation:
         decide_ns: int = DEFAULT_DECIDE_NS,
         skew_ppm: int = DEFAULT_SKEW_PPM,
         planners: Planners = Planners.BEST,
+        standby: bool = False,
         keep_trace: bool = False,
         contingencies: int | None = None,
         key: Key | None = None,
@@ -66,7 +68,9 @@ class Simulation:
         skew_ppm: how far clocks are off, at most.
         contingencies: plans for up to so many faults are made ahead and on board; None: for none.
         key: what manager and PEs are given to prove what they say.
+        standby: there are two managers, 126 and 127; each stands by while the other one reigns.
         """
+        self.has_standby = standby
         self.spec, self.seed, self.faults = spec, seed, faults
         self._prepared = prepared(spec, contingencies)
         self.clock = Clock()
@@ -80,7 +84,7 @@ class Simulation:
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
         self.all_excused = False  # data are wrong: whatever is reported may have seemed so
         self.pes: dict[str, SimulatedPe] = {}
-        self.manager: SimulatedManager | None = None
+        self.managers: dict[int, SimulatedManager] = {}  # by node: those that have not died
         self._random = Random(seed)
         self._decide_ns, self._skew_ppm, self._planners = decide_ns, skew_ppm, planners
         self._down: set[str] = set()
@@ -96,6 +100,13 @@ class Simulation:
         }
         self._tap(keep_trace=keep_trace)
         self._switch_on()
+
+    @property
+    def manager(self) -> SimulatedManager | None:
+        """The manager that reigns; where none does, the first one there is."""
+        reigning = [one for one in self.managers.values() if one.core.reigns]
+        first = next((self.managers[node] for node in sorted(self.managers)), None)
+        return max(reigning, key=lambda one: one.core.term, default=first)
 
     @property
     def now_ns(self) -> int:
@@ -251,7 +262,7 @@ class Simulation:
 
     def start_manager(self, node: int = FIRST_MANAGER, *, advise: bool = False) -> None:
         """Start a manager, with its journal; one that only advises, where that is asked for."""
-        self.manager = SimulatedManager(
+        self.managers[node] = SimulatedManager(
             self.clock,
             self._drawn_clock(0),
             self.spec,
@@ -260,10 +271,11 @@ class Simulation:
             disk=self._disks[node],
             advise=advise,
             key=self.key,
+            standby=self.has_standby,
             planners=self._planners,
             ahead=self._prepared,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
-            tell=self._tell,
+            tell=lambda told: self._tell(node, told),
         )
 
     def _secret(self, pe: str) -> Secret | None:
@@ -273,22 +285,34 @@ class Simulation:
     def _drawn_clock(self, ahead_ns: int) -> LocalClock:
         return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))
 
-    def _tell(self, event: dict[str, Any]) -> None:
+    def _tell(self, node: int, event: dict[str, Any]) -> None:
+        """Take an event of a manager; of one that stands by, only what concerns itself, and no phase."""
+        reigns = self.manager
+        if reigns is not None and reigns.core.reigns and reigns is not self.managers.get(node):
+            if event["event"] not in _OF_A_STANDBY:
+                return
+            event.pop("phase", None)
+            self.events.append(event)
+            return
         self.events.append(event)
         self.protocol.take(event)
         if event["event"] in _PHASE_EVENTS:
             self.checks.enter(self.now_ns, self.phase)
 
-    def kill_manager(self) -> None:
-        """Let the manager die now."""
-        if self.manager is not None:
-            self.manager.stop()
-            self.manager = None
+    def kill_manager(self, node: int | None = None) -> None:
+        """Let a manager die now: this one, or the one that reigns."""
+        victim = self.manager if node is None else self.managers.get(node)
+        for number, one in list(self.managers.items()):
+            if one is victim:
+                one.stop()
+                del self.managers[number]
 
     # How it is put together
 
     def _switch_on(self) -> None:
         self.at(self._random.randrange(_LATEST_START_NS), self.start_manager)
+        if self.has_standby:
+            self.at(self._random.randrange(_LATEST_START_NS), lambda: self.start_manager(LAST_MANAGER))
         for pe in self.spec.pes:
             self._down.add(f"pe:{pe}")
             self.at(self._random.randrange(_LATEST_START_NS), lambda pe=pe: self.restore(pe))  # type: ignore[misc]

@@ -14,10 +14,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from random import Random
 
-from heronry_tools.simulator.act import KINDS, Act
+from heronry_tools.simulator.act import KINDS, MANAGERS, Act
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
-from heronry_tools.simulator.nodes import SimulatedPe
+from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_wire.frame import Frame
@@ -225,18 +225,40 @@ def _bad_transmitter(pe: SimulatedPe, _act: Act, _random: Random) -> End:
     return end
 
 
-def _manager_crash(simulation: Simulation, _act: Act, _random: Random) -> End | None:
-    if simulation.manager is None or not simulation.manager.running:
+def _struck_manager(simulation: Simulation, act: Act) -> tuple[int, SimulatedManager] | None:
+    """Give the manager that an act means, if it runs."""
+    node = MANAGERS[act.target]
+    reigns = simulation.manager
+    for number, one in simulation.managers.items():
+        if one.running and (number == node or (node is None and one is reigns)):
+            return number, one
+    return None
+
+
+def _manager_crash(simulation: Simulation, act: Act, _random: Random) -> End | None:
+    struck = _struck_manager(simulation, act)
+    if struck is None:
         return None
-    simulation.kill_manager()
-    return lambda: simulation.start_manager() if simulation.manager is None else None
+    node, _ = struck
+    simulation.kill_manager(node)
+    return lambda: simulation.start_manager(node) if node not in simulation.managers else None
 
 
 def _manager_pause(simulation: Simulation, act: Act, _: Random) -> End | None:
-    if simulation.manager is None or not simulation.manager.running:
+    struck = _struck_manager(simulation, act)
+    if struck is None:
         return None
-    simulation.manager.pause(act.lasts_ms * MS)
+    struck[1].pause(act.lasts_ms * MS)
     return _nothing
+
+
+def _manager_cut(simulation: Simulation, act: Act, _: Random) -> End | None:
+    struck = _struck_manager(simulation, act)
+    if struck is None:
+        return None
+    manager = struck[1]
+    manager.wire(cut_off=True)
+    return lambda: manager.wire(cut_off=False) if manager.running else None
 
 
 def _share(field: str) -> "_Do":
@@ -367,6 +389,7 @@ _DO: dict[str, _Do] = {
     "late": _on_pe(_late),
     "manager_crash": _manager_crash,
     "manager_pause": _manager_pause,
+    "manager_cut": _manager_cut,
     "loss": _share("loss"),
     "omission": _share("omission"),
     "doubled": _share("doubled"),

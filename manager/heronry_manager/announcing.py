@@ -1,0 +1,40 @@
+"""What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
+
+One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. That is a
+frame that a PE obeys in nothing; a standby that has missed one hears it again.
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.known_situation import KnownSituation
+from heronry_wire.management import ElementKind
+
+ANNOUNCED_EVERY = 5  # beats
+
+Fact = tuple[ElementKind, int]
+
+
+class Announcer:
+    """Chooses what to tell next."""
+
+    def __init__(self, spec: Spec, situation: KnownSituation) -> None:
+        self._phases = list(spec.phases)
+        self._situation = situation
+        self._beat = 0
+        self._told: dict[Fact, int] = {}  # with which beat
+
+    def next(self) -> Fact | None:
+        """Give what is to be told with this beat."""
+        self._beat += 1
+        facts = self._facts()
+        self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
+        fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
+        if fact is None or (fact in self._told and self._beat % ANNOUNCED_EVERY):
+            return None
+        self._told[fact] = self._beat
+        return fact
+
+    def _facts(self) -> list[Fact]:
+        phase = self._situation.phase
+        facts = [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
+        places = map(self._situation.failed.place, self._situation.failed.elements)
+        return facts + sorted(place for place in places if place is not None)

@@ -1,0 +1,94 @@
+"""What a standby manager does while another one reigns: it listens, learns, and knows when to take over (rule 7).
+
+    following   LEASEs of the highest term come; what the manager holds (phase, latched faults), whom it counts on and
+                what it activates is taken down as if it were one's own (`memory`), and planned upon by nobody
+    orphaned    no LEASE came within T_lease, *and* more than half of the PEs that the manager counted on last, each
+                heard within T_lease, say that they hear none either: the manager is gone, and not just this wire
+
+Where no manager was ever heard, the start-up window is waited for, and the PEs that are heard are asked.
+
+Lost: a LEASE that is missed here alone makes nobody take over, since the PEs have heard it. Late, doubled: nothing
+happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged states of more than half of the PEs and the
+manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
+one that was heard before nothing is believed, for as long as that one speaks.
+
+With a key a LEASE counts when it is proven, a state when it is believed; nothing but slices, which the digest in LEASE
+vouches for, is followed besides: no phase, and no faults.
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.exclusion import Exclusion
+from heronry_manager.known_situation import KnownSituation
+from heronry_manager.memory import TermBegun
+from heronry_manager.overheard import Overheard
+from heronry_manager.turn import Turn
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    Alive,
+    Control,
+    Lease,
+    ManagementMessage,
+    PeFlags,
+    StatePage0,
+)
+
+
+class Following:
+    """What is known of the manager that reigns."""
+
+    def __init__(
+        self, spec: Spec, turn: Turn, situation: KnownSituation, exclusion: Exclusion, patience_ns: int
+    ) -> None:
+        """`patience_ns` is how long a manager that was never heard is waited for."""
+        self._turn, self._situation, self._exclusion = turn, situation, exclusion
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._overheard = Overheard(spec, turn)
+        self._counted_on: frozenset[str] = frozenset()
+        self._said: dict[str, tuple[int, bool]] = {}  # when a PE was heard, and whether it hears a LEASE
+        self._orphaned_ns = turn.now_ns + patience_ns  # not before this
+        self.node: int | None = None  # the manager that reigns
+        self.term = 0
+        self.leased_ns: int | None = None  # when its last LEASE came
+
+    def heard(self, node: int, message: ManagementMessage) -> None:
+        """A manager has spoken."""
+        if isinstance(message, Lease):
+            self._lease(node, message)
+        if node != self.node:
+            return
+        match message:
+            case Alive(term, _, nodes) if term == self.term:
+                self._counted_on = frozenset(self._pe_of_node[n] for n in nodes & self._pe_of_node.keys())
+                self._exclusion.named(self._counted_on, self._turn.now_ns)
+            case Control(term) if term == self.term:
+                self._situation.overheard(node, message)
+            case _:
+                self._overheard.take(message)
+
+    def _lease(self, node: int, lease: Lease) -> None:
+        now_ns = self._turn.now_ns
+        if lease.term < self.term and now_ns < self._orphaned_ns:
+            return
+        if lease.term > self._turn.memory.term:
+            self._turn.keep(TermBegun(lease.term))
+        self.node, self.term, self.leased_ns = node, lease.term, now_ns
+        self._orphaned_ns = now_ns + self._lease_ns + 1
+
+    def state(self, pe: str, page: StatePage0) -> None:
+        """A PE has said what it runs, and whether it hears a manager."""
+        self._said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
+
+    def is_orphaned(self) -> bool:
+        """Tell whether the PEs have no manager any more."""
+        now_ns = self._turn.now_ns
+        if now_ns < self._orphaned_ns:
+            return False
+        heard = {pe: hears for pe, (at_ns, hears) in self._said.items() if now_ns - at_ns <= self._lease_ns}
+        asked = self._counted_on or heard.keys()
+        orphans = sum(1 for pe in asked if heard.get(pe) is False)
+        return 2 * orphans > len(asked)
+
+    def next_deadline_ns(self) -> int | None:
+        """When it may come to be orphaned without a word from anybody."""
+        return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

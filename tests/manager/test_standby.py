@@ -1,0 +1,244 @@
+"""A manager that stands by: what makes it take over, and what it knows then."""
+
+import pytest
+
+from heronry_dg.loader import loads
+from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.memory import NOTHING
+from heronry_manager.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id
+from heronry_wire.management import (
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Prepare,
+    StatePage0,
+    Step,
+)
+from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
+
+PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")
+LEASE_NS = 5 * BEAT_NS
+FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
+
+
+class Pair:
+    """A manager that reigns, one that stands by, and the three PEs that both hear."""
+
+    def __init__(self) -> None:
+        self.primary = OneManager(PHASES)
+        self.standby = standing_by()
+        self.primary.start()
+        self._told = 0
+        self.share()
+        for pe, page in self.primary.running.items():
+            self.standby.running[pe] = page
+        self.fly(10 * BEAT_NS)
+
+    def share(self) -> None:
+        """Let the standby hear what the primary has said."""
+        for frame in self.primary.frames[self._told :]:
+            self.standby.hear(frame)
+        self._told = len(self.primary.frames)
+
+    def fly(self, duration_ns: int) -> None:
+        """Let time pass for both, a millisecond at a time."""
+        for _ in range(duration_ns // MS):
+            self.primary.pass_time(MS)
+            self.share()
+            self.standby.pass_time(MS)
+
+    def orphan(self, *pes: str) -> None:
+        """The primary is dead: time passes for the standby, and these PEs say that they hear nobody."""
+        self.standby.pass_time(LEASE_NS + MS)
+        for pe in pes:
+            self.say(pe, PeFlags(0))
+
+    def say(self, pe: str, flags: PeFlags) -> None:
+        page = self.standby.running[pe]
+        told = StatePage0(page.state, flags, page.incarnation, page.epoch, 0, page.digest)
+        self.standby.running[pe] = told
+        self.standby.beat(pe)
+
+
+def standing_by(node: int = 127) -> OneManager:
+    manager = OneManager(PHASES, node=node)
+    manager.core = ManagerCore(PHASES, node, NOTHING, manager.now_ns, standby=True)
+    manager.memory = NOTHING
+    return manager
+
+
+@pytest.fixture
+def pair() -> Pair:
+    flying = Pair()
+    for pe in PHASES.pes:
+        flying.say(pe, PeFlags.HEARS_LEASE)
+    return flying
+
+
+def state(manager: OneManager) -> str:
+    return str(manager.core.status()["manager"]["state"])
+
+
+def test_while_another_one_reigns_it_says_nothing_and_learns_what_runs(pair: Pair) -> None:
+    assert state(pair.standby) == "standby"
+    assert pair.standby.frames == []
+    assert pair.standby.last("standing_by")["node"] == 126
+    assert pair.standby.memory.runs == pair.primary.memory.runs
+    assert pair.standby.memory.term == 1
+
+
+def test_a_lease_that_it_alone_misses_makes_it_take_over_nothing(pair: Pair) -> None:
+    pair.standby.pass_time(3 * LEASE_NS)
+    assert state(pair.standby) == "standby"
+    assert pair.standby.frames == []
+
+
+def test_half_of_the_pes_are_not_enough_and_more_than_half_are(pair: Pair) -> None:
+    pair.orphan("left")
+    assert state(pair.standby) == "standby"
+    pair.say("middle", PeFlags(0))
+    assert pair.standby.last("taken_over")["before"] == 1
+    assert pair.standby.last("taken_over")["term"] == 2
+
+
+def test_it_commands_at_once_adopts_what_runs_and_counts_on_the_same_pes(pair: Pair) -> None:
+    runs = pair.primary.memory.runs
+    assert runs is not None
+    pair.orphan("left", "middle")
+    pair.standby.pass_time(0)
+    pair.standby.pass_time(MS)
+    assert pair.standby.said(Lease) == [Lease(2, runs.epoch, Step.GO_ALL, runs.digest)]
+    assert pair.standby.said(Alive)[0].nodes == {92, 93, 94}
+    assert pair.standby.last("adopted")["epoch"] == runs.epoch
+    assert pair.standby.requests[-1].at_leisure
+    pair.standby.answer()
+    assert pair.standby.said(Prepare) == []
+
+
+def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(pair: Pair) -> None:
+    pair.standby.die("left")
+    pair.standby.pass_time(LEASE_NS + MS)
+    for pe in ("right", "middle"):
+        pair.say(pe, PeFlags(0))
+    assert pair.standby.last("adopted")
+    assert pair.standby.requests[-1].down == {"pe:left"}
+    assert pair.standby.requests[-1].running is not None
+    assert not pair.standby.requests[-1].at_leisure
+
+
+def test_a_pe_that_restarted_in_between_is_given_what_runs(pair: Pair) -> None:
+    pair.standby.pass_time(LEASE_NS + MS)
+    pair.standby.reboot("right")
+    pair.standby.pass_time(250 * MS)
+    for pe in ("left", "middle"):
+        pair.say(pe, PeFlags(0))
+    assert pair.standby.last("adopted")
+    pair.standby.answer()
+    assert pair.standby.said(Prepare)[-1].epoch == pair.standby.prepared()[0]
+
+
+def test_what_it_has_not_heard_it_finds_out_by_planning() -> None:
+    pair = Pair()
+    pair.standby = standing_by()
+    pair.share()
+    for pe in PHASES.pes:
+        pair.standby.running[pe] = pair.primary.running[pe]
+        pair.standby.beat(pe)
+    pair.fly(2 * BEAT_NS)
+    assert pair.standby.memory.runs is None
+    pair.orphan("left", "middle")
+    assert pair.standby.of("adopted") == []
+    pair.standby.answer()
+    assert pair.standby.last("adopted")
+    assert pair.standby.said(Prepare) == []
+
+
+def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair) -> None:
+    pair.primary.give(OperatorSaid(1, EnterPhase("glide")))
+    pair.primary.report("left", FAULT)
+    pair.primary.give(OperatorSaid(2, FailElement("pe:right")))
+    pair.fly(10 * BEAT_NS)
+    assert pair.standby.core.status()["phase"] == "glide"
+    assert pair.standby.memory.latched.keys() == {"device:servo_left", "pe:right"}
+    cleared = Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
+    pair.standby.hear(Frame(management_id(126, Command.CONTROL), cleared.encode()))
+    assert pair.standby.memory.latched.keys() == {"pe:right"}
+    pair.orphan("left", "middle")
+    assert pair.standby.requests[-1].phase == "glide"
+    assert pair.standby.requests[-1].down >= {"pe:right"}
+
+
+def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
+    before = pair.standby.memory
+    for kind, index in ((ElementKind.PHASE, 9), (ElementKind.DEVICE, 9), (99, 0)):
+        told = Control(1, 0, Operation.HOLDS, kind, index)
+        pair.standby.hear(Frame(management_id(126, Command.CONTROL), told.encode()))
+    assert pair.standby.memory == before
+
+
+def test_the_operator_is_told_whom_to_talk_to(pair: Pair) -> None:
+    (reply,) = (one for one in pair.standby.give(OperatorSaid(7, EnterPhase("land"))) if isinstance(one, Reply))
+    assert not reply.done
+    assert "say it to manager 126" in reply.sentence
+
+
+def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_reigns(pair: Pair) -> None:
+    pair.standby.report("left", FAULT)
+    assert pair.standby.frames == []
+    assert pair.standby.memory.latched == {}
+
+
+def test_one_that_reigned_and_finds_a_higher_term_stands_by_and_forgets_its_epochs(pair: Pair) -> None:
+    pair.orphan("left", "middle")
+    returned = standing_by(126)
+    for pe in PHASES.pes:
+        returned.live(pe)
+    returned.pass_time(110 * MS)
+    assert state(returned) == "reigning"
+    returned.hear(Frame(management_id(127, Command.LEASE), Lease(2, 0, Step.PREPARED, 0).encode()))
+    assert returned.last("stepped_down")["term"] == 2
+    assert state(returned) == "standby"
+    assert returned.core.status()["epoch"] is None
+    returned.answer()  # comes too late
+    said = len(returned.frames)
+    returned.pass_time(3 * BEAT_NS)
+    assert len(returned.frames) == said
+    assert returned.memory.term == 2
+
+
+def test_the_frames_of_a_deposed_manager_are_not_followed(pair: Pair) -> None:
+    lease = Lease(4, 0, Step.PREPARED, 0)
+    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
+    pair.standby.hear(Frame(management_id(127, Command.LEASE), lease.encode()))
+    before = pair.standby.memory
+    pair.share()
+    stale = Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2)
+    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
+    pair.standby.hear(Frame(management_id(126, Command.CONTROL), stale.encode()))
+    assert pair.standby.memory == before
+
+
+@pytest.mark.parametrize(("node", "after_ns"), [(126, LEASE_NS), (127, START_UP_WINDOW_NS)])
+def test_where_nobody_reigns_at_the_start_126_goes_first(node: int, after_ns: int) -> None:
+    manager = standing_by(node)
+    for pe in PHASES.pes:
+        manager.live(pe)
+    manager.pass_time(after_ns - MS)
+    assert manager.frames == []
+    manager.pass_time(BEAT_NS + 2 * MS)
+    assert manager.said(Lease)[0].term == (1 if node == 126 else 2)
+
+
+def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
+    for pe in PHASES.pes:
+        pair.say(pe, PeFlags(0))  # they have missed it; the standby has not
+    assert state(pair.standby) == "standby"
+    assert pair.standby.running["left"].state is PeState.ACTIVE

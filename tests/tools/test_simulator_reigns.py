@@ -1,0 +1,101 @@
+"""The judges of who reigns: each sees what it is for, and nothing else."""
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.simulator.check_orphans import OrphanCheck
+from heronry_tools.simulator.check_terms import TermCheck
+from heronry_wire.management import Activate, Lease, PeFlags, PeState, Ping, Prepare, SliceHead, StatePage0, Step
+
+SPEC = load(shipped_spec_path("elevator_and_chute"))
+NODE = 94
+MS = 1_000_000
+
+
+def running(epoch: int, *, incarnation: int = 1, hears: bool = False, state: PeState = PeState.ACTIVE) -> StatePage0:
+    return StatePage0(state, PeFlags.HEARS_LEASE if hears else PeFlags(0), incarnation, epoch, 0, 7)
+
+
+def terms() -> TermCheck:
+    """Manager 126 has prepared epoch 1 in term 1, and 127 epoch 17 in term 2."""
+    check = TermCheck(SPEC)
+    check.commanded(0, 126, Prepare(1, 1, 7))
+    check.commanded(1, 126, SliceHead(NODE, 1, 0, 0))
+    check.commanded(2, 127, Prepare(2, 17, 7))
+    return check
+
+
+def test_managers_that_keep_to_their_terms_are_well() -> None:
+    check = terms()
+    for epoch in (1, 17, 17):
+        check.state(NODE, 3, running(epoch))
+    check.commanded(4, 127, Lease(2, 17, Step.GO_ALL, 7))
+    check.commanded(5, 126, Lease(3, 17, Step.GO_ALL, 7))
+    check.state(NODE, 6, running(5))  # prepared before anybody watched
+    assert check.violations == []
+
+
+def test_two_managers_in_one_term_are_seen() -> None:
+    check = terms()
+    check.commanded(9, 126, Ping(2, NODE, 0))
+    assert [violation.rule for violation in check.violations] == ["reign"]
+
+
+def test_a_manager_that_goes_back_to_an_older_term_is_seen() -> None:
+    check = terms()
+    check.commanded(8, 126, Lease(5, 0, Step.PREPARED, 0))
+    check.commanded(9, 126, Activate(3, 1, Step.GO_ALL, 7))
+    assert "went back from term 5 to 3" in check.violations[0].story
+
+
+def test_a_number_that_two_terms_prepare_is_seen() -> None:
+    check = terms()
+    check.commanded(9, 127, Prepare(2, 1, 9))
+    assert "epoch 1 is prepared in term 2" in check.violations[0].story
+
+
+def test_a_pe_that_takes_up_what_a_deposed_manager_prepared_is_seen() -> None:
+    check = terms()
+    check.state(NODE, 8, running(17))
+    check.state(NODE, 9, running(1, incarnation=2))
+    assert check.violations == []
+    check.state(NODE, 10, running(17, incarnation=2))
+    check.state(NODE, 11, running(1, incarnation=2))
+    assert [violation.rule for violation in check.violations] == ["term"]
+
+
+def orphans(*said: tuple[int, StatePage0], keeps: bool = True) -> list[str]:
+    """What is seen of a PE that says this, at these times, after the last word of a manager at 0."""
+    spec = SPEC
+    check = OrphanCheck(spec)
+    check._keeps = keeps
+    check.commanded(0)
+    for t_ms, page in said:
+        check.state(NODE, t_ms * MS, page.encode())
+    assert {violation.rule for violation in check.violations} <= {"policy"}
+    return [violation.story for violation in check.violations]
+
+
+def test_a_pe_that_keeps_what_it_runs_is_well() -> None:
+    assert orphans((100, running(1, hears=True)), (160, running(1)), (900, running(1))) == []
+
+
+def test_a_pe_that_hears_a_manager_where_there_is_none_is_seen() -> None:
+    assert "there is none" in orphans((160, running(1, hears=True)))[0]
+
+
+def test_a_pe_that_changes_without_a_manager_is_seen() -> None:
+    assert "from ACTIVE in epoch 1 to ACTIVE in 2" in orphans((160, running(1)), (180, running(2)))[0]
+    assert orphans((160, running(1)), (180, running(2)), keeps=False) == []
+
+
+def test_a_pe_that_restarts_without_a_manager_is_well() -> None:
+    assert orphans((160, running(1)), (180, running(0, incarnation=2, state=PeState.UNCONFIGURED))) == []
+
+
+def test_what_is_no_page_0_says_nothing() -> None:
+    check = OrphanCheck(SPEC)
+    check.state(NODE, 900 * MS, running(1, hears=True).encode())  # no manager has ever been heard
+    check.commanded(0)
+    check.state(NODE, 900 * MS, b"\xff")
+    check.state(99, 900 * MS, running(1, hears=True).encode())
+    assert check.violations == []

@@ -1,0 +1,55 @@
+"""Who reigns, judged from the frames of the managers' bus: a term has one manager, and nobody goes back to an older.
+
+- At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
+  from one manager's identifiers, and a manager's own terms never go down.
+- Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
+  epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
+- Two managers never give one epoch two meanings: a number is prepared by one term.
+
+What a deposed manager still says is judged here alone: nobody else has to believe it.
+"""
+
+from heronry_dg.model import Spec
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.management import ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
+
+
+class TermCheck:
+    """Follows commands, and the epochs that PEs say they run."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.violations: list[Violation] = []
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._manager_of: dict[int, int] = {}  # by term
+        self._highest: dict[int, int] = {}  # term of each manager
+        self._term_of: dict[int, int] = {}  # by epoch
+        self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
+
+    def commanded(self, t_ns: int, manager: int, message: ManagementMessage) -> bool:
+        """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
+        if isinstance(message, SliceHead | SliceBody):
+            return self._highest.get(manager, 0) >= max(self._highest.values(), default=0)
+        term = message.term
+        if self._manager_of.setdefault(term, manager) != manager:
+            self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
+        if term < self._highest.get(manager, 0):
+            self._tell(t_ns, "reign", f"manager {manager} went back from term {self._highest[manager]} to {term}")
+        self._highest[manager] = max(term, self._highest.get(manager, 0))
+        if isinstance(message, Prepare) and self._term_of.setdefault(message.epoch, term) != term:
+            story = f"epoch {message.epoch} is prepared in term {term}, and was in term {self._term_of[message.epoch]}"
+            self._tell(t_ns, "reign", story)
+        return term >= max(self._highest.values())
+
+    def state(self, node: int, t_ns: int, page: StatePage0) -> None:
+        """A PE says what it runs."""
+        term = self._term_of.get(page.epoch)
+        if term is None:
+            return
+        incarnation, epoch, before = self._taken.get(node, (page.incarnation, page.epoch, term))
+        if incarnation == page.incarnation and epoch != page.epoch and term < before:
+            story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
+            self._tell(t_ns, "term", story)
+        self._taken[node] = (page.incarnation, page.epoch, term)
+
+    def _tell(self, t_ns: int, rule: str, story: str) -> None:
+        self.violations.append(Violation(t_ns, rule, story))
