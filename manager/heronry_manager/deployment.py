@@ -53,9 +53,8 @@ from heronry_wire.management import (
 from heronry_wire.sansio import require
 
 _EPOCHS_REMEMBERED = 8
-_IN_ORDER = frozenset(
-    (Reason.NONE, Reason.STALE_TERM)
-)  # a PE that names an epoch of this reign refuses another manager
+# STALE_TERM: a PE that names an epoch of this reign refuses the commands of another manager.
+_IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))
 _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD}
 
 
