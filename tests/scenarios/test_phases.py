@@ -11,6 +11,7 @@ from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, Fail
 from heronry_tools.simulator.bus import Tampering
 from heronry_tools.simulator.simulation import Simulation
 from heronry_wire.identifiers import Command, emcy_id, management_id
+from heronry_wire.management import Operation
 from scenarios.flights import MS, big_blue, flying, management_frames, two_tails
 
 ESTIMATOR = "  state_estimator: {"
@@ -119,7 +120,7 @@ def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> N
     told = [
         sent
         for sent in management_frames(recorded.trace, started_ns, recorded.now_ns)
-        if sent.frame.can_id in asked or sent.frame.can_id == answers
+        if sent.frame.can_id in asked or (sent.frame.can_id == answers and sent.frame.data[3] == Operation.ACKNOWLEDGE)
     ]
     assert len(told) == 2
     for sent in told:
