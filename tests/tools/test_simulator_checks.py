@@ -185,6 +185,16 @@ def test_a_branch_that_is_driven_by_what_its_producer_has_not_sent_is_seen() -> 
     assert (violation.rule, "has sent no 123.0 lately" in violation.story) == ("foreign", True)
 
 
+def test_what_was_heard_before_a_wire_broke_is_no_foreign_datum_as_long_as_it_is_fresh() -> None:
+    simulation = Simulation(load(shipped_spec_path("big_blue")))
+    simulation.run_for(2_500_000_000)
+    simulation.cut("ground")
+    simulation.run_for(500_000_000)  # twenty frames of what may be three periods of a slower mode old
+    simulation.mend("ground")
+    simulation.run_for(200_000_000)
+    assert simulation.broken() == []
+
+
 def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
     checks = Checks(SPEC)
     for i in range(8_000):

@@ -23,7 +23,7 @@ from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.management import StatePage0
 
-_REMEMBERED = 16  # frames of one source: more than come in three periods, unless a wire was mended just now
+_MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
 _SLACK_NS = 2_000_000  # for a clock that is fast, and a step that was under way
 _UNTOLD_NS = 50_000_000
 
@@ -35,6 +35,7 @@ class FreshnessCheck:
         self.violations: list[Violation] = []
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
+        self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
@@ -46,7 +47,7 @@ class FreshnessCheck:
             key = (sent.bus, frame.can_id, frame.data[0])
             last = self._last.get(key)
             if last is None:
-                last = self._last[key] = deque(maxlen=_REMEMBERED)
+                last = self._last[key] = deque(maxlen=self._remembered.get(frame.can_id, 1))
             last.append((sent.end_ns, frame))
 
     def state(self, node: int, t_ns: int, page: StatePage0) -> None:
@@ -87,6 +88,12 @@ class FreshnessCheck:
         elif not any(driven.t_ns - t_ns <= oldest_ns and _says(frame, datum.value) for t_ns, frame in reversed(heard)):
             story = f"{by_what}, but node {node} has sent no {datum.value!r} lately"
             self.violations.append(Violation(driven.t_ns, "foreign", story))
+
+
+def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
+    """How many frames of a source there may be that are fresh: its slowest mode says how long, its fastest how many."""
+    rates = [m.rate_mhz for m in spec.modules[producer].modes.values() if variable in m.gives]
+    return FRESH_PERIODS * max(rates) // min(rates) + _MORE
 
 
 def _says(frame: Frame, value: Value) -> bool:
