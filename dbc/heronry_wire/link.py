@@ -196,20 +196,26 @@ class Link:
 
     def _open(self) -> None:
         """Open the bus and see that it works; raises LinkError."""
-        obstacle = None if self._interface is None else _obstacle(self._interface, self._config.get("bitrate"))
-        if obstacle is not None:
-            raise LinkError(f"{self.name} cannot be opened: {obstacle}")
+        self._look_at_interface()
         bus, self._fileno = open_bus(self._config)
         try:
             bus.recv(0)  # an interface that is down can be opened, and says so here
+            self._look_at_interface()  # again: it may have come up, at another bit rate, in between
             self._bus = bus
             self._set_filters()
-        except (can.CanError, OSError) as error:
+        except (can.CanError, OSError, LinkError) as error:
             self._bus = None
             bus.shutdown()
+            if isinstance(error, LinkError):
+                raise
             raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
         self._overruns = 0
         self._is_well_known = bus.channel_info.startswith(_WELL_KNOWN)
+
+    def _look_at_interface(self) -> None:
+        obstacle = None if self._interface is None else _obstacle(self._interface, self._config.get("bitrate"))
+        if obstacle is not None:
+            raise LinkError(f"{self.name} cannot be opened: {obstacle}")
 
     def _open_again(self, now_ns: int) -> None:
         try:

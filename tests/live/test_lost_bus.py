@@ -10,6 +10,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import can
@@ -20,6 +21,7 @@ from heronry_tools.softbus.starter import start_hub
 from heronry_wire.can_interface import read_interface
 from heronry_wire.controller import ControllerState
 from heronry_wire.identifiers import heartbeat_id, state_id
+from heronry_wire.link import Link
 from heronry_wire.management import PeState, StatePage0
 from live.serial_adapter import NoAdapterError, SerialAdapter
 from live.test_agent_process import PATIENCE_S, Ground
@@ -147,6 +149,25 @@ def test_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground:
     agent.end()
 
 
+@pytest.mark.parametrize("ground", [pytest.param("softbus", marks=pytest.mark.live)], indirect=True)
+def test_a_flood_of_frames_that_it_must_read_stops_no_heartbeat(ground: Ground) -> None:
+    """A neighbour's state frames, as fast as the bus takes them: they outrank those of this PE, and leave it gaps."""
+    agent = Log(ground)
+    before = ground.hear_page_0()
+    flood = can.Message(arbitration_id=state_id(NODE - 1), is_extended_id=False, data=bytes(8))
+    own = [{"can_id": state_id(NODE), "can_mask": 0x7FF}]
+    heard = 0
+    with can.Bus(**ground.place, ignore_config=True, can_filters=own) as listener:
+        for _ in range(4000):
+            ground.bus.send(flood, PATIENCE_S)
+            heard += listener.recv(0) is not None
+    assert heard
+    while ground.bus.recv(0) is not None:
+        pass
+    assert ground.hear_page_0().incarnation == before.incarnation
+    assert "lost" not in agent.end()
+
+
 @pytest.mark.parametrize("ground", [pytest.param("socketcan", marks=ON_VCAN)], indirect=True)
 @pytest.mark.skipif(shutil.which("tc") is None, reason="it needs tc(8)")
 def test_a_queue_that_takes_nothing_is_waited_out(ground: Ground) -> None:
@@ -162,6 +183,21 @@ def test_a_queue_that_takes_nothing_is_waited_out(ground: Ground) -> None:
         pass
     assert ground.hear_page_0().incarnation == before.incarnation
     agent.end()
+
+
+@pytest.mark.vcan
+def test_frames_that_the_kernel_had_to_drop_are_counted() -> None:
+    """Nobody takes them while they come; Linux keeps a few hundred."""
+    place = {"interface": "socketcan", "channel": "vcan0"}
+    with closing(Link(place)) as link, can.Bus(**place, ignore_config=True) as bus:
+        for number in range(2000):
+            bus.send(can.Message(arbitration_id=number, is_extended_id=False))
+        taken = 0
+        while arrivals := link.receive(time.monotonic_ns()):
+            taken += len(arrivals)
+        assert taken + link.health.counts["frames not taken in time"] == 2000
+        assert taken < 2000
+        assert "some are lost" in link.health.take_news()[0]
 
 
 # An interface with a controller

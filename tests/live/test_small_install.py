@@ -191,6 +191,7 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == rooms
     assert {f"{room}/py.typed" for room in rooms} <= names
     assert {"heronry_wire/nod.csv", "heronry_tools/vcan/xstate.c"} <= names
+    assert {f"heronry_tools/deployment/heronry-{node}@.service" for node in ("agent", "manager")} <= names
     assert {f"heronry_dg/specs/{name}.dg.yaml" for name in ("big_blue", "elevator_and_chute")} <= names
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     for line in (
