@@ -61,7 +61,8 @@ class CommandSigner:
 
     def __init__(self, key: Key, manager: int, term: int) -> None:
         """`term` was never used by this manager before."""
-        self._key, self._manager, self._term = key, manager, term
+        self.term = term
+        self._key, self._manager = key, manager
         self._tag_id = management_id(manager, Command.TAG)
         self._control_id = management_id(manager, Command.CONTROL)
         self._kinds = {management_id(manager, command): command for command in Command if command is not Command.TAG}
@@ -75,13 +76,13 @@ class CommandSigner:
     def welcome(self, node: int, nonce: int) -> tuple[Frame, Frame]:
         """Answer the nonce of a PE: a command that opens its session, and its TAG. `number` is the session's number."""
         number = self.number + 1
-        answer = Control(self._term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
+        answer = Control(self.term, node, Operation.WELCOME, number >> 16, number & 0xFFFF).encode()
         return Frame(self._control_id, answer), self._tag(WELCOME_KIND, answer, nonce)
 
     def _tag(self, kind: int, payload: bytes, nonce: int = NO_NONCE) -> Frame:
         self.number += 1
         require(self.number <= MAX_NUMBER, "a term has no numbers left: start the manager anew")
-        tag = self._key.command_tag(self._manager, kind, Place(self._term, self.number), payload, nonce)
+        tag = self._key.command_tag(self._manager, kind, Place(self.term, self.number), payload, nonce)
         return Frame(self._tag_id, TAG.pack(kind, self.number % NUMBER_SPAN, tag))
 
 

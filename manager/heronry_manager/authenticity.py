@@ -90,9 +90,21 @@ class _Peer:
 class Authenticity:
     """The key of one manager, and what has been proven with it."""
 
-    def __init__(self, spec: Spec, turn: Turn, key: Key, digest_of: Callable[[int], int | None]) -> None:
-        """The term of `turn` was never used by this manager; `digest_of` gives the digest of an epoch of this reign."""
-        self._turn, self._key, self._digest_of = turn, key, digest_of
+    def __init__(
+        self,
+        spec: Spec,
+        turn: Turn,
+        key: Key,
+        *,
+        digest_of: Callable[[int], int | None],
+        speaks: Callable[[], bool],
+    ) -> None:
+        """Know nobody yet.
+
+        digest_of: gives the digest of an epoch of this reign.
+        speaks: tells whether this manager reigns: only then is its term its own, and never used before.
+        """
+        self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
         self._managers = CommandVerifier(key, spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
         self._peers = {
@@ -115,6 +127,8 @@ class Authenticity:
 
     def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
         """Let every command be followed by its TAG; then answer the nonces that have come."""
+        if self._signer.term != self._turn.term:  # who stood by has taken over
+            self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
         sealed: list[ManagerAction] = []
         for action in actions:
             sealed.append(action)
@@ -218,7 +232,7 @@ class Authenticity:
             peer.wrong_ns = now_ns
             if peer.wrong == GUESSES:
                 self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
-        if peer.doubted_ns is None:
+        if peer.doubted_ns is None or not self._speaks():
             peer.doubted_ns = now_ns
         elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
             peer.doubted_ns = now_ns

@@ -178,7 +178,8 @@ class ManagerCore:
         )
         self._authenticity: Authenticity | None = None
         if key is not None:
-            self._authenticity = Authenticity(spec, turn, key, self._deployment.digest_of)
+            digest_of = self._deployment.digest_of
+            self._authenticity = Authenticity(spec, turn, key, digest_of=digest_of, speaks=self._speaks)
         self._announcer = Announcer(spec, self._situation)
         self._following = Following(spec, turn, self._situation, self._exclusion, self._window_ns)
 

@@ -20,7 +20,9 @@ _SLACK = 2  # heartbeats: one until it is told, one for clocks and waiting
 class OrphanCheck:
     """Follows who hears a manager."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
+        """With a key state frames have a tag in the place of the digest."""
+        self._has_digests = has_digests
         self.violations: list[Violation] = []
         bus = spec.buses[spec.manager.bus]
         self._keeps = spec.manager.without_manager == "keep"
@@ -43,7 +45,7 @@ class OrphanCheck:
             return
         if PeFlags.HEARS_LEASE in page.flags:
             self._tell(t_ns, f"{self._names[node]} says that it hears a manager, and there is none")
-        runs = (page.incarnation, page.state, page.epoch, page.digest)
+        runs = (page.incarnation, page.state, page.epoch, page.digest if self._has_digests else 0)
         before, self._orphans[node] = self._orphans.get(node), runs
         if self._keeps and before is not None and before != runs and before[0] == runs[0]:
             story = (

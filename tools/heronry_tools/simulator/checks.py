@@ -57,7 +57,7 @@ class Checks:
         self._commands = Commanded(spec, tables)
         self._exclusion = ExclusionCheck(spec)
         self._terms = TermCheck(spec)
-        self._orphans = OrphanCheck(spec)
+        self._orphans = OrphanCheck(spec, has_digests=key is None)
         self._epochs = EpochCheck(spec, has_digests=key is None)
         self._blame = BlameCheck(spec)
         self._configurations = ConfigurationCheck(spec)

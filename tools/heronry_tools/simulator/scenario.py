@@ -16,10 +16,12 @@ from heronry_tools.simulator.check_silence import stopped_by_silence
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
+from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.sansio import InvariantError
 
 _NS_PER_S = 1_000_000_000
 _MS = 1_000_000
+_KEY = Key(bytes(KEY_BYTES))
 _LONGEST_START_NS = 20 * _NS_PER_S
 
 
@@ -55,7 +57,8 @@ def lossy(share: float) -> Faults:
 
 def play(spec: Spec, scenario: Scenario) -> Outcome:
     """Fly a scenario to its end."""
-    simulation = Simulation(spec, scenario.seed, faults=lossy(scenario.loss))
+    has_key = any(KINDS[act.kind].needs_key for act in scenario.acts)
+    simulation = Simulation(spec, scenario.seed, faults=lossy(scenario.loss), key=_KEY if has_key else None)
     hits: Counter[tuple[str, str]] = Counter()
     try:
         violations = _fly(simulation, scenario, hits)

@@ -17,6 +17,7 @@ from random import Random
 from heronry_tools.simulator.act import KINDS, MANAGERS, Act
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
+from heronry_tools.simulator.forger import Forger
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
@@ -327,6 +328,10 @@ def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
     return stranger.leave
 
 
+def _attack(simulation: Simulation, act: Act, random: Random) -> End:
+    return Forger(simulation.clock, simulation.buses[act.name], random).leave
+
+
 def _alter(uses: frozenset[Use], share: float) -> "_Do":
     """Change what is received, one frame in so many."""
 
@@ -401,6 +406,7 @@ _DO: dict[str, _Do] = {
     "babble": _babble,
     "rogue": _rogue,
     "corrupt": _alter(_DATA, _CORRUPT_SHARE),
+    "attack": _attack,
     "forge": _alter(_COMMANDS, _FORGE_SHARE),
     "raise": _module,
     "unfit": _module,

@@ -1,0 +1,46 @@
+"""Flights with a key, and somebody on the bus who does not have it."""
+
+from random import Random
+
+import pytest
+
+from heronry_tools.simulator.act import read_act
+from heronry_tools.simulator.forger import Forger
+from heronry_tools.simulator.scenario import Scenario, play
+from heronry_tools.simulator.simulation import MS, Simulation
+from heronry_tools.spec_argument import load_spec
+from heronry_wire.authentication import Key
+
+SPEC = load_spec("elevator_and_chute")
+ACTS = ("0.1 attack bus:can0 for 3", "0.5 crash pe:tail_pe for 0.6", "1.5 manager_crash manager for 0.3")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_whatever_a_forger_says_every_pe_does_what_its_managers_have_said(seed: int) -> None:
+    outcome = play(SPEC, Scenario(seed, 4.0, tuple(read_act(SPEC, act) for act in ACTS)))
+    assert outcome.violations == ()
+    assert outcome.hits.total() == len(ACTS)
+
+
+def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
+    simulation = Simulation(SPEC, 5, key=Key(bytes(32)), standby=True)
+    simulation.run_for(3_000 * MS)
+    reigned = {pe.core.reign.manager for pe in simulation.pes.values()}
+    simulation.kill_manager()
+    simulation.run_for(1_000 * MS)
+    assert {pe.core.reign.manager for pe in simulation.pes.values()} == {126, 127} - reigned
+    assert simulation.settle() == []
+    assert not simulation.events_of("pe_lost")
+
+
+@pytest.mark.parametrize(("key", "obeys"), [(Key(bytes(32)), False), (None, True)])
+def test_it_is_obeyed_only_where_there_is_no_key(key: Key | None, obeys: bool) -> None:
+    simulation = Simulation(SPEC, 3, key=key)
+    simulation.run_for(2_000 * MS)
+    forger = Forger(simulation.clock, simulation.buses["can0"], Random(1))
+    simulation.run_for(1_000 * MS)
+    forger.leave()
+    assert forger.attacks > 200
+    assert any(pe.core.reign.term > 100 for pe in simulation.pes.values()) is obeys
+    refused = [pe.core.authenticity.refused.total() for pe in simulation.pes.values() if pe.core.authenticity]
+    assert all(count > 100 for count in refused)
