@@ -230,7 +230,7 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
     ]
     lines = [line.text.removeprefix("[ start  ] ") for line in told(Story(ELEVATOR), events)]
     assert lines[:-1] == [
-        "epoch 7 runs already, and is what would be planned: it stays as it is",
+        "epoch 7 runs already: it is adopted as it is",
         "PHASE land (was climb), asked for by tail_pe",
         "device:gps is taken for well again, says the operator",
         "it would start b, c; move a",
@@ -366,3 +366,28 @@ show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_hear
         seen = screen_side.read(4096).decode()
     assert "\x1b[1;33m" in seen  # bold yellow: a fault
     assert re.sub(r"\x1b\[[0-9;]*m", "", seen) == "[ start  ] tail_pe is lost: [silent] for 3 periods\r\n"
+
+
+def test_a_manager_that_is_killed_and_what_follows_is_a_story() -> None:
+    story = Story(BIG_BLUE)
+    killed = event("process", 2_000 * MS, pe="manager", pid=7, what="killed")
+    taken = event("taken_over", 2_107 * MS, term=2, before=1, silent_ns=112 * MS, phase=None)
+    over = event("summary", 3_000 * MS, served=["parachute"], unserved=[], rivals=[], pending=None)
+    told = [line.text for one in (killed, taken, over) for line in story.tell(one)]
+    assert "KILL the manager (SIGKILL, process 7)" in told[0]
+    assert "THE STANDBY TAKES OVER, 107 ms after the kill: term 2, after 112 ms of silence" in told[1]
+    assert "since the manager was killed no function has fallen silent" in told[2]
+
+
+def test_one_that_takes_over_unasked_says_how_long_nobody_was_heard() -> None:
+    taken = event("taken_over", 5_000 * MS, term=2, before=0, silent_ns=None, phase=None)
+    (line,) = Story(BIG_BLUE).tell(taken)
+    assert "THE STANDBY TAKES OVER: term 2, after no manager was heard" in line.text
+
+
+def test_a_killed_manager_is_not_restored() -> None:
+    assert read_script(BIG_BLUE, ["manager@3"], [])[0].pe == "manager"
+    with pytest.raises(UserError, match="the standby reigns"):
+        read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
+    with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
+        read_script(BIG_BLUE, ["manager@3", "manager@4"], [])

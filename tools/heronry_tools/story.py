@@ -56,6 +56,8 @@ class Story:
 
     spec: Spec
     _start_ns: int | None = None
+    _manager_killed_ns: int | None = None
+    _silences: int = 0  # that were told since then
     _suspects: set[str] = field(default_factory=set)
     _plan: Mapping[str, Any] = field(default_factory=dict)
     _next: Mapping[str, Any] = field(default_factory=dict)
@@ -79,8 +81,11 @@ class Story:
             case "process":
                 yield from self._process(event)
             case "taken_over":
-                silent = "no manager was heard" if event["silent_ns"] is None else f"{event['silent_ns'] / 1e6:.0f} ms"
-                yield Line(f"THE STANDBY TAKES OVER, term {event['term']}, after {silent} of silence", "title")
+                silent_ns = event["silent_ns"]
+                silent = "no manager was heard" if silent_ns is None else f"{silent_ns / 1e6:.0f} ms of silence"
+                killed_ns = self._manager_killed_ns
+                after = "" if killed_ns is None else f", {(event['t_ns'] - killed_ns) / 1e6:.0f} ms after the kill"
+                yield Line(f"THE STANDBY TAKES OVER{after}: term {event['term']}, after {silent}", "title")
             case "pe_suspected" | "pe_answered" | "pe_lost":
                 yield from self._suspicion(event)
             case "pe_joined" if self._plan:
@@ -126,6 +131,10 @@ class Story:
 
     def _process(self, event: Mapping[str, Any]) -> Iterator[Line]:
         what, pe = event["what"], event["pe"]
+        if pe == "manager":
+            self._manager_killed_ns, self._silences = event["t_ns"], 0
+            yield Line(f"KILL the manager (SIGKILL, process {event['pid']}); the PEs fly on by themselves", "title")
+            return
         if what == "killed":
             runs = [name for name, m in self._plan.get("modules", {}).items() if m["pe"] == pe]
             yield Line(f"KILL {pe} (SIGKILL, process {event['pid']}); it ran {', '.join(runs) or 'nothing'}", "title")
@@ -158,6 +167,7 @@ class Story:
 
     def _outage(self, event: Mapping[str, Any]) -> Iterator[Line]:
         """A gap is worth a line once it is over; one that has lasted is told before that."""
+        self._silences += 1
         criticality = self.spec.functions[event["function"]].criticality_in(self._plan.get("phase"))
         name = f"{event['function']} (class {criticality})"
         if event["to_ns"] is not None:
@@ -167,6 +177,8 @@ class Story:
             yield Line(f"{name} has not been heard for {(event['t_ns'] - event['from_ns']) / 1e6:.0f} ms", "bad")
 
     def _summary(self, event: Mapping[str, Any]) -> Iterator[Line]:
+        if self._manager_killed_ns is not None and not self._silences:
+            yield Line("since the manager was killed no function has fallen silent", "good")
         yield Line(f"heard on the bus at the end: {', '.join(event['served']) or 'nothing'}", "title")
         if event["unserved"]:
             yield Line(f"planned, but not heard: {', '.join(event['unserved'])}", "bad")

@@ -14,6 +14,7 @@ examples:
   heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
   heronry demo --key fleet.key                        every command and every state is proven
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
+  heronry demo --kill manager@5                       a second manager stands by, and takes over
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 
 Times are in seconds after the first configuration runs. Ctrl-C ends it; nothing is left behind.
@@ -34,7 +35,13 @@ def add_parsers(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_spec_argument(parser, default="big_blue")
-    parser.add_argument("--kill", metavar="pe:NAME@SECONDS", action="append", default=[], help="SIGKILL a PE's process")
+    parser.add_argument(
+        "--kill",
+        metavar="pe:NAME@SECONDS",
+        action="append",
+        default=[],
+        help="SIGKILL a PE, or the manager: manager@SECONDS",
+    )
     parser.add_argument("--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start it again")
     parser.add_argument(
         "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"

@@ -29,11 +29,11 @@ from heronry_tools.demo.buses import BusChoice
 from heronry_tools.errors import UserError
 from heronry_tools.softbus.starter import HubProcess, start_hub
 from heronry_tools.table_command import write_tables
+from heronry_wire.identifiers import FIRST_MANAGER
 
 _STOP_TIMEOUT_S = 5.0
 _HUB_PRIORITY, _NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
 _NAME = "heronry-demo-"
-_SOCKET = "manager.sock"
 
 
 def run_folder() -> Path:
@@ -69,7 +69,7 @@ class Fleet:
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
-        self._manager: subprocess.Popen[bytes] | None = None
+        self._managers: list[tuple[subprocess.Popen[bytes], Path]] = []  # with their sockets; the first one reigns
         self._buses: Mapping[str, BusChoice] = {}
         self._tables = write_tables(spec, spec.pes, folder / "tables", contingencies)
         self._bench_origin_ns = time.monotonic_ns()
@@ -91,20 +91,34 @@ class Fleet:
                 self._hubs.append(hub)
                 _prefer(hub.pid, _HUB_PRIORITY)
 
-    def start_manager(self) -> IO[bytes]:
-        """Start the manager; gives the stream of its events."""
+    def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
+        """Start a manager, one of two where there is a standby; gives the stream of its events."""
+        socket = self.folder / f"manager-{node}.sock"
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
-        arguments += ["--state-dir", str(self.folder), "--socket", str(self.folder / _SOCKET)]
+        arguments += ["--node", str(node), *(["--standby"] if standby else [])]
+        arguments += ["--state-dir", str(self.folder), "--socket", str(socket)]
         arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags]
         if self._contingencies is not None:
             arguments += ["--contingencies", str(self._contingencies)]
-        self._manager = self._start("manager", arguments, stdout=subprocess.PIPE)
-        assert self._manager.stdout is not None
-        return self._manager.stdout
+        name = "manager" if node == FIRST_MANAGER else "standby"
+        process = self._start(name, arguments, stdout=subprocess.PIPE)
+        self._managers.append((process, socket))
+        assert process.stdout is not None
+        return process.stdout
+
+    def kill_manager(self) -> int:
+        """Kill the manager that reigns with SIGKILL; gives its process number."""
+        process, _ = self._managers.pop(0)
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                stream.close()
+        return process.pid
 
     def enter_phase(self, phase: str) -> None:
         """Tell the manager that the operator wants this phase; raises UserError where it refuses."""
-        answer = call(self.folder / _SOCKET, EnterPhase(phase))
+        answer = call(self._managers[0][1], EnterPhase(phase))
         if not answer.done:
             raise UserError(f"--phase {phase}: {answer.sentence}")
 
@@ -129,8 +143,9 @@ class Fleet:
 
     def ended(self) -> str | None:
         """Sentence about a process that has ended by itself; None while all run."""
-        for name, process in [("the manager", self._manager), *self._pes.items()]:
-            if process is not None and process.poll() is not None:
+        managers = [("the manager", process) for process, _ in self._managers]
+        for name, process in [*managers, *self._pes.items()]:
+            if process.poll() is not None:
                 return f"{name} ended with exit code {process.returncode}: {self.last_words(name.removeprefix('the '))}"
         return None
 
@@ -142,7 +157,7 @@ class Fleet:
 
     def close(self) -> None:
         """End everything: in order first, by force where that does not help."""
-        running = [*self._pes.values(), *([self._manager] if self._manager is not None else [])]
+        running = [*self._pes.values(), *(process for process, _ in self._managers)]
         for process in running:
             process.send_signal(signal.SIGTERM)
         deadline = time.monotonic() + _STOP_TIMEOUT_S
@@ -156,7 +171,7 @@ class Fleet:
                     stream.close()
         for hub in self._hubs:
             hub.close()
-        self._pes, self._manager, self._hubs = {}, None, []
+        self._pes, self._managers, self._hubs = {}, [], []
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:

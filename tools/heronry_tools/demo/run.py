@@ -20,10 +20,11 @@ from heronry_dg.model import Spec
 from heronry_manager.events import event as make_event
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.demo.fleet import Fleet
-from heronry_tools.demo.script import Act, PhaseAct, default_acts
+from heronry_tools.demo.script import MANAGER, Act, PhaseAct, default_acts
 from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+from heronry_wire.identifiers import LAST_MANAGER
 from heronry_wire.link import open_bus
 
 LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
@@ -48,6 +49,9 @@ class Show:
         self._plan: Mapping[str, Any] = {}
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
         self._unread = b""
+        self._stream: IO[bytes]
+        self._standby: IO[bytes] | None = None
+        self._mute = False
 
     def run(self, acts: Sequence[Act | PhaseAct], seconds: float, record: IO[str] | None) -> int:
         """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
@@ -62,7 +66,9 @@ class Show:
                     channel=choice.channel,
                     models=choice.describe(),
                 )
-            stream = self._fleet.start_manager()
+            has_standby = any(isinstance(act, Act) and act.pe == MANAGER for act in acts)
+            stream = self._fleet.start_manager(standby=has_standby)
+            self._standby = self._fleet.start_manager(LAST_MANAGER, standby=True) if has_standby else None
             for pe in self._spec.pes:
                 self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
             self._loop(stream, buses, record)
@@ -70,10 +76,11 @@ class Show:
 
     def _loop(self, stream: IO[bytes], buses: Mapping[str, can.BusABC], record: IO[str] | None) -> None:
         begun = time.monotonic()
-        readers: list[IO[bytes] | can.BusABC] = [stream, *buses.values()]
+        self._stream = stream
         while not self._over():
+            readers: list[IO[bytes] | can.BusABC] = [self._stream, *buses.values()]
             select.select(readers, [], [], self._wait_s())
-            for one in self._events(stream):
+            for one in self._events(self._stream):
                 self._follow(one)
             for name, bus in buses.items():
                 self._watch(name, bus, record)
@@ -110,6 +117,9 @@ class Show:
             yield json.loads(line)
 
     def _follow(self, one: dict[str, Any]) -> None:
+        self._mute = self._mute and one["event"] != "taken_over"  # a standby tells what the manager has told already
+        if self._mute:
+            return
         if one["event"] != "bus":  # the demo has told it
             self._tell(one)
         match one["event"]:
@@ -144,10 +154,18 @@ class Show:
             act = self._acts.pop(0)
             if isinstance(act, PhaseAct):
                 self._fleet.enter_phase(act.phase)
+            elif act.pe == MANAGER:
+                self._kill_manager()
             elif act.what == "kill":
                 self._emit("process", pe=act.pe, pid=self._fleet.kill_pe(act.pe), what="killed")
             else:
                 self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")
+
+    def _kill_manager(self) -> None:
+        """Kill it, and follow the one that stands by from where it takes over."""
+        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(), what="killed")
+        assert self._standby is not None
+        self._stream, self._unread, self._mute = self._standby, b"", True
 
     def _look(self) -> None:
         now_ns = time.monotonic_ns()

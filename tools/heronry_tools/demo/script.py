@@ -1,4 +1,4 @@
-"""What a demo does to the system, and when: `--kill pe:NAME@SECONDS`, `--restore ...`, `--phase NAME@SECONDS`."""
+"""What a demo does to the system, and when: `--kill pe:NAME@SECONDS` (or manager), `--restore ...`, `--phase ...`."""
 
 import re
 from collections import Counter
@@ -10,13 +10,14 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_tools.errors import UserError
 
-_PATTERN = re.compile(r"(?P<element>pe:[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
+MANAGER = "manager"
+_PATTERN = re.compile(r"(?P<element>pe:[^@]+|manager)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
 _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Act:
-    """One act: seconds after the start of the show (the first configuration runs), what, and to which PE."""
+    """One act: seconds after the start of the show (the first configuration runs), what, and to which PE or MANAGER."""
 
     at_s: float
     what: Literal["kill", "restore"]
@@ -39,11 +40,12 @@ def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAct]:
 def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Act]:
     """Acts in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
     acts = [_act(spec, "kill", text) for text in kills] + [_act(spec, "restore", text) for text in restores]
-    running = set(spec.pes)
+    running = {*spec.pes, MANAGER}
     for act in sorted(acts):
         if (act.what == "kill") != (act.pe in running):
             state = "runs" if act.pe in running else "does not run"
-            raise UserError(f"--{act.what} pe:{act.pe}@{act.at_s:g}: {act.pe} {state} then; kill and restore in turn")
+            element = act.pe if act.pe == MANAGER else f"pe:{act.pe}"
+            raise UserError(f"--{act.what} {element}@{act.at_s:g}: {act.pe} {state} then; kill and restore in turn")
         running ^= {act.pe}
     return sorted(acts)
 
@@ -70,7 +72,12 @@ def _phase_act(spec: Spec, text: str) -> PhaseAct:
 def _act(spec: Spec, what: Literal["kill", "restore"], text: str) -> Act:
     match = _PATTERN.fullmatch(text)
     if match is None:
-        raise UserError(f"--{what} {text}: write it as pe:NAME@SECONDS, for example pe:{next(iter(spec.pes))}@4")
+        example = f"for example pe:{next(iter(spec.pes))}@4 or manager@4"
+        raise UserError(f"--{what} {text}: write it as pe:NAME@SECONDS, {example}")
+    if match["element"] == MANAGER and what == "restore":
+        raise UserError(f"--restore {text}: a manager that was killed stays dead here, and the standby reigns")
+    if match["element"] == MANAGER:
+        return Act(float(match["seconds"]), what, MANAGER)
     try:
         element = checked_element(spec, match["element"])
     except UnknownElementError as error:

@@ -1,0 +1,42 @@
+"""The manager of a flying aircraft is killed for real: the one that stands by takes over, and nobody notices."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from heronry_dg.shipped import shipped_spec_path
+
+PATIENCE_S = 120
+
+
+def slow_aircraft(folder: Path) -> Path:
+    """A spec with long heartbeats, so that a busy machine loses nobody."""
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
+    assert slow != text
+    file = folder / "slow.dg.yaml"
+    file.write_text(slow)
+    return file
+
+
+def test_the_standby_takes_over_from_a_manager_that_was_killed_and_adopts_what_runs(tmp_path: Path) -> None:
+    spec = slow_aircraft(tmp_path)
+    command = [sys.executable, "-m", "heronry_tools.cli", "demo", str(spec)]
+    done = subprocess.run(
+        [*command, "--kill", "manager@2", "--for", "6", "--json"],
+        capture_output=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    (killed,) = (one for one in events if one["event"] == "process" and one["what"] == "killed")
+    (taken,) = (one for one in events if one["event"] == "taken_over")
+    (adopted,) = (one for one in events if one["event"] == "adopted")
+    assert killed["pe"] == "manager"
+    assert (taken["before"], taken["term"]) == (1, 2)
+    assert taken["silent_ns"] >= 1_000_000_000
+    epochs = [one["epoch"] for one in events if one["event"] == "reconfigured"]
+    assert epochs[-1] == adopted["epoch"]
+    assert events[-1]["unserved"] == []
