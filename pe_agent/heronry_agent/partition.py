@@ -1,6 +1,6 @@
 """A partition: the process in which a group of modules computes, with one socket to its agent and nothing else.
 
-    python -m heronry_agent.partition AGENT_PID       started by the agent; the socket is file descriptor 3
+    python -m heronry_agent.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
 It has no bus, no table, no key: it does what comes on the socket, one packet after the other, and says what came of it
 (`partition_messages`). What a module raises is an answer; what ends the process, the agent sees.

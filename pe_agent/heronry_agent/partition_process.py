@@ -58,7 +58,7 @@ class PartitionProcess:
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         with theirs:
-            self.pid = _spawn(theirs.fileno())
+            self.pid = _spawn(name, theirs.fileno())
         self._schedstat = _open(f"/proc/{self.pid}/schedstat")
 
     def fileno(self) -> int:
@@ -167,11 +167,11 @@ class PartitionProcess:
             return 0  # it has ended
 
 
-def _spawn(theirs: int) -> int:
+def _spawn(name: str, theirs: int) -> int:
     environment = {k: v for k, v in os.environ.items() if k in _INHERITED or k.startswith(("LC_", "PYTHON"))}
     return os.posix_spawn(
         sys.executable,
-        [sys.executable, "-m", "heronry_agent.partition", str(os.getpid())],
+        [sys.executable, "-m", "heronry_agent.partition", str(os.getpid()), name],
         environment,
         file_actions=[
             (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),

@@ -1,0 +1,14 @@
+"""A few strikes of the campaign that `heronry_tools.partition_kills` is: all of them end well."""
+
+import pytest
+
+from heronry_tools.partition_kills import main
+
+pytestmark = pytest.mark.live
+
+
+def test_what_is_struck_is_restarted_given_up_or_planned_around(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--kills", "3", "--rest", "0.1", "--heartbeat-ms", "200"]) == 0
+    words = capsys.readouterr().out
+    assert "FAILURE" not in words
+    assert "PEs lost that nobody killed" in words
