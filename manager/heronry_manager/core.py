@@ -81,6 +81,7 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
+    PeFlags,
     PeState,
     StatePage,
     StatePage0,
@@ -301,13 +302,15 @@ class ManagerCore:
                 self._on_command(node, decode_command(Command.LEASE, lease))
 
     def _speaks(self) -> bool:
+        """Tell whether LEASE goes out."""
         return self.reigns and not self._advise
 
     def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
         now_ns = self._turn.now_ns
         match page:
             case StatePage0():
-                self._take(self._health.heard(pe, page.incarnation, now_ns))
+                hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()
+                self._take(self._health.heard(pe, page.incarnation, now_ns, hears_lease=hears))
                 if page.state is not PeState.UNCONFIGURED:
                     self._health.in_flight(now_ns)
                 self._following.state(pe, page)
@@ -318,7 +321,8 @@ class ManagerCore:
                     self._fail_if(pe, cause)
             case StatePage1():
                 if self._authenticity is None:
-                    self._take(self._health.heard(pe, None, now_ns))
+                    hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()
+                    self._take(self._health.heard(pe, None, now_ns, hears_lease=hears))
                 if not self._advise:
                     self._fail_if(pe, self._deployment.staging(pe, page))
             case StatePage2() if self._authenticity is not None and self._speaks():

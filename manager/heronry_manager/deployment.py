@@ -9,6 +9,9 @@ Observed stays apart: a PE is known to run an epoch by its state frames alone (`
 is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what nobody
 commanded; it cannot stage its slice.
 
+*Admitting*: who comes back, and has nothing to do in the plan that runs already, is given the current epoch; nobody
+else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first.
+
 *Adopting*: a new reign takes over what runs as it is, without a new epoch, where it knows what that is: all PEs that
 are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is remembered,
 or of the very plan that would be deployed. What is not that clean gets a new epoch. A PE that is missing, or runs
@@ -203,12 +206,18 @@ class Deployment:
         )
 
     def runs(self, plan: Plan) -> bool:
-        """Tell whether everybody counted on runs this already, and take the plan for that of the current epoch."""
+        """Tell whether what runs is this already, and take the plan for that of the current epoch.
+
+        Who is counted on and does not run it is admitted to the epoch, if it has nothing to do there.
+        """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
             return False
-        if not self.everybody_runs_it():
+        late = [pe for pe in self._health.counted_on() if self._observed[pe].epoch != current.epoch]
+        if any(current.compiled.slices[self._spec.pes[pe].node_id] for pe in late):
             return False
+        for pe in late:
+            current.admit(self._participant(pe, current.contingency), self._turn.now_ns)
         self._plans[current.epoch] = plan
         return True
 

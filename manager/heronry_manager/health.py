@@ -13,6 +13,11 @@ return at once. So does a PE that says it is UNCONFIGURED although it was given 
 A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
 been counted on for a minute, or by the operator (`forgive`).
 
+A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the bus on
+which it reports, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it is
+failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
+left, it is the manager that is not heard; then nobody is failed for it, and what runs goes on.
+
 One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
 
 Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
@@ -26,6 +31,7 @@ from enum import Enum
 
 from heronry_dg.model import Spec
 from heronry_manager.topology import uplink_bus
+from heronry_wire.management import LEASE_PERIODS
 
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
@@ -77,6 +83,7 @@ class _Record:
     joined_ns: int = 0
     losses: int = 0  # since it was last forgiven
     cause: str | None = None  # why it is down
+    deaf_since_ns: int | None = None  # since when it has said that it hears no lease
     barred: bool = False
 
     def suspect_ns(self) -> int:
@@ -84,6 +91,12 @@ class _Record:
 
     def declare_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * self.misses + self.period_ns // 4
+
+    def is_deaf(self, now_ns: int) -> bool:
+        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.period_ns
+
+    def is_held_down(self, now_ns: int) -> bool:
+        return self.deaf_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
 
     def hold_down_ns(self) -> int:
         return min(self.period_ns * HOLD_DOWN_PERIODS << max(0, self.losses - 1), LONGEST_HOLD_DOWN_NS)
@@ -140,10 +153,14 @@ class Health:
         heard = self._records[pe].heard_ns
         return None if heard is None else now_ns - heard
 
-    def heard(self, pe: str, incarnation: int | None, now_ns: int) -> list[HealthChange]:
-        """A state frame of a PE arrived; `incarnation` where the page says it."""
+    def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
+        """A state frame of a PE arrived; `incarnation` where the page says it.
+
+        hears_lease: it hears the manager, or could not, since that does not speak.
+        """
         record = self._records[pe]
         last, record.heard_ns = record.heard_ns, now_ns
+        record.deaf_since_ns = None if hears_lease else record.deaf_since_ns or now_ns
         changes: list[HealthChange] = []
         if incarnation is not None:
             if record.incarnation not in (None, incarnation):
@@ -164,7 +181,17 @@ class Health:
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
             case Standing.UP | Standing.RETURNING | Standing.DOWN:
                 pass
-        return changes
+        return changes + self._fail_if_deaf(record, last, now_ns)
+
+    def _fail_if_deaf(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
+        """Stop counting on a PE that does not hear the manager, though others do."""
+        if not record.is_deaf(now_ns) or not self.is_counted_on(record.name):
+            return []
+        counted_on = self.counted_on()
+        deaf = sum(self._records[pe].deaf_since_ns is not None for pe in counted_on)
+        if 2 * deaf > len(counted_on):
+            return []
+        return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
     def in_flight(self, now_ns: int) -> None:
         """Somebody runs a configuration already: nobody is starting, and who lives is heard within its misses."""
@@ -239,7 +266,9 @@ class Health:
                 case Standing.SUSPECT:
                     deadlines.append(record.declare_ns())
                 case Standing.RETURNING:
-                    deadlines.append(min(record.declare_ns(), record.returning_since_ns + record.hold_down_ns()))
+                    over_ns = record.returning_since_ns + record.hold_down_ns()
+                    deaf = record.deaf_since_ns is not None
+                    deadlines.append(record.declare_ns() if deaf else min(record.declare_ns(), over_ns))
                 case Standing.WAITING | Standing.DOWN:
                     pass
         return min(deadlines, default=None)
@@ -254,7 +283,7 @@ class Health:
         if record.standing is Standing.RETURNING:
             if now_ns >= record.declare_ns():
                 record.standing = Standing.DOWN
-            elif now_ns >= record.returning_since_ns + record.hold_down_ns():
+            elif not record.is_held_down(now_ns):
                 record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
                 return [HealthChange(record.name, Change.JOINED, "back, and its hold-down is over", last)]
         return []

@@ -6,6 +6,7 @@
     GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must say ACTIVE
     HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
     DONE        every awaited PE is ACTIVE
+                (who is admitted to it later is served all the same)
     ABANDONED   given up before ACTIVATE: the number is never used again
 
 A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
@@ -194,6 +195,16 @@ class Reconfiguration:
         if reached > progress.step:
             progress.step = reached
             progress.owes(now_ns)
+
+    def admit(self, who: Participant, now_ns: int) -> None:
+        """Let a PE take part from now on, after the others: it is served until it has caught up, by LEASE."""
+        if who.pe in self._progress:
+            return
+        progress = _Progress(who, wants_body=self._differs(who), needs_slice=not who.on_board)
+        self._progress[who.pe] = self._by_node[who.node] = progress
+        self._send_prepare()
+        progress.owes(now_ns)
+        self._ask(progress, now_ns)
 
     def drop(self, pe: str) -> None:
         """A PE is no longer counted on: wait for it no more."""

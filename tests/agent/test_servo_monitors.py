@@ -88,6 +88,17 @@ def test_one_slow_look_accuses_nobody(image: str) -> None:
     assert slow.host.reported == []
 
 
+def test_where_nobody_drives_for_a_second_the_monitor_without_an_echo_accuses_nobody() -> None:
+    """The driver's PE is lost, and another one takes its place: all the while the surface stands still."""
+    tail = Tail("servo_monitor")
+    tail.fly(10)
+    tail.working = 0
+    tail.fly(1.2)
+    tail.working = 2
+    tail.fly(10)
+    assert (tail.reported, tail.health) == ([], 0)
+
+
 @BOTH
 def test_a_stuck_servo_is_reported_within_seconds(image: str) -> None:
     tail = Tail(image)

@@ -151,12 +151,12 @@ class OneManager:
     def live(self, pe: str, state: PeState = PeState.UNCONFIGURED, *, epoch: int = 0, digest: int = 0) -> None:
         """Let a PE say this from now on, and at once."""
         incarnation = self.running[pe].incarnation if pe in self.running else 1
-        self.running[pe] = StatePage0(state, PeFlags(0), incarnation, epoch, 0, digest)
+        self.running[pe] = StatePage0(state, PeFlags.HEARS_LEASE, incarnation, epoch, 0, digest)
         self.beat(pe)
 
     def reboot(self, pe: str) -> None:
         incarnation = self.running[pe].incarnation + 1
-        self.running[pe] = StatePage0(PeState.UNCONFIGURED, PeFlags(0), incarnation, 0, 0, 0)
+        self.running[pe] = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, incarnation, 0, 0, 0)
         self.beat(pe)
 
     def die(self, pe: str) -> None:
@@ -165,7 +165,9 @@ class OneManager:
     def stage(self, pe: str, reason: Reason = Reason.NONE) -> None:
         """A PE says that it has staged what is being prepared, or why not."""
         epoch, digest = self.prepared()
-        page = StatePage1(PeState.UNCONFIGURED, PeFlags(0), epoch, digest if reason is Reason.NONE else 0, reason, 0)
+        page = StatePage1(
+            PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest if reason is Reason.NONE else 0, reason, 0
+        )
         self.hear(Frame(self.state_id(pe), page.encode()))
 
     def report(self, pe: str, emergency: Emergency) -> None:

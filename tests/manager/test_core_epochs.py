@@ -370,3 +370,31 @@ def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager:
         take_everywhere(manager)
     manager.live("left", PeState.ACTIVE, epoch=1, digest=5)
     assert "which nobody commanded" in manager.last("pe_lost")["cause"]
+
+
+def test_who_comes_back_with_nothing_to_do_is_admitted_to_the_epoch_that_runs(manager: OneManager) -> None:
+    manager.die("middle")
+    manager.pass_time(100 * MS)
+    manager.answer()
+    for pe in ("left", "right"):
+        manager.stage(pe)
+    for pe in ("left", "right"):
+        manager.take(pe, PeState.ACTIVE)
+    epoch, digest = manager.prepared()
+    assert manager.last("reconfigured")["epoch"] == epoch
+    manager.commands.clear()
+    manager.live("middle")
+    manager.pass_time(300 * MS)
+    manager.answer()
+    assert manager.prepared() == (epoch, digest)
+    assert manager.of("plan_unchanged")
+    assert manager.heads_to("middle") == 1
+    manager.pass_time(25 * MS)
+    assert manager.heads_to("middle") == 2
+    manager.stage("middle")
+    manager.pass_time(5 * MS)
+    manager.take("middle", PeState.ACTIVE)
+    assert manager.core.status()["pes"]["middle"]["epoch"] == epoch
+    manager.report("middle", LEFT_SERVO_FAILED)
+    manager.answer()
+    assert manager.prepared()[0] != epoch

@@ -15,9 +15,11 @@ from heronry_manager.health import (
     HealthChange,
     Standing,
 )
+from heronry_wire.management import LEASE_PERIODS
 
 MS = 1_000_000
 PERIOD = 20 * MS
+PES = ("sensor_pe", "control_pe", "tail_pe")
 
 
 @pytest.fixture(scope="module")
@@ -162,3 +164,45 @@ def test_a_pe_that_is_barred_before_it_was_heard_is_not_waited_for(spec: Spec) -
     assert health.forgive("control_pe")
     assert not health.forgive("control_pe")
     assert changes(health.heard("control_pe", 1, 40 * MS)) == [("control_pe", Change.HEARD_AGAIN)]
+
+
+DEAF_NS = LEASE_PERIODS * PERIOD
+
+
+def speak(health: Health, deaf: set[str], start_ns: int, end_ns: int) -> list[tuple[str, Change]]:
+    """Let everybody beat; these hear no lease."""
+    found = []
+    for now in range(start_ns, end_ns + 1, PERIOD):
+        for pe in PES:
+            found += changes(health.heard(pe, 1, now, hears_lease=pe not in deaf))
+        found += changes(health.tick(now))
+    return found
+
+
+def test_who_speaks_and_does_not_hear_is_failed_after_t_lease(spec: Spec) -> None:
+    health = everybody_up(spec)
+    assert speak(health, {"tail_pe"}, PERIOD, PERIOD + DEAF_NS) == []
+    assert speak(health, {"tail_pe"}, 2 * PERIOD + DEAF_NS, 2 * PERIOD + DEAF_NS) == [("tail_pe", Change.FAILED)]
+    assert health.cause("tail_pe") == "it hears no lease"
+
+
+def test_who_hears_in_between_is_left_in_peace(spec: Spec) -> None:
+    health = everybody_up(spec)
+    for start in range(PERIOD, 20 * DEAF_NS, DEAF_NS):
+        assert speak(health, {"tail_pe"}, start, start + DEAF_NS - 2 * PERIOD) == []
+        assert speak(health, set(), start + DEAF_NS - PERIOD, start + DEAF_NS - PERIOD) == []
+
+
+def test_a_deaf_pe_is_not_taken_back_before_it_hears(spec: Spec) -> None:
+    health = everybody_up(spec)
+    speak(health, {"tail_pe"}, PERIOD, 100 * PERIOD)
+    assert health.standing("tail_pe") is Standing.RETURNING
+    assert health.next_deadline_ns() > 100 * PERIOD
+    assert speak(health, set(), 101 * PERIOD, 101 * PERIOD) == [("tail_pe", Change.JOINED)]
+
+
+def test_where_most_are_deaf_it_is_the_manager_that_is_not_heard(spec: Spec) -> None:
+    health = everybody_up(spec)
+    assert speak(health, {"tail_pe", "sensor_pe"}, PERIOD, 100 * PERIOD) == []
+    assert speak(health, set(PES), 101 * PERIOD, 200 * PERIOD) == []
+    assert health.counted_on() == list(PES)

@@ -8,7 +8,9 @@ Whom to blame. In `big_blue` each servo driver publishes what it commands, in a 
 the datum says which servo is at work. The paper's Figure 3 gives its monitor no such echo. There the monitor assumes
 what the graph says: the first branch of the DEMUX works first, and the second one after the first has been reported.
 That is wrong when somebody else has taken the first servo out, and harmless then: the report names a device that is
-already down.
+already down. It does not hear either whether the servo is driven at all. A surface stands still as well while its
+driver is silent, or holds back on another PE, until that is noticed and another one drives; so this monitor waits for
+longer than a reconfiguration takes before it believes that a servo is to blame.
 
 A second servo is blamed only if the surface has followed for a while since the first one was: two servos in a row
 hardly fail at once, and one potentiometer that is stuck accuses both. Blaming both would leave the aircraft without an
@@ -31,6 +33,7 @@ from heronry_agent.module import Context, Inputs, Module, Value
 _NS_PER_S = 1_000_000_000
 _TOLERANCE_DEG = 2.5
 _DELAY_NS = 500_000_000
+_DELAY_WITHOUT_ECHO_NS = 1_500_000_000  # noticed, planned, held until T_lease is over, and driven back: all in this
 _LOOKS = 5  # command and angle are of different moments: one slow step between them proves nothing
 _TIME_TO_SWITCH_NS = 3_000_000_000
 _FOLLOWING_NS = 3_000_000_000  # longer than a swinging command needs to pass a stuck surface by
@@ -45,6 +48,7 @@ class SurfaceMonitor(Module):
 
     command: ClassVar[str]
     health: ClassVar[str]
+    delay_ns: ClassVar[int] = _DELAY_NS
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
@@ -80,7 +84,7 @@ class SurfaceMonitor(Module):
         elif difference_deg > _TOLERANCE_DEG:
             self._following_ns = 0
             self._apart_ns += self.ctx.period_ns
-            if self._apart_ns >= max(_DELAY_NS, _LOOKS * self.ctx.period_ns):
+            if self._apart_ns >= max(self.delay_ns, _LOOKS * self.ctx.period_ns):
                 self._accuse(servo, difference_deg)
         else:
             self._apart_ns = 0
@@ -119,6 +123,7 @@ class ServoMonitor(SurfaceMonitor):
 
     command = "elevator_demand"
     health = "servo_failure"
+    delay_ns = _DELAY_WITHOUT_ECHO_NS
 
     def working_servo(self, inputs: Inputs) -> int:  # noqa: ARG002 (its inputs do not say)
         """Give the first servo, or the second once the first has been accused."""
