@@ -72,5 +72,5 @@ def test_a_pe_that_stays_deaf_is_given_up_although_it_speaks() -> None:
     simulation.kill("sensor_pe")
     simulation.deafen("tail_pe", 1_000 * MS)
     simulation.run_for(1_000 * MS)
-    assert simulation.events_of("pe_lost")[-1]["cause"] == "it does not acknowledge"
+    assert simulation.events_of("pe_lost")[-1]["cause"] == "it hears no lease"
     assert simulation.settle() == []

@@ -41,7 +41,8 @@ _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
 _AWAY_MS = 1_500  # before it returns
 _STARTED_NS = 10_000 * MS
-_QUIET_NS = 1_000 * MS  # without another reconfiguration: the story is over
+_ADMITTED_NS = 60 * MS  # three beats
+_QUIET_NS = 1_000 * MS  # without another end: the story is over
 _BLOW = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
 
 
@@ -128,17 +129,23 @@ def _senders(spec: Spec, story: str) -> list[str]:
     _prepare(simulation, story)
     seen: list[Sent] = []
     _tap(simulation, seen.append)
-    known = len(simulation.events_of("reconfigured"))
+    known = len(_done_ns(simulation))
     _begin(simulation, story)
     done_ns = simulation.now_ns
     while simulation.now_ns - done_ns < _QUIET_NS or (story == "start" and not known):
         simulation.run_for(10 * MS)
-        done = simulation.events_of("reconfigured")
+        done = _done_ns(simulation)
         if len(done) > known:
-            known, done_ns = len(done), done[-1]["t_ns"]
+            known, done_ns = len(done), done[-1]
         if simulation.now_ns > 2 * _STARTED_NS:
             break
     return [_victim(sent.sender) for sent in seen if sent.end_ns <= done_ns]
+
+
+def _done_ns(simulation: Simulation) -> list[int]:
+    """When something came to its end: a reconfiguration, or that a PE is admitted to what runs already."""
+    admitted = [event["t_ns"] + _ADMITTED_NS for event in simulation.events_of("plan_unchanged")]
+    return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
 
 
 def _blows(spec: Spec, senders: list[str]) -> Iterator[Blow]:
