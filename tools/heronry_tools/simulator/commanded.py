@@ -1,10 +1,11 @@
 """What the managers have commanded, read back from the frames: configurations by epoch.
 
 PREPARE opens an epoch, SLICE heads say who takes part and how long each slice is, bodies bring the bytes, or the digest
-of a head names bytes that were sent before. A contingency's number stands for what the tables have on board under it,
-for whoever gets no head. While a new epoch is prepared, who is late for the last one is still given that one: their
-commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices become a
-configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may come later.
+of a head names bytes that were sent before, or are on board. A contingency's number stands for what the tables have on
+board under it, for whoever gets no head. While a new epoch is prepared, who is late for the last one is still given
+that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
+become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
+come later.
 Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
@@ -75,7 +76,8 @@ class Commanded:
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
-        self._bytes: dict[int, bytes] = {slice_digest(spec.digest, b""): b""}  # by digest of the slice
+        preloaded = {one.slice for held in self._on_board.values() for one in held}
+        self._bytes = {slice_digest(spec.digest, body): body for body in (b"", *preloaded)}  # by digest of the slice
         self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
