@@ -155,10 +155,11 @@ class Reconfiguration:
         self._gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
         self._repeat_ns = min((p.period_ns for p in self.participants), default=0) // 2
         self._broadcast_ns = self.started_ns
+        for progress in self._progress.values():
+            progress.owes(self.started_ns)
         if self.stage is Stage.PREPARING:
             self._send_prepare()
             for progress in self._progress.values():
-                progress.owes(self.started_ns)
                 self._ask(progress, self.started_ns)
 
     @property
@@ -198,8 +199,9 @@ class Reconfiguration:
 
     def admit(self, who: Participant, now_ns: int) -> None:
         """Let a PE take part from now on, after the others: it is served until it has caught up, by LEASE."""
-        if who.pe in self._progress:
-            return
+        before = self._progress.get(who.pe)
+        if before is not None and before.step is not Step.GO_ALL:
+            return  # it is being served
         progress = _Progress(who, wants_body=self._differs(who), needs_slice=not who.on_board)
         self._progress[who.pe] = self._by_node[who.node] = progress
         self._send_prepare()

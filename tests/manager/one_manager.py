@@ -94,6 +94,7 @@ class OneManager:
         self.frames: list[Frame] = []
         self.stops: list[str] = []
         self.compiler = Compiler(self.spec)
+        self.flags = PeFlags.HEARS_LEASE  # of every state
         self.running: dict[str, StatePage0] = {}  # what each PE that lives says each beat
         self.sequences: Counter[str] = Counter()
 
@@ -151,12 +152,12 @@ class OneManager:
     def live(self, pe: str, state: PeState = PeState.UNCONFIGURED, *, epoch: int = 0, digest: int = 0) -> None:
         """Let a PE say this from now on, and at once."""
         incarnation = self.running[pe].incarnation if pe in self.running else 1
-        self.running[pe] = StatePage0(state, PeFlags.HEARS_LEASE, incarnation, epoch, 0, digest)
+        self.running[pe] = StatePage0(state, self.flags, incarnation, epoch, 0, digest)
         self.beat(pe)
 
     def reboot(self, pe: str) -> None:
         incarnation = self.running[pe].incarnation + 1
-        self.running[pe] = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, incarnation, 0, 0, 0)
+        self.running[pe] = StatePage0(PeState.UNCONFIGURED, self.flags, incarnation, 0, 0, 0)
         self.beat(pe)
 
     def die(self, pe: str) -> None:
