@@ -58,6 +58,7 @@ GUESSES = 8  # tags that did not fit, until a state needs another one before it
 FORGIVEN_PERIODS = 256  # without one, until they are forgotten
 _OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
 _NAMED = 3
+_TOLD_EVERY_NS = 1_000_000_000
 _IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
 
 
@@ -85,6 +86,8 @@ class _Peer:
     fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
     refused: int = 0  # states
     refuses: tuple[int, int] = (0, 0)  # commands, as it says: unproven, other
+    told: tuple[int, int] = (0, 0)  # of these, when they were last told, and when
+    told_ns: int | None = None
 
 
 class Authenticity:
@@ -106,7 +109,7 @@ class Authenticity:
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
-        self._managers = CommandVerifier(key, spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
+        self._managers = CommandVerifier(key, LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
         self._peers = {
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
@@ -167,10 +170,12 @@ class Authenticity:
         """A PE names what it runs, and says what it has refused."""
         if page.digest not in peer.named:
             peer.named.append(page.digest)
-        refused = page.unproven, page.other
-        if refused != peer.refuses:
-            peer.refuses = refused
+        peer.refuses, now_ns = (page.unproven, page.other), self._turn.now_ns
+        is_news = peer.refuses > peer.told and (peer.told_ns is None or now_ns - peer.told_ns >= _TOLD_EVERY_NS)
+        if is_news:
             self._turn.emit("commands_refused", pe=pe, unproven=page.unproven, other=page.other)
+        if is_news or sum(peer.refuses) < sum(peer.told):  # it has been restarted
+            peer.told, peer.told_ns = peer.refuses, now_ns
 
     def overhear(self, manager: int, control: bytes) -> None:
         """Another manager has opened a session, perhaps: whoever only watches follows it there."""

@@ -1,6 +1,7 @@
 """What a PE with a key believes: commands that were tagged by who holds it, and fresh (rule 11).
 
-It stands before everything that obeys. A command is held until its TAG comes; then it is handed on, with the time at
+It stands before everything that obeys. A command is held until its TAG comes, for T_lease at most (on a busy computer
+a manager's frames come far apart); then it is handed on, with the time at
 which the command itself arrived, and where it is forwarded its TAG follows it. What was not proven is counted
 (`command_tags.Refusal`), told in page 3 of the state, and changes nothing.
 
@@ -75,7 +76,7 @@ class Authenticity:
         self._turn, self._index, self._reign, self._gateway, self._facts = turn, index, reign, gateway, facts
         self._secret = secret
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
-        self._verifier = CommandVerifier(secret.key, self._period_ns)
+        self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
         self._state_id = state_id(index.node)
         self._sessions: dict[int, Session] = {}  # by manager
@@ -169,7 +170,7 @@ class Authenticity:
             self._ask()
 
     def _forget_passing(self) -> None:
-        while self._passing and self._turn.arrived_ns - self._passing[0][1] > self._period_ns:
+        while self._passing and self._turn.arrived_ns - self._passing[0][1] > self._index.lease_ns:
             self._passing.popleft()
 
     # The nonce

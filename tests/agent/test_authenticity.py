@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.one_pe import (
     BEAT_NS,
@@ -176,6 +178,19 @@ def test_what_it_runs_and_what_it_refused_is_told_in_page_3_every_tenth_time(key
     assert told == 2 * [(0, 3, 0)]
 
 
+@given(st.lists(st.tuples(st.integers(200, 219), st.binary(max_size=8)), max_size=30))
+def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_nothing_is_obeyed(
+    said_so: list[tuple[int, bytes]],
+) -> None:
+    one = Keyed()
+    one.welcome(one.nonce())
+    for identifier, data in said_so:
+        one.pe.hear(Frame(identifier, data))
+        one.pe.pass_time(MS)
+    assert one.pe.core.reign.term == 0
+    assert one.pe.core.reconfiguration.state is PeState.UNCONFIGURED
+
+
 # Terms and managers
 
 
@@ -290,7 +305,7 @@ def test_a_gateway_hands_on_the_welcome_of_a_node_beyond_and_not_that_of_another
         actions = one.pe.hear(control) + one.pe.hear(tag)
         assert sum(len(sent(actions, frame.can_id, 1)) for frame in (control, tag)) == passes
     one.pe.hear(one.signer.welcome(FAR, 6)[0])
-    one.pe.pass_time(2 * BEAT_NS)
+    one.pe.pass_time(6 * BEAT_NS)
     one.pe.hear(one.signer.welcome(FAR, 7)[1])  # of a question that is forgotten by now
     assert one.refused == {Refusal.UNKNOWN: 1, Refusal.STRAY: 1}
 

@@ -232,6 +232,19 @@ def test_what_a_pe_has_refused_is_told_once_and_stands_in_the_status(manager: On
     assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 6}
 
 
+def test_more_refusals_are_told_once_a_second_and_a_restart_is_none(manager: OneManager, pe: Pe) -> None:
+    def refuses(unproven: int) -> int:
+        page = StatePage3(PeState.UNCONFIGURED, PeFlags(0), 0, unproven, 0)
+        manager.hear(Frame(state_id(pe.node), page.encode()))
+        return sum(event["event"] == "commands_refused" for event in manager.events)
+
+    assert [refuses(1), refuses(2)] == [1, 1]
+    manager.pass_time(1_000 * MS)
+    assert [refuses(2), refuses(0)] == [2, 2]
+    manager.pass_time(1_000 * MS)
+    assert refuses(1) == 3
+
+
 def lease_of(signer: CommandSigner, manager: int, term: int) -> list[Frame]:
     """A LEASE of another manager, and its TAG."""
     frame = Frame(management_id(manager, Command.LEASE), Lease(term, 0, Step.PREPARED, 0).encode())

@@ -58,7 +58,7 @@ _NS_PER_S = 1_000_000_000
 _TERM = 3
 _LED_EVERY = 64  # attacks between two true beats
 _REMEMBERED = 4096
-_BEAT_NS = 21 * _MS  # longer than a command waits for its TAG
+_BEAT_NS = 101 * _MS  # longer than a command waits for its TAG
 _COMMANDS = tuple(command for command in Command if command is not Command.TAG)
 _SETTLED_NS, _MEASURED_NS = 3 * _NS_PER_S, 10 * _NS_PER_S
 
