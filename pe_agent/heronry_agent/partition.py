@@ -23,6 +23,7 @@ from contextlib import suppress
 from heronry_agent.module import Datum
 from heronry_agent.module_runner import ModuleRunner, Result
 from heronry_agent.partition_messages import (
+    SOCKET,
     Done,
     Failed,
     Load,
@@ -36,7 +37,6 @@ from heronry_agent.partition_messages import (
     encode_answer,
 )
 
-SOCKET = 3
 _PR_SET_PDEATHSIG = 1
 _STANDS_BACK = 5  # steps of "niceness" behind its agent
 _PACKET_BYTES = 262_144

@@ -24,6 +24,9 @@ from typing import NamedTuple, TypeVar
 from heronry_agent.module import Datum, Value
 from heronry_agent.module_runner import Orders, Result
 
+SOCKET = 3
+"""File descriptor of the socket in the partition."""
+
 ANSWER_BYTES = 16_384
 """A partition says nothing longer; the agent's buffer is one byte more, so that it would notice."""
 

@@ -23,8 +23,7 @@ from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass
 
-from heronry_agent.partition import SOCKET
-from heronry_agent.partition_messages import ANSWER_BYTES, Order, encode_order
+from heronry_agent.partition_messages import ANSWER_BYTES, SOCKET, Order, encode_order
 
 SLACK_BYTES = 8 * 1024 * 1024
 
