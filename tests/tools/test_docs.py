@@ -72,6 +72,7 @@ RULES = [
     Rule(r"heronry bench plan\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01"),
     Rule(r"PYTHONPATH=tests python -m planner\.(comparison|mutants) .*", How.EXEMPT, "tests/planner runs them"),
     Rule(r"heronry (bus|bound)\b.*|python -m heronry_tools\.bus_bench", How.RUN),
+    Rule(r"python -m heronry_tools\.demo\.takeover_bench.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
         r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
     ),
