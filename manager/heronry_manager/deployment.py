@@ -431,7 +431,8 @@ class Deployment:
         before, after = self._before.modules, epoch.configuration.modules
         times, now_ns = epoch.times, self._turn.now_ns
         staged_ns = times.staged_ns or now_ns
-        first = min(epoch.causes, key=lambda cause: cause.known_ns)
+        no_cause = Cause("", times.prepared_ns, times.prepared_ns)  # a reign that begins while everybody is held down
+        first = min(epoch.causes, key=lambda cause: cause.known_ns, default=no_cause)
         self._turn.emit(
             "reconfigured",
             epoch=epoch.epoch,
