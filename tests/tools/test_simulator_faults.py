@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_manager.core import ManagerCore
 from heronry_tools.simulator.act import KINDS, Act, possible_targets, read_act
 from heronry_tools.simulator.chaos import drawn_acts
 from heronry_tools.simulator.clock import Clock
@@ -56,6 +57,17 @@ def test_the_same_acts_give_the_same_flight_and_one_act_less_leaves_the_others_a
 
     assert digest(*acts).digest == digest(*acts).digest
     assert digest(*acts).digest != digest(acts[1]).digest
+
+
+def test_a_core_that_dies_of_something_is_a_violation_and_no_end_of_the_campaign(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def dies(_core: ManagerCore) -> None:
+        raise ValueError("of an empty sequence")
+
+    monkeypatch.setattr(ManagerCore, "validate", dies)
+    (violation,) = play(two_tails(), Scenario(0, 1.0, ())).violations
+    assert (violation.rule, violation.story) == ("invariant", "ValueError: of an empty sequence")
 
 
 def test_a_paused_pe_is_silent_but_for_its_mailbox_and_catches_up_with_what_it_missed() -> None:

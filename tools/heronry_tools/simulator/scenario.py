@@ -62,8 +62,9 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     hits: Counter[tuple[str, str]] = Counter()
     try:
         violations = _fly(simulation, scenario, hits)
-    except InvariantError as error:
-        violations = [*simulation.broken(), Violation(simulation.now_ns, "invariant", str(error))]
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        story = str(error) if isinstance(error, InvariantError) else f"{type(error).__name__}: {error}"
+        violations = [*simulation.broken(), Violation(simulation.now_ns, "invariant", story)]
     unpromised = frozenset[str]().union(*(KINDS[act.kind].unpromised for act in scenario.acts))
     return Outcome(
         scenario,
