@@ -85,21 +85,21 @@ def test_more_frames_than_planned_are_seen_and_as_many_as_planned_are_not() -> N
     simulation = flying(two_tails())
     simulation.checks.is_well(simulation.now_ns)
     simulation.run_for(2 * S)
-    assert simulation.checks.unplanned(simulation.now_ns) == []
+    assert simulation.checks.unplanned(simulation.now_ns, simulation.truth) == []
     pe = next(name for name in ("sensor_pe", "control_pe", "tail_pe") if publishes(simulation, name))
     (frame, *_) = publishes(simulation, pe)
     for _ in range(300):
         simulation.checks.see(Sent(simulation.now_ns, "can0", pe, frame))
-    (violation,) = simulation.checks.unplanned(simulation.now_ns)
+    (violation,) = simulation.checks.unplanned(simulation.now_ns, simulation.truth)
     assert violation.rule == "planned_load"
 
 
 def test_nothing_is_planned_before_anything_is_commanded_or_anybody_is_well() -> None:
     checks = Checks(two_tails())
     checks.see(Sent(0, "can0", "tail_pe", Frame(1536, bytes(8))))
-    assert checks.unplanned(S) == []
+    assert checks.unplanned(S, Situation()) == []
     checks.is_well(S)
-    assert checks.unplanned(2 * S) == []
+    assert checks.unplanned(2 * S, Situation()) == []
 
 
 # Every queue runs dry

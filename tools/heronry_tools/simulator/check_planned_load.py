@@ -1,7 +1,8 @@
 """Once all is well the buses carry what was planned: every source of the last epoch at its rate, and no other.
 
 Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may have nothing
-to say and publish less; that is for who listens to the functions.
+to say and publish less; that is for who listens to the functions. Who has no way to the manager follows no plan: what
+it says on its own side is not counted.
 """
 
 from collections import Counter
@@ -26,7 +27,7 @@ class PlannedLoadCheck:
         self._all = survivors(spec, Situation())
         self._names = {number: source for source, number in identifiers(spec).items()}
         self._since_ns: int | None = None
-        self._counts: Counter[tuple[str, int]] = Counter()
+        self._counts: Counter[tuple[str, int, str]] = Counter()  # bus, identifier, sender
 
     def begin(self, t_ns: int) -> None:
         """Count from now on."""
@@ -36,10 +37,10 @@ class PlannedLoadCheck:
     def published(self, sent: Sent) -> None:
         """A data frame was sent."""
         if self._since_ns is not None:
-            self._counts[sent.bus, sent.frame.can_id] += 1
+            self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
-    def violations(self, t_ns: int, current: Epoch | None) -> list[Violation]:
-        """Give what was sent since, and was not planned."""
+    def violations(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
+        """Give what was sent since, and was not planned; `truth` is what is really down."""
         if self._since_ns is None or current is None or current.configuration is None:
             return []
         modules = self._spec.modules
@@ -47,8 +48,12 @@ class PlannedLoadCheck:
             (hop.bus, hop.producer, hop.variable): modules[hop.producer].modes[hop.mode].rate_mhz
             for hop in hops(self._all, current.configuration)
         }
+        reached = survivors(self._spec, truth).pe_cpu_millis
+        counts: Counter[tuple[str, int]] = Counter()
+        for (bus, identifier, sender), count in self._counts.items():
+            counts[bus, identifier] += count if sender in reached else 0
         found = []
-        for (bus, identifier), count in sorted(self._counts.items()):
+        for (bus, identifier), count in sorted(counts.items()):
             producer, variable = self._names.get(identifier, ("nobody", str(identifier)))
             rate_mhz = planned.get((bus, producer, variable), 0)
             most = (t_ns - self._since_ns) * rate_mhz / _MHZ_NS * _FAST + (_MORE if rate_mhz else 0)

@@ -134,9 +134,9 @@ class Checks:
         """From now on the aircraft is well, and goes on being so: the buses should carry what is planned."""
         self._planned_load.begin(t_ns)
 
-    def unplanned(self, t_ns: int) -> list[Violation]:
-        """Give what was sent since then and is not planned."""
-        return self._planned_load.violations(t_ns, self._commands.current)
+    def unplanned(self, t_ns: int, truth: Situation) -> list[Violation]:
+        """Give what was sent since then and is not planned; `truth` is what is really down."""
+        return self._planned_load.violations(t_ns, self._commands.current, truth)
 
     def silences(self, struck: Sequence[Struck], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent in flight without need, by what was done to the aircraft."""

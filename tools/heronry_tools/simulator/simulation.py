@@ -197,7 +197,7 @@ class Simulation:
                 well_since_ns = self.now_ns
                 self.checks.is_well(self.now_ns)
             elif self.now_ns - well_since_ns > stays_well_ns:
-                return self.broken() + self.checks.unplanned(self.now_ns)
+                return self.broken() + self.checks.unplanned(self.now_ns, self.truth)
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
         """Events of the managers, of one kind."""
