@@ -77,7 +77,7 @@ class Reconfiguration:
         start = self._startable() if step >= Step.GO else ()
         self.live.update(start)
         keep, drop = self._kept.intersection(stop), tuple(sorted(kept - self._kept))
-        self._kept -= self.live.keys()
+        self._kept = self._kept.difference(self.live)
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
     def drop(self, module: int) -> bool:
