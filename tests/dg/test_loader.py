@@ -110,6 +110,7 @@ modules:
     requires: [fpu]
     flash: 1.5KiB
     partition: safe
+    restarts: 5
     checkpoint: true
     rate_per_h: 0.25
     modes:
@@ -143,7 +144,9 @@ contingency: {{faults: 3, phases: [land]}}
         "worst": Mode("worst", None, {"altitude": 2}, 0, 0, 1),
     }
     pinned = frozenset({"fpu"})
-    assert spec.modules["m"] == Module("m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", True, Fraction(1, 4))
+    assert spec.modules["m"] == Module(
+        "m", "code", modes, "gps", ("nav",), pinned, 1536, "safe", 5, True, Fraction(1, 4)
+    )
     assert list(spec.modules["n"].modes) == ["only"]
     function = spec.functions["f"]
     assert (function.criticality_in("land"), function.criticality_in("climb")) == ("A", "C")

@@ -134,7 +134,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "sim",
         str(raising),
         "--seconds",
-        "1",
+        "2",
         "--loss",
         "0.01",
         "--act",

@@ -4,7 +4,8 @@
   from one manager's identifiers, and a manager's own terms never go down.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
-- Two managers never give one epoch two meanings: a number is prepared by one term.
+- Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
+  but with the digest that it had.
 
 What a deposed manager still says is judged here alone: nobody else has to believe it.
 """
@@ -22,7 +23,7 @@ class TermCheck:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._highest: dict[int, int] = {}  # term of each manager
-        self._term_of: dict[int, int] = {}  # by epoch
+        self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
 
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage) -> bool:
@@ -35,16 +36,19 @@ class TermCheck:
         if term < self._highest.get(manager, 0):
             self._tell(t_ns, "reign", f"manager {manager} went back from term {self._highest[manager]} to {term}")
         self._highest[manager] = max(term, self._highest.get(manager, 0))
-        if isinstance(message, Prepare) and self._term_of.setdefault(message.epoch, term) != term:
-            story = f"epoch {message.epoch} is prepared in term {term}, and was in term {self._term_of[message.epoch]}"
-            self._tell(t_ns, "reign", story)
+        if isinstance(message, Prepare):
+            first = self._prepared.setdefault(message.epoch, message)
+            if first.term != term and first.digest != message.digest:
+                story = f"epoch {message.epoch} is prepared in term {term}, and was another one in term {first.term}"
+                self._tell(t_ns, "reign", story)
         return term >= max(self._highest.values())
 
     def state(self, node: int, t_ns: int, page: StatePage0) -> None:
         """A PE says what it runs."""
-        term = self._term_of.get(page.epoch)
-        if term is None:
+        prepared = self._prepared.get(page.epoch)
+        if prepared is None:
             return
+        term = prepared.term
         incarnation, epoch, before = self._taken.get(node, (page.incarnation, page.epoch, term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
