@@ -56,7 +56,7 @@ class Demo:
 
     def say(self, *order: str) -> subprocess.CompletedProcess[str]:
         (folder,) = Path("/tmp").glob(f"heronry-demo-{self.process.pid}-*")
-        return heronry(order[0], *order[1:], "--socket", str(folder / "manager.sock"))
+        return heronry(order[0], *order[1:], "--socket", str(folder / "manager-126.sock"))
 
     def status(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(self.say("status", "--json").stdout)

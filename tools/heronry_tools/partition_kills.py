@@ -101,7 +101,7 @@ class Campaign:
                 self._note(event)
         around = {element for element in self._failed if element.removeprefix("module:") not in self._plan}
         for element in sorted(around):
-            call(self._fleet.folder / "manager.sock", ClearElement(element))
+            call(self._fleet.control_socket(), ClearElement(element))
         self._failed -= around
 
     def _watch(self, victim: int, pe: str, name: str) -> str:

@@ -93,7 +93,7 @@ class Fleet:
 
     def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
         """Start a manager, one of two where there is a standby; gives the stream of its events."""
-        socket = self.folder / f"manager-{node}.sock"
+        socket = self.control_socket(node)
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--node", str(node), *(["--standby"] if standby else [])]
         arguments += ["--state-dir", str(self.folder), "--socket", str(socket)]
@@ -105,6 +105,10 @@ class Fleet:
         self._managers.append((process, socket))
         assert process.stdout is not None
         return process.stdout
+
+    def control_socket(self, node: int = FIRST_MANAGER) -> Path:
+        """Where a manager listens to its operator."""
+        return self.folder / f"manager-{node}.sock"
 
     def kill_manager(self) -> int:
         """Kill the manager that reigns with SIGKILL; gives its process number."""
