@@ -64,6 +64,7 @@ class Show:
         for bus in document["buses"].values():
             bus |= {"heartbeat_ms": self.heartbeat_ms, "misses": 4}
         for module in document["modules"].values():
+            module["partition"] = "all"  # one process a PE: each takes seconds to start there
             for mode in module.get("modes", {"only": module}).values():
                 mode["rate_hz"] = max(1, mode["rate_hz"] // self.rates_divided_by)
         for phase in document.get("phases", {}).values():
@@ -75,7 +76,7 @@ class Show:
 
 SHOWS = [
     Show("elevator_and_chute", "tail_pe", "control_pe", 3, 8, seconds=22, heartbeat_ms=500, rates_divided_by=4),
-    Show("big_blue", "flight", "nav", 8, None, seconds=28, heartbeat_ms=1000, rates_divided_by=20),
+    Show("big_blue", "flight", "nav", 14, None, seconds=34, heartbeat_ms=1000, rates_divided_by=20),
 ]
 
 

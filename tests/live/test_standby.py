@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from heronry_dg.shipped import shipped_spec_path
+
+pytestmark = pytest.mark.live
 
 PATIENCE_S = 120
 

@@ -60,7 +60,7 @@ RULES = [
     Rule(r"python -m heronry_tools\.(node|agent)_bench.*", How.LIVE, more="--seconds 1 --busy 1"),
     Rule(r"tools/make-wheelhouse .*", How.EXEMPT, "it fetches packages"),
     Rule(r"heronry demo\b.*", How.LIVE),
-    Rule(r"heronry scenario\b.* -i softbus", How.LIVE),
+    Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
     Rule(r"heronry (plan|verify|table|dbc|eds|sim|check|render|diff)\b.*", How.RUN),
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
