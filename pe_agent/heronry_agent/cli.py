@@ -19,6 +19,7 @@ from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
+from heronry_agent.in_process_host import InProcessHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
@@ -94,6 +95,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NS",
         help="when the simulated flight took off, in ns of the monotonic clock (default: now)",
     )
+    parser.add_argument(
+        "--in-process",
+        action="store_true",
+        help="run the modules in this process, not in partitions: half the CPU, and no protection from them",
+    )
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument("-q", "--quiet", action="store_true", help="say only what ends the agent")
@@ -132,7 +138,7 @@ def _run(arguments: argparse.Namespace) -> int:
             secret = None if key is None else Secret(key, os.urandom(_SALT_BYTES))
             return AgentCore(table, incarnation, time.monotonic_ns(), secret=secret)
 
-        host = PartitionHost(table, Bench(origin_ns))
+        host = (InProcessHost if arguments.in_process else PartitionHost)(table, Bench(origin_ns))
         undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)

@@ -56,6 +56,11 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="what 'heronry key' made, for the manager and every PE"
     )
+    parser.add_argument(
+        "--partitions",
+        action="store_true",
+        help="run modules in processes of their own, as a node does: twice the CPU, and nine PEs share it here",
+    )
     parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines, and no story")
     parser.add_argument(
         "--bus",

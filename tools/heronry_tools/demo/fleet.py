@@ -60,12 +60,24 @@ class Fleet:
     """All processes of one run; as a context manager it ends them all."""
 
     def __init__(
-        self, spec: Spec, spec_file: Path, folder: Path, contingencies: Path | None = None, key: Path | None = None
+        self,
+        spec: Spec,
+        spec_file: Path,
+        folder: Path,
+        contingencies: Path | None = None,
+        key: Path | None = None,
+        *,
+        partitions: bool = False,
     ) -> None:
-        """`key` is the file that the manager and every PE are given."""
+        """`key` is the file that the manager and every PE are given.
+
+        partitions: modules run in processes of their own, as on a node by itself; all PEs of an aircraft share one
+        computer here, and few have the cores for that.
+        """
         self.folder = folder
         self._contingencies = contingencies
         self._key_flags = [] if key is None else ["--key", str(key)]
+        self._host_flags = [] if partitions else ["--in-process"]
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
@@ -130,7 +142,7 @@ class Fleet:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += ["--bench-origin", str(self._bench_origin_ns), *self._key_flags]
+        arguments += ["--bench-origin", str(self._bench_origin_ns), *self._key_flags, *self._host_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)

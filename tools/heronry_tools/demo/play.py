@@ -37,7 +37,14 @@ def play(arguments: argparse.Namespace) -> int:
         stack.enter_context(_terminated_like_interrupted())
         folder = run_folder()
         fleet = stack.enter_context(
-            Fleet(spec, spec_path(arguments.spec), folder, arguments.contingencies, arguments.key)
+            Fleet(
+                spec,
+                spec_path(arguments.spec),
+                folder,
+                arguments.contingencies,
+                arguments.key,
+                partitions=arguments.partitions,
+            )
         )
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
         fleet.start_buses(choices)
