@@ -145,7 +145,7 @@ def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         acts = ["--kill", f"pe:{show.killed}@{show.kill_s}"]
         if show.restore_s is not None:
             acts += ["--restore", f"pe:{show.killed}@{show.restore_s}"]
-        rest = ["--for", str(show.seconds), "--json", "--record", str(folder / "flight.log")]
+        rest = ["--partitions", "--for", str(show.seconds), "--json", "--record", str(folder / "flight.log")]
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
             [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *acts, *rest],
