@@ -64,7 +64,6 @@ class Show:
         for bus in document["buses"].values():
             bus |= {"heartbeat_ms": self.heartbeat_ms, "misses": 4}
         for module in document["modules"].values():
-            module["partition"] = "all"  # one process a PE: each takes seconds to start there
             for mode in module.get("modes", {"only": module}).values():
                 mode["rate_hz"] = max(1, mode["rate_hz"] // self.rates_divided_by)
         for phase in document.get("phases", {}).values():
@@ -145,7 +144,7 @@ def flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
         acts = ["--kill", f"pe:{show.killed}@{show.kill_s}"]
         if show.restore_s is not None:
             acts += ["--restore", f"pe:{show.killed}@{show.restore_s}"]
-        rest = ["--partitions", "--for", str(show.seconds), "--json", "--record", str(folder / "flight.log")]
+        rest = ["--for", str(show.seconds), "--json", "--record", str(folder / "flight.log")]
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
             [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *acts, *rest],
