@@ -74,7 +74,7 @@ class Show:
 
 
 SHOWS = [
-    Show("elevator_and_chute", "tail_pe", "control_pe", 3, 8, seconds=22, heartbeat_ms=500, rates_divided_by=4),
+    Show("elevator_and_chute", "tail_pe", "control_pe", 9, 16, seconds=36, heartbeat_ms=500, rates_divided_by=4),
     Show("big_blue", "flight", "nav", 14, None, seconds=34, heartbeat_ms=1000, rates_divided_by=20),
 ]
 
