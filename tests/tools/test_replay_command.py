@@ -122,7 +122,7 @@ def test_a_plan_that_nobody_here_would_make_is_told_and_flown_on_with(log: Path)
     remarks = [remark for remark in rerun.remarks if remark.differs]
     assert len(remarks) == comparison.differences() == 3
     assert all("not worth the same" in remark.text for remark in remarks)
-    assert [decision.key for decision in rerun.decisions] == [decision.key for decision in reign.decisions]
+    assert rerun.decisions == reign.decisions
 
 
 def test_repetitions_are_no_decisions_and_lines_that_are_no_frames_are_counted(

@@ -50,7 +50,7 @@ def compared(reign: Reign, rerun: Rerun) -> Comparison:
 
 def _decisions(reign: Reign, rerun: Rerun) -> Iterator[Compared]:
     ours, theirs = rerun.decisions, reign.decisions
-    matcher = SequenceMatcher(None, [d.key for d in theirs], [d.key for d in ours], autojunk=False)
+    matcher = SequenceMatcher(None, theirs, ours, autojunk=False)
     for tag, i1, i2, j1, j2 in matcher.get_opcodes():
         if tag == "equal":
             for recorded, replayed in zip(theirs[i1:i2], ours[j1:j2], strict=True):

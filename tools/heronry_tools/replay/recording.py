@@ -28,17 +28,12 @@ _SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A step that a manager took towards a configuration, at `t_ns`."""
+    """A step that a manager took towards a configuration, at `t_ns`; the same one whenever it is taken."""
 
-    t_ns: int
+    t_ns: int = field(compare=False)
     what: str  # PREPARE, or the name of the step of an ACTIVATE
     epoch: int
     digest: int
-
-    @property
-    def key(self) -> tuple[str, int, int]:
-        """What makes two of them the same decision."""
-        return self.what, self.epoch, self.digest
 
     def __str__(self) -> str:
         return f"{self.what} epoch {self.epoch} ({self.digest:06X})"
@@ -116,6 +111,12 @@ def decision_of(node: int, t_ns: int, frame: Frame) -> Decision | None:
             return None
 
 
+def note(decisions: list[Decision], decision: Decision | None) -> None:
+    """Append a decision, unless it repeats one of the list."""
+    if decision is not None and decision not in decisions:
+        decisions.append(decision)
+
+
 def _follow(found: list[Reign], node: int, command: Command, logged: LoggedFrame) -> None:
     """Count a command to the reign of its sender; a LEASE with another term begins a new one."""
     t_ns, frame = logged.time_ns, logged.frame
@@ -130,6 +131,4 @@ def _follow(found: list[Reign], node: int, command: Command, logged: LoggedFrame
     if reign is None:
         return
     reign.said.append((t_ns, command, frame))
-    decision = decision_of(node, t_ns, frame)
-    if decision is not None and all(known.key != decision.key for known in reign.decisions):
-        reign.decisions.append(decision)
+    note(reign.decisions, decision_of(node, t_ns, frame))

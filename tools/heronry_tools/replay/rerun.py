@@ -31,7 +31,7 @@ from heronry_manager.core import ManagerCore
 from heronry_manager.memory import Memory
 from heronry_manager.planner.exact import Planner
 from heronry_manager.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
-from heronry_tools.replay.recording import Decision, Reign, decision_of
+from heronry_tools.replay.recording import Decision, Reign, decision_of, note
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
@@ -124,17 +124,13 @@ class Rerun:
         for action in self._core.step(now_ns, event):
             match action:
                 case Send(frame=frame):
-                    self._note(decision_of(self._reign.node, now_ns, frame))
+                    note(self.decisions, decision_of(self._reign.node, now_ns, frame))
                 case RequestPlan():
                     self._answer = self._find_answer(now_ns, action)
                 case Emit(event=told):
                     self._tell(now_ns, told)
                 case Stop():
                     self._ended = True
-
-    def _note(self, decision: Decision | None) -> None:
-        if decision is not None and all(known.key != decision.key for known in self.decisions):
-            self.decisions.append(decision)
 
     def _tell(self, now_ns: int, told: Mapping[str, Any]) -> None:
         if told["event"] in _TOLD:
@@ -147,7 +143,7 @@ class Rerun:
         """Find out what the planner answered, and when; None where it did not, or not in time."""
         likeliest_last = list(self._planners.plans(asked))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
-        prepared = [d for d in self._reign.decisions if d.what == "PREPARE" and not self._is_taken(d)]
+        prepared = [d for d in self._reign.decisions if d.what == "PREPARE" and d not in self.decisions]
         following = next((d for d in prepared if d.t_ns >= now_ns - _EARLY_NS), None)
         adopted = self._adopted(now_ns, following)
         if adopted in known:
@@ -159,9 +155,6 @@ class Rerun:
             return _answer(at_ns, asked, *known[following.digest])
         recorded = self._as_plan(asked, self._recorded.get(following.digest))
         return None if recorded is None else self._another(at_ns, asked, recorded, known)
-
-    def _is_taken(self, decision: Decision) -> bool:
-        return any(known.key == decision.key for known in self.decisions)
 
     def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
         """Digest that LEASE speaks of though nothing has been prepared in this reign yet; None: there is none."""
