@@ -80,6 +80,7 @@ class Link:
         self.name = _name(config)
         self.health = BusHealth(self.name)
         self.echoes_lost = 0
+        self.has_more = False  # the last `receive` took a whole burst
         self.queue = TransmitQueue()
         self._in_flight: Frame | None = None
         self._handed_ns = 0  # when it was handed over
@@ -129,6 +130,7 @@ class Link:
         """Take what has arrived, without waiting, at most a burst; own echoes and error frames are taken out."""
         arrivals: list[Arrival] = []
         wall_ns = time.time_ns()
+        self.has_more = False
         with self._surviving(now_ns):
             for _ in range(_BURST):
                 message = None if self._bus is None else self._bus.recv(0)
@@ -140,6 +142,7 @@ class Link:
                     self._take_error_frame(frame, now_ns)
                 elif not self._is_echo(frame, now_ns, age_ns):
                     arrivals.append(Arrival(now_ns - age_ns, frame))
+            self.has_more = True
             self._count_overruns(now_ns)
         return arrivals
 

@@ -104,12 +104,13 @@ class AgentDriver:
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and self._is_abandoned():
                 break
-            self._take_frames()
+            self._take_frames(ready)
             for event in self._host.take(ready, time.monotonic_ns()):
                 self._step(time.monotonic_ns(), event)
             now_ns = time.monotonic_ns()
             if now_ns >= self.core.next_deadline_ns():
                 self._step(now_ns, Tick())
+            self._host.flush(now_ns)
             for link in self._links:
                 link.pump(now_ns)
             self._take_departures()
@@ -157,13 +158,14 @@ class AgentDriver:
         deadlines += [at_ns for link in self._links if (at_ns := link.next_deadline_ns()) is not None]
         return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
 
-    def _take_frames(self) -> None:
+    def _take_frames(self, ready: Collection[object]) -> None:
+        links = [(port, link) for port, link in enumerate(self._links) if link in ready]
         for _ in range(_BURSTS):
-            arrivals = self._arrivals()
-            for arrival, port in arrivals:
+            for arrival, port in self._arrivals(links):
                 now_ns = time.monotonic_ns()
                 self._step(now_ns, Received(port, arrival.frame, max(0, now_ns - arrival.time_ns)))
-            if not arrivals:
+            links = [(port, link) for port, link in links if link.has_more]
+            if not links:
                 return
 
     def _take_departures(self) -> None:
@@ -173,12 +175,12 @@ class AgentDriver:
                 for took_ns in departures:
                     self._step(time.monotonic_ns(), Left(port, took_ns))
 
-    def _arrivals(self) -> list[tuple[Arrival, int]]:
-        """What has come on all ports, in the order in which it came."""
+    def _arrivals(self, links: Sequence[tuple[int, Link]]) -> list[tuple[Arrival, int]]:
+        """What has come on some ports, in the order in which it came."""
         found = []
-        for port, link in enumerate(self._links):
+        for port, link in links:
             found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]
-        if len(self._links) > 1:
+        if len(links) > 1:
             found.sort(key=lambda one: one[0].time_ns)
         return found
 

@@ -6,7 +6,7 @@ process ends the agent. An overrun is still noticed, when the step has ended.
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Collection
 
 from heronry_agent.host import ModuleHost
 from heronry_agent.vocabulary import Action, ModuleEvent, Stepped
@@ -32,7 +32,10 @@ class InProcessHost(ModuleHost):
             return answer._replace(spent_ns=time.thread_time_ns() - began_ns)
         return answer
 
-    def take(self, ready: Iterable[object], now_ns: int) -> list[ModuleEvent]:  # noqa: ARG002 - as PartitionHost has it
+    def flush(self, now_ns: int) -> None:
+        """Everything is done at once."""
+
+    def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:  # noqa: ARG002 - as PartitionHost has it
         """Nothing comes by itself."""
         return []
 

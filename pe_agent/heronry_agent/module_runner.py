@@ -12,6 +12,7 @@ A second `start` of a module that runs builds it anew.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from heronry_agent.images import find_image
 from heronry_agent.module import Datum, Inputs, Module, Value
@@ -19,8 +20,7 @@ from heronry_agent.module import Datum, Inputs, Module, Value
 _MOST_DETAIL = 0xFFFF
 
 
-@dataclass(frozen=True, slots=True)
-class Orders:
+class Orders(NamedTuple):
     """How a module is to run."""
 
     name: str

@@ -2,8 +2,9 @@
 
     python -m heronry_agent.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
 
-It has no bus, no table, no key: it does what comes on the socket, one packet after the other, and says what came of it
-(`partition_messages`). What a module raises is an answer; what ends the process, the agent sees.
+It has no bus, no table, no key: it does what comes on the socket, one order after the other, and says of each step at
+once what came of it (`partition_messages`): so the agent knows who was computing when the process ends. What a module
+raises is an answer.
 
 Nothing here outlives the agent. The kernel kills this process when the agent dies (PR_SET_PDEATHSIG), even in the
 middle of a step, and a closed socket ends it. An agent that stands still asks for nothing, and so nothing is computed;
@@ -18,6 +19,7 @@ import resource
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 
 from heronry_agent.module import Datum
@@ -28,12 +30,13 @@ from heronry_agent.partition_messages import (
     Failed,
     Load,
     Loaded,
+    Order,
     Start,
     StartRefused,
     Step,
     Stop,
     Uncarriable,
-    decode_order,
+    decode_orders,
     encode_answer,
 )
 
@@ -50,19 +53,25 @@ class Partition:
         self._runner = runner
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
-    def obey(self, packet: bytes) -> bytes | None:
-        """Do what a packet says; gives the answer, if there is one."""
-        match decode_order(packet):
-            case Step() as order:
+    def obey(self, packet: bytes) -> Iterator[bytes]:
+        """Do what a packet says, order by order; gives the answers."""
+        for order in decode_orders(packet):
+            answer = self._obey(order)
+            if answer is not None:
+                yield answer
+
+    def _obey(self, order: Order) -> bytes | None:
+        match order:
+            case Step():
                 return self._step(order)
-            case Start() as order:
+            case Start():
                 self._leaves[order.module] = order.leaves
                 reason = self._runner.start(order.module, order.orders, time.monotonic_ns())
                 return None if reason is None else encode_answer(StartRefused(order.module, reason))
-            case Stop() as order:
+            case Stop():
                 self._runner.stop(order.module, keep=order.keep)
                 return None
-            case Load() as order:
+            case Load():
                 reasons = {image: self._runner.load(image) for image in order.images}
                 return encode_answer(Loaded({image: reason for image, reason in reasons.items() if reason is not None}))
 
@@ -71,9 +80,9 @@ class Partition:
         if time.monotonic_ns() <= order.until_ns:
             inputs: dict[str, tuple[str, Datum]] = {}
             leaves = self._leaves.get(order.module, ())
-            for leaf, datum in order.inputs:
+            for leaf, value, version, age_ns, valid in order.inputs:
                 path, variable = leaves[leaf]
-                inputs[path] = (variable, datum)
+                inputs[path] = (variable, Datum(value, version, age_ns, valid))
             result = self._runner.step(order.module, order.now_ns, order.until_ns, order.reading, inputs)
         if isinstance(result, str):
             return encode_answer(Failed(order.module, order.release, result))
@@ -100,8 +109,7 @@ def main(arguments: list[str]) -> int:
     partition = Partition(ModuleRunner(time.monotonic_ns))
     with suppress(ConnectionError):  # so ends what the agent ends while there is something unread
         while packet := os.read(SOCKET, _PACKET_BYTES):
-            answer = partition.obey(packet)
-            if answer is not None:
+            for answer in partition.obey(packet):
                 os.write(SOCKET, answer)
     return 0
 

@@ -14,7 +14,8 @@ long. So a flood is one packet. Who was computing is for the core to find out: h
 """
 
 import time
-from collections.abc import Iterable, Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 
 from heronry_agent.bench import Bench
@@ -59,7 +60,6 @@ from heronry_wire.sansio import NEVER_NS
 WARM_UP_NS = 1_000_000_000
 LOADING_NS = 20_000_000_000
 _REAP_NS = 2_000_000
-_PACKETS_A_TURN = 4
 
 
 class PartitionHost:
@@ -71,7 +71,7 @@ class PartitionHost:
         self._processes: dict[str, PartitionProcess] = {}
         self._load_by_ns: dict[str, int] = {}  # loading partitions
         self._waiting: dict[str, list[StartModule]] = {}  # to be told when it is loaded
-        self._held: dict[str, StepModule] = {}
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # to be asked for anew then
         self._modes: dict[int, int] = {}
         self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each module that runs
         self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether the core has to hear of it
@@ -79,14 +79,14 @@ class PartitionHost:
         self._warm_ns = NEVER_NS
 
     def readers(self) -> list[PartitionProcess]:
-        """What to select on."""
-        return list(self._processes.values())
+        """What to select on now."""
+        return [process for process in self._processes.values() if not process.gathers]
 
     def next_deadline_ns(self) -> int:
         """When to call `take`, if nothing comes before."""
-        if self._ending:
-            return time.monotonic_ns() + _REAP_NS
-        return min((self._warm_ns if not self._load_by_ns else NEVER_NS), *self._load_by_ns.values(), NEVER_NS)
+        looks = (process.look_ns for process in self._processes.values() if process.gathers)
+        look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
+        return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
 
     def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
         """Do what an action asks of the modules or their devices; gives what the core is to hear at once."""
@@ -109,12 +109,17 @@ class PartitionHost:
                 pass
         return None
 
-    def take(self, ready: Iterable[object], now_ns: int) -> list[ModuleEvent]:
+    def flush(self, now_ns: int) -> None:
+        """Tell the partitions what `carry_out` has collected: to be called once, when a turn ends."""
+        for process in self._processes.values():
+            process.flush(now_ns)
+
+    def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
         """What has come from the partitions, and from time passing; `ready` are those that select named."""
         events: list[ModuleEvent] = []
-        named = {process for process in ready if isinstance(process, PartitionProcess)}
         for process in list(self._processes.values()):
-            if process in named or process.is_asked:
+            if process in ready or (process.gathers and now_ns >= process.look_ns):
+                process.gathers = False
                 events += self._read(process, now_ns)
             if process.broken is None and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
                 process.broken = "it does not finish loading its code"
@@ -171,8 +176,7 @@ class PartitionHost:
             return
         if process.loading:
             self._waiting[name] = [start for start in self._waiting[name] if start.module != action.module]
-            if name in self._held and self._held[name].module == action.module:
-                del self._held[name]
+            self._held[name] = [step for step in self._held[name] if step.module != action.module]
         else:
             process.send(Stop(action.module, action.keep))
 
@@ -182,10 +186,10 @@ class PartitionHost:
         if process is None:
             return  # it has just ended, which the core is about to hear
         if process.loading:
-            self._held[name] = action
+            self._held[name].append(action)
             return
         numbers = self._numbers[action.module]
-        inputs = [(numbers[path], datum) for path, (_, datum) in action.inputs.items()]
+        inputs = [(numbers[path], *datum) for path, (_, datum) in action.inputs.items()]
         reading = self._devices.read(action.module, now_ns)
         process.ask(action.module, action.release, now_ns)
         process.send(Step(action.module, action.release, now_ns, action.until_ns, reading, inputs))
@@ -198,12 +202,9 @@ class PartitionHost:
     # What the partitions say
 
     def _read(self, process: PartitionProcess, now_ns: int) -> Iterator[ModuleEvent]:
-        for _ in range(_PACKETS_A_TURN):
-            packet = process.receive()
-            if packet is None:
-                return
+        while process.broken is None and (packet := process.receive()) is not None:
             yield from self._hear(process, decode_answer(packet), now_ns)
-            if process.broken is not None:
+            if not process.owes:
                 return
 
     def _hear(self, process: PartitionProcess, answer: Answer, now_ns: int) -> Iterator[ModuleEvent]:
@@ -240,9 +241,8 @@ class PartitionHost:
             yield ImagesMissing(missing & {entry.image for entry in self._entries.values()})
         for action in self._waiting.pop(process.name):
             self._tell_start(process, action)
-        held = self._held.pop(process.name, None)
-        if held is not None:
-            yield NotReady(held.module, held.release)
+        for step in self._held.pop(process.name, ()):
+            yield NotReady(step.module, step.release)
 
     def _period_ns(self, module: int) -> int:
         entry = self._entries.get(module)

@@ -1,4 +1,4 @@
-"""What an agent and a partition say to each other: short binary messages on one socket, one message a packet.
+"""What an agent and a partition say to each other: packets on one socket, of several orders or of one answer.
 
     agent to partition            partition to agent
     LOAD    images, then          LOADED       images that cannot be loaded, with the reasons
@@ -7,21 +7,26 @@
     STEP    module, release, ...  STEPPED      release, when it ended, outputs, writes, reports, phases
                                   STEP_FAILED  release, reason
 
-The agent believes nothing of what comes: `decode_answer` gives a value for every packet, `Malformed` for one that is
-not what a partition says. A partition trusts its agent. No pickle: what is not a plain value cannot be carried, and
-that is the fault of the module that gave it (`Uncarriable`).
+A partition trusts its agent: orders travel as Python's own `marshal` writes plain values, which both ends run the same
+version of. The agent believes nothing of what comes: `decode_answer` gives a value for every packet, `Garbled` for one
+that is not what a partition says. What is not a plain value cannot be carried, and that is the fault of the module that
+gave it (`Uncarriable`).
 
-Numbers are little-endian; a text or a string of bytes has its length in two bytes before it; a value has its type in
-one byte before it. Leaves are named once, in START, and numbered from then on.
+Leaves are named once, in START, and numbered from then on. In an answer numbers are little-endian, and a text has its
+length in two bytes before it. What a module gives has the same names and types from one step to the next: STEPPED
+begins with these, which either end works out once and then knows again by their bytes; all values follow as numbers.
 """
 
+import marshal
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, TypeVar
+from functools import lru_cache
+from itertools import islice
+from typing import Any, NamedTuple, TypeVar
 
-from heronry_agent.module import Datum, Value
+from heronry_agent.module import Value
 from heronry_agent.module_runner import Orders, Result
 
 SOCKET = 3
@@ -30,8 +35,11 @@ SOCKET = 3
 ANSWER_BYTES = 16_384
 """A partition says nothing longer; the agent's buffer is one byte more, so that it would notice."""
 
+Input = tuple[int, Value, int, int, bool]
+"""A datum at a leaf: the leaf's number, then the fields of `Datum`."""
+
 _LIST = 0xFFFF  # entries of a list, bytes of a text
-_INTEGER = range(-(2**63), 2**63)
+_LAYOUTS, _LAYOUT_BYTES = 256, 1024  # layouts that are kept, and how long the longest of them is in a packet
 _T = TypeVar("_T")
 
 
@@ -40,25 +48,19 @@ class Uncarriable(ValueError):  # noqa: N818 - it is a value that cannot be carr
 
 
 class _Kind(IntEnum):
-    LOAD = 1
-    START = 2
-    STOP = 3
-    STEP = 4
-    LOADED = 5
-    START_FAILED = 6
-    STEPPED = 7
-    STEP_FAILED = 8
+    LOADED = 1
+    START_FAILED = 2
+    STEPPED = 3
+    STEP_FAILED = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
+class Load(NamedTuple):
     """Import the code of these images."""
 
     images: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
+class Start(NamedTuple):
     """Let a module run; `leaves` are (path, variable) in the order of STEP."""
 
     module: int
@@ -66,8 +68,7 @@ class Start:
     leaves: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(NamedTuple):
     """Step a module no more."""
 
     module: int
@@ -75,14 +76,14 @@ class Stop:
 
 
 class Step(NamedTuple):
-    """Let a module compute: the time, until when it may drive, its device's reading, and data by number of the leaf."""
+    """Let a module compute: the time, until when it may drive, its device's reading, and what it sees."""
 
     module: int
     release: int
     now_ns: int
     until_ns: int
     reading: Value | None
-    inputs: Sequence[tuple[int, Datum]]
+    inputs: Sequence[Input]
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,80 +129,118 @@ class Garbled:
 Order = Load | Start | Stop | Step
 Answer = Loaded | StartRefused | Done | Failed | Garbled
 
-_KIND, _MODULE, _COUNT, _FLAG = struct.Struct("<B"), struct.Struct("<H"), struct.Struct("<H"), struct.Struct("<B")
-_NUMBER, _FLOAT, _DETAIL = struct.Struct("<q"), struct.Struct("<d"), struct.Struct("<H")
-_START, _STEP, _ANSWER = struct.Struct("<BHQB"), struct.Struct("<BHQqQ"), struct.Struct("<BHQ")
-_LEAF = struct.Struct("<BBBq")
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """What the answers of a step have in common from one to the next; both ends keep those that they have seen."""
+
+    outputs: tuple[str, ...]
+    types: tuple[str, ...]  # of the outputs, then of the writes: a letter, and a length where there is one
+    reports: tuple[str, ...]
+    phases: tuple[str, ...]
+    values: struct.Struct  # all that follows: the values, and a detail for each report
+    is_plain: bool  # every value is one number
 
 
-def encode_order(order: Order) -> bytes:
+_KIND, _COUNT = struct.Struct("<B"), struct.Struct("<H")
+_ANSWER, _STEPPED, _STEPPED_KIND = struct.Struct("<BHQ"), struct.Struct("<BHQqH"), _KIND.pack(_Kind.STEPPED)
+_SIZED = {"s": "s", "b": "s", "t": "q"}
+_NUMBERS = {"f": "d", "i": "q"}
+_LETTERS: Mapping[type, str] = {float: "f", int: "i", bool: "i"}
+_ORDERS: tuple[type[Order], ...] = (Load, Start, Stop, Step)
+
+
+def encode_orders(orders: Iterable[Order]) -> bytes:
     """Packet of the agent."""
-    match order:
-        case Step():
-            head = _STEP.pack(_Kind.STEP, order.module, order.release, order.now_ns, order.until_ns)
-            leaves = [
-                _LEAF.pack(leaf, datum.version, datum.valid, datum.age_ns) + _value(datum.value)
-                for leaf, datum in order.inputs
-            ]
-            return b"".join((head, _value(order.reading), *leaves))
-        case Load():
-            return _KIND.pack(_Kind.LOAD) + _list(order.images, _text)
-        case Start():
-            orders = order.orders
-            head = _START.pack(_Kind.START, order.module, orders.period_ns, orders.has_device)
-            names = b"".join(map(_text, (orders.name, orders.image, orders.mode)))
-            return head + names + _list(order.leaves, lambda leaf: _text(leaf[0]) + _text(leaf[1]))
-        case Stop():
-            return _KIND.pack(_Kind.STOP) + _MODULE.pack(order.module) + _FLAG.pack(order.keep)
+    return marshal.dumps([(_ORDERS.index(type(order)), *map(_plain, order)) for order in orders])
 
 
-def decode_order(packet: bytes) -> Order:
+def _plain(field: object) -> object:
+    return tuple(field) if isinstance(field, Orders) else field
+
+
+def decode_orders(packet: bytes) -> Iterator[Order]:
     """What the agent said."""
-    reader = _Reader(packet)
-    kind = reader.take(_KIND)[0]
-    if kind == _Kind.STEP:
-        module, release, now_ns, until_ns = struct.unpack_from("<HQqQ", packet, 1)
-        reader.at = _STEP.size
-        reading = reader.value()
-        inputs = []
-        while reader.at < len(packet):
-            leaf, version, valid, age_ns = reader.take(_LEAF)
-            value = reader.value()
-            assert value is not None
-            inputs.append((leaf, Datum(value, version, age_ns, bool(valid))))
-        return Step(module, release, now_ns, until_ns, reading, inputs)
-    if kind == _Kind.LOAD:
-        return Load(tuple(reader.list(reader.text)))
-    if kind == _Kind.START:
-        module, period_ns, has_device = struct.unpack_from("<HQB", packet, 1)
-        reader.at = _START.size
-        orders = Orders(reader.text(), reader.text(), reader.text(), period_ns, bool(has_device))
-        return Start(module, orders, tuple(reader.list(lambda: (reader.text(), reader.text()))))
-    return Stop(reader.take(_MODULE)[0], bool(reader.take(_FLAG)[0]))
+    for kind, *fields in marshal.loads(packet):  # noqa: S302 - a partition trusts its agent
+        order = _ORDERS[kind]
+        yield Start(fields[0], Orders(*fields[1]), fields[2]) if order is Start else order(*fields)
 
 
 def encode_answer(answer: Loaded | StartRefused | Done | Failed) -> bytes:
     """Packet of a partition; raises Uncarriable."""
-    packet = _answer_packet(answer)
+    packet = _stepped(answer) if isinstance(answer, Done) else _other(answer)
     if len(packet) > ANSWER_BYTES:
         raise Uncarriable(f"it gives {len(packet)} bytes at once, more than {ANSWER_BYTES}")
     return packet
 
 
-def _answer_packet(answer: Loaded | StartRefused | Done | Failed) -> bytes:
+def _stepped(answer: Done) -> bytes:
+    result = answer.result
+    values: Sequence[Value] = (*result.outputs.values(), *result.writes)
+    types = tuple([_LETTERS.get(type(value)) or _type(value) for value in values])
+    head, layout = _written(tuple(result.outputs), types, tuple([name for name, _ in result.reports]), result.phases)
+    flat = values if layout.is_plain else _flat(values)
+    try:
+        body = layout.values.pack(*flat, *(detail for _, detail in result.reports))
+    except struct.error:
+        raise Uncarriable(f"one of {values!r:.60} has more than 64 bits") from None
+    return _STEPPED.pack(_Kind.STEPPED, answer.module, answer.release, answer.ended_ns, len(head)) + head + body
+
+
+def _type(value: object) -> str:
+    """Letter of a value's type, with its length."""
+    match value:
+        case float():
+            return "f"
+        case int():
+            return "i"
+        case str():
+            return f"s{len(value.encode('utf-8', 'replace'))}"
+        case bytes():
+            return f"b{len(value)}"
+        case tuple() if all(isinstance(item, int) for item in value):
+            return f"t{len(value)}"
+    raise Uncarriable(f"{value!r:.60} is no value of a module: use int, float, str, bytes or a tuple of int")
+
+
+def _flat(values: Iterable[Value]) -> Iterator[Value]:
+    """Values as `struct` takes them."""
+    for value in values:
+        if isinstance(value, tuple):
+            yield from value
+        else:
+            yield value.encode("utf-8", "replace") if isinstance(value, str) else value
+
+
+@lru_cache(_LAYOUTS)
+def _written(*shape: tuple[str, ...]) -> tuple[bytes, _Layout]:
+    """Bytes of the names and types of a step's answer, and their layout."""
+    head = b"".join([_list(names, _text) for names in shape])
+    if len(head) > _LIST:
+        raise Uncarriable(f"it gives {len(head)} bytes of names at once")
+    return head, _layout(*shape)
+
+
+@lru_cache(_LAYOUTS)
+def _read(head: bytes) -> _Layout:
+    reader = _Reader(head)
+    shape = [tuple(reader.list(reader.text)) for _ in range(4)]
+    if reader.at != len(head) or len(shape[0]) > len(shape[1]):
+        raise ValueError("its names contradict themselves")
+    return _layout(*shape)
+
+
+def _layout(
+    outputs: tuple[str, ...], types: tuple[str, ...], reports: tuple[str, ...], phases: tuple[str, ...]
+) -> _Layout:
+    values = [_NUMBERS.get(kind) or f"{int(kind[1:])}{_SIZED[kind[0]]}" for kind in types]
+    is_plain = all(kind in _NUMBERS for kind in types)
+    layout = struct.Struct(f"<{''.join(values)}{len(reports)}H")
+    return _Layout(outputs, types, reports, phases, layout, is_plain)
+
+
+def _other(answer: Loaded | StartRefused | Failed) -> bytes:
     match answer:
-        case Done():
-            result = answer.result
-            return b"".join(
-                (
-                    _ANSWER.pack(_Kind.STEPPED, answer.module, answer.release),
-                    _NUMBER.pack(answer.ended_ns),
-                    _list(result.outputs.items(), lambda given: _text(given[0]) + _carried(given[0], given[1])),
-                    _list(result.writes, lambda value: _carried("a write", value)),
-                    _list(result.reports, lambda report: _text(report[0]) + _DETAIL.pack(report[1])),
-                    _list(result.phases, _text),
-                )
-            )
         case Failed():
             return _ANSWER.pack(_Kind.STEP_FAILED, answer.module, answer.release) + _text(answer.reason[:500])
         case StartRefused():
@@ -216,25 +255,46 @@ def decode_answer(packet: bytes) -> Answer:
     if len(packet) > ANSWER_BYTES:
         return Garbled("a packet is too long")
     try:
-        return _decode_answer(_Reader(packet))
-    except (struct.error, UnicodeDecodeError, ValueError) as error:
+        return _done(packet) if packet[:1] == _STEPPED_KIND else _decode_other(_Reader(packet))
+    except (struct.error, LookupError, ValueError) as error:
         return Garbled(f"a packet cannot be read: {error}")
 
 
-def _decode_answer(reader: "_Reader") -> Answer:
+def _done(packet: bytes) -> Done:
+    _, module, release, ended_ns, length = _STEPPED.unpack_from(packet)
+    begin = _STEPPED.size + length
+    head = packet[_STEPPED.size : begin]
+    layout = _read(head) if length <= _LAYOUT_BYTES else _read.__wrapped__(head)
+    if len(packet) != begin + layout.values.size:
+        raise ValueError("it is not as long as it says")
+    numbers = layout.values.unpack_from(packet, begin)
+    values = numbers[: len(layout.types)] if layout.is_plain else tuple(_values(layout.types, iter(numbers)))
+    count = len(layout.outputs)
+    outputs = dict(zip(layout.outputs, values, strict=False))
+    details = numbers[len(numbers) - len(layout.reports) :]
+    reports = tuple(zip(layout.reports, details, strict=True))
+    return Done(module, release, ended_ns, Result(outputs, values[count:], reports, layout.phases))
+
+
+def _values(types: Iterable[str], numbers: Iterator[Any]) -> Iterator[Value]:
+    """Values from what `struct` has read."""
+    for kind in types:
+        match kind[0]:
+            case "s":
+                yield next(numbers).decode()
+            case "t":
+                yield tuple(islice(numbers, int(kind[1:])))
+            case _:
+                yield next(numbers)
+
+
+def _decode_other(reader: "_Reader") -> Answer:
     kind = reader.take(_KIND)[0]
     if kind == _Kind.LOADED:
         answer: Answer = Loaded(dict(reader.list(lambda: (reader.text(), reader.text()))))
     else:
         module, release = struct.unpack("<HQ", reader.bytes(10))
-        if kind == _Kind.STEPPED:
-            ended_ns = reader.take(_NUMBER)[0]
-            outputs = dict(reader.list(lambda: (reader.text(), reader.given())))
-            writes = tuple(reader.list(reader.given))
-            reports = tuple(reader.list(lambda: (reader.text(), int(reader.take(_DETAIL)[0]))))
-            result = Result(outputs, writes, reports, tuple(reader.list(reader.text)))
-            answer = Done(module, release, ended_ns, result)
-        elif kind == _Kind.STEP_FAILED:
+        if kind == _Kind.STEP_FAILED:
             answer = Failed(module, release, reader.text())
         elif kind == _Kind.START_FAILED:
             answer = StartRefused(module, reader.text())
@@ -246,10 +306,7 @@ def _decode_answer(reader: "_Reader") -> Answer:
 def _text(text: object) -> bytes:
     if not isinstance(text, str):
         raise Uncarriable(f"a name is {text!r:.60}, which is no text")
-    return _sized(text.encode("utf-8", "replace"))
-
-
-def _sized(data: bytes) -> bytes:
+    data = text.encode("utf-8", "replace")
     if len(data) > _LIST:
         raise Uncarriable(f"a text has {len(data)} bytes")
     return _COUNT.pack(len(data)) + data
@@ -260,30 +317,6 @@ def _list(items: Iterable[_T], encode: Callable[[_T], bytes]) -> bytes:
     if len(parts) > _LIST:
         raise Uncarriable(f"it gives {len(parts)} values at once")
     return _COUNT.pack(len(parts)) + b"".join(parts)
-
-
-def _carried(name: str, value: object) -> bytes:
-    if value is None:
-        raise Uncarriable(f"{name} is None, which is no value")
-    return _value(value)
-
-
-def _value(value: object) -> bytes:
-    """Carry a value; None is only a reading's."""
-    match value:
-        case float():
-            return b"f" + _FLOAT.pack(value)
-        case int() if value in _INTEGER:
-            return b"i" + _NUMBER.pack(value)
-        case str():
-            return b"s" + _text(value)
-        case bytes():
-            return b"b" + _sized(value)
-        case tuple() if all(isinstance(item, int) and item in _INTEGER for item in value):
-            return b"t" + _list(value, _NUMBER.pack)
-        case None:
-            return b"n"
-    raise Uncarriable(f"{value!r:.60} is no value of a module: use int, float, str, bytes or a tuple of int")
 
 
 class _Reader:
@@ -313,28 +346,3 @@ class _Reader:
     def list(self, read: Callable[[], _T]) -> list[_T]:
         """As many of something as the packet says."""
         return [read() for _ in range(self.take(_COUNT)[0])]
-
-    def given(self) -> Value:
-        """A value that is there."""
-        value = self.value()
-        if value is None:
-            raise ValueError("a value is missing")
-        return value
-
-    def value(self) -> Value | None:
-        """A value, or None."""
-        match self.bytes(1):
-            case b"f":
-                return float(_FLOAT.unpack(self.bytes(8))[0])
-            case b"i":
-                return self.take(_NUMBER)[0]
-            case b"s":
-                return self.text()
-            case b"b":
-                return self.bytes(self.take(_COUNT)[0])
-            case b"t":
-                return tuple(self.list(lambda: self.take(_NUMBER)[0]))
-            case b"n":
-                return None
-            case unknown:
-                raise ValueError(f"{unknown!r} is no type of a value")

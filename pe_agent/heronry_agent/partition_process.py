@@ -4,9 +4,14 @@ Nothing here ever waits. What is sent is sent at once or the partition is given 
 ended is reaped when the kernel says so. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
 its environment is cut down to what Python needs.
 
+What it is told in one turn of the agent is one packet. For GATHER_NS after it nobody is woken by the answers, so that
+the steps of several modules, and of several partitions, cost the agent one awakening and not one each.
+
 Time that a partition *spent* leaves out what it waited for a processor: of a step that is over, the kernel has counted
 that (schedstat); of one that is not, a process that could run is charged its processor time alone, since the wait that
-it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is.
+it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is. How long it had waited
+before a step is read once in SAMPLE_NS, and anew after a step that was late: what it waited since then, in the steps
+before, is taken off a charge as well, which is in its favour.
 
 Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
 modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
@@ -23,9 +28,11 @@ from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass
 
-from heronry_agent.partition_messages import ANSWER_BYTES, SOCKET, Order, encode_order
+from heronry_agent.partition_messages import ANSWER_BYTES, SOCKET, Order, encode_orders
 
 SLACK_BYTES = 8 * 1024 * 1024
+GATHER_NS = 1_000_000
+SAMPLE_NS = 1_000_000_000
 
 _INHERITED = ("HOME", "LANG", "LD_LIBRARY_PATH", "PATH", "TZ", "VIRTUAL_ENV")
 _STATM_DATA, _PAGE_BYTES = 5, os.sysconf("SC_PAGE_SIZE")
@@ -40,8 +47,7 @@ class _Asked:
     module: int
     release: int
     since_ns: int
-    waited_ns: int
-    cpu_ns: int
+    cpu_ns: int  # processor time of the partition when it began
 
 
 class PartitionProcess:
@@ -54,6 +60,11 @@ class PartitionProcess:
         self.broken: str | None = None  # why it is no good any more
         self.refusals_due: Counter[int] = Counter()  # STARTs that it may still refuse, by module
         self._asked: deque[_Asked] = deque()
+        self._orders: list[Order] = []  # what it is to be told when the turn ends
+        self._waited_before_ns = 0  # what it had waited when that was last asked for, between two steps
+        self._sample_ns = 0  # when to ask again
+        self.gathers = False  # its answers come together until `look_ns`; nobody is woken for the first
+        self.look_ns = 0
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         with theirs:
@@ -65,7 +76,7 @@ class PartitionProcess:
         return self._socket.fileno()
 
     @property
-    def is_asked(self) -> bool:
+    def owes(self) -> bool:
         """Tell whether it owes an answer."""
         return self.loading or bool(self._asked)
 
@@ -75,17 +86,28 @@ class PartitionProcess:
         return self._asked[0].module if self._asked else None
 
     def send(self, order: Order) -> None:
-        """Tell it something; one that does not take it is broken."""
+        """Have it told something, when `flush` is called."""
+        self._orders.append(order)
+
+    def flush(self, now_ns: int) -> None:
+        """Tell it all that it is to be told; one that does not take it is broken."""
+        if not self._orders:
+            return
+        orders, self._orders = self._orders, []
+        if self._asked:
+            self.gathers, self.look_ns = True, now_ns + GATHER_NS
         try:
-            self._socket.send(encode_order(order))
+            self._socket.send(encode_orders(orders))
         except BlockingIOError:
             self.broken = "it does not read what it is told"
         except OSError:
             pass  # it has ended: that is read from the socket
 
     def ask(self, module: int, release: int, now_ns: int) -> None:
-        """A step is being sent to it."""
-        self._asked.append(_Asked(module, release, now_ns, self._waited_ns(), self._cpu_ns()))
+        """It is asked for a step."""
+        if not self._asked and now_ns >= self._sample_ns:
+            self._waited_before_ns, self._sample_ns = self._waited_ns(), now_ns + SAMPLE_NS
+        self._asked.append(_Asked(module, release, now_ns, 0 if self._asked else self._cpu_ns()))
 
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
         """It has answered; gives what the step has spent, or None when it was not asked for that."""
@@ -94,21 +116,23 @@ class PartitionProcess:
         asked = self._asked.popleft()
         if self._asked:
             self._asked[0].since_ns = max(self._asked[0].since_ns, ended_ns)
+            self._asked[0].cpu_ns = self._cpu_ns()
         took_ns = max(0, ended_ns - asked.since_ns)
         if took_ns <= period_ns:
             return took_ns
         if self._schedstat is None:
             return self._cpu_ns() - asked.cpu_ns
-        return max(0, took_ns - (self._waited_ns() - asked.waited_ns))
+        self._sample_ns = 0  # the next step is judged exactly
+        return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
         """What a step has spent that is not over; 0 for one that is not under way."""
-        asked = next((a for a in self._asked if (a.module, a.release) == (module, release)), None)
-        if asked is None or self.loading:
+        if self.loading or not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
             return 0
+        asked = self._asked[0]
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns() - asked.cpu_ns
-        return max(0, now_ns - asked.since_ns - (self._waited_ns() - asked.waited_ns))
+        return max(0, now_ns - asked.since_ns - (self._waited_ns() - self._waited_before_ns))
 
     def receive(self) -> bytes | None:
         """Next packet; None when there is none, or nothing will come any more (`broken`)."""

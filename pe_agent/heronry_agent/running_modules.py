@@ -1,8 +1,8 @@
 """The modules of one PE at work: released by the schedule, fed from the mailboxes, heard in data frames and faults.
 
-A module exists from its StartModule to its StopModule. In between the schedule releases it, one step at a time in each
-partition. Its outputs go to the mailboxes of this PE and, where the slice says so, on the buses; what it wants its
-device to do is done, if it may, and echoed; what it reports becomes a fault.
+A module exists from its StartModule to its StopModule. In between the schedule releases it, step by step. Its outputs
+go to the mailboxes of this PE and, where the slice says so, on the buses; what it wants its device to do is done, if it
+may, and echoed; what it reports becomes a fault.
 
 A module *fails* when it raises, gives or writes what cannot be carried, hangs, or its partition ends under it. It is
 told and built anew as often as its table allows (`restarts`), then stopped: the manager hears of it and decides. One
@@ -112,9 +112,9 @@ class RunningModules:
         self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
 
     def release(self) -> None:
-        """Step the modules that are due, one in each partition."""
+        """Step the modules that are due."""
         now_ns = self._turn.now_ns
-        while (module := self.schedule.due(now_ns)) is not None:
+        for module in self.schedule.due(now_ns):
             until_ns = now_ns + self._index.lease_ns
             if self._running[module].entry.demux:
                 until_ns = self._permission.until_ns(now_ns)
@@ -276,16 +276,15 @@ class RunningModules:
                 self.restarts.begin_at(module, self._turn.now_ns)
 
     def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
-        """Which modules each one reads here from another partition."""
-        entries = self._index.modules
-        here = {entries[module.module].name: module.module for module in wanted.modules}
+        """Which modules each one reads here."""
+        here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
         chains = {}
         for module in wanted.modules:
             local = (source for source in module.sources if source is not None and source not in wanted.remote)
-            producers = {here[self._index.table.sources[source].module] for source in local}
-            partition = entries[module.module].partition
-            chains[module.module] = frozenset(p for p in producers if entries[p].partition != partition)
-        return {module: producers for module, producers in chains.items() if producers}
+            producers = frozenset(here[self._index.table.sources[source].module] for source in local)
+            if producers:
+                chains[module.module] = producers
+        return chains
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
         """Do what a module wants of its device, if it still may."""

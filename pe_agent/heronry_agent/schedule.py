@@ -4,10 +4,11 @@ The k-th release of a module is k periods after it was started, computed from k 
 30 Hz has no period of whole nanoseconds, and does not drift for that. Of releases that have passed while the PE was
 busy or paused, one is made up and the others are skipped and counted (`overruns`).
 
-A partition computes one step at a time, partitions compute side by side. What is due at the same instant begins in the
-order of the spec. So that a chain of modules on one PE passes a value on within one instant, a module waits for those
-it reads here from another partition and that were due just before it: until they have answered, at most a quarter of
-its own period. Whoever hangs or is late thus costs its readers its value, and nothing else.
+What is due at the same instant begins in the order of the spec: a partition is asked for all of that at once and
+computes it step by step, partitions compute side by side. A partition that has not answered everything is asked for
+nothing else. So that a chain of modules on one PE passes a value on within one instant, a module waits for those it
+reads here and that were due just before it: until they have answered, at most a quarter of its own period. Whoever
+hangs or is late thus costs its readers its value, and nothing else but what shares its partition.
 
 What a step has *spent* is the time it took without the time for which the processor was not its own: a machine that is
 starved, or stood still, accuses nobody. Somebody else must measure that; this file says when and what it means.
@@ -17,7 +18,7 @@ starved, or stood still, accuses nobody. Somebody else must measure that; this f
 """
 
 from collections import Counter
-from collections.abc import KeysView, Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass
 
 from heronry_wire.sansio import NEVER_NS
@@ -76,7 +77,7 @@ class Schedule:
 
     def __init__(self) -> None:
         self._grids: dict[int, _Grid] = {}
-        self._steps: dict[str, _Step] = {}  # by partition
+        self._steps: dict[str, dict[int, _Step]] = {}  # by partition and module
         self._due_ns: dict[int, int] = {}  # when the release was due that was taken and not begun yet
         self._producers: Mapping[int, frozenset[int]] = {}
         self._releases = 0
@@ -87,9 +88,9 @@ class Schedule:
     def next_ns(self) -> int:
         """When a module is due, or what it spends is to be asked for."""
         if self._next_ns is None:
-            releases = map(self._release_ns, self._grids.values())
-            looks = (step.look_ns for step in self._steps.values())
-            self._next_ns = min(min(releases, default=NEVER_NS), min(looks, default=NEVER_NS))
+            releases = [self._release_ns(grid) for grid in self._grids.values() if grid.partition not in self._steps]
+            looks = [step.look_ns for steps in self._steps.values() for step in steps.values()]
+            self._next_ns = min(*releases, *looks, NEVER_NS, NEVER_NS)
         return self._next_ns
 
     @property
@@ -106,42 +107,39 @@ class Schedule:
     def stop(self, module: int) -> None:
         """End a grid; an answer that is still to come will not be recognised."""
         grid = self._grids.pop(module, None)
-        if grid is not None and self.computing(grid.partition) == module:
-            del self._steps[grid.partition]
+        if grid is not None:
+            self._forget(grid)
         self._next_ns = None
 
     def chain(self, producers: Mapping[int, frozenset[int]]) -> None:
-        """Say which modules each one reads here from other partitions."""
+        """Say which modules each one reads here."""
         self._producers = producers
         self._next_ns = None
 
-    def computing(self, partition: str) -> int | None:
-        """Module of a partition that is being stepped."""
-        step = self._steps.get(partition)
-        return None if step is None else step.module
+    def due(self, now_ns: int) -> Iterator[int]:
+        """Take the modules to be stepped now, the earliest due first, of equals the first of the spec.
 
-    def due(self, now_ns: int) -> int | None:
-        """Take the module to be stepped now, if any: the earliest due, of equals the first of the spec."""
+        Each is to be begun, or left out, before the next is asked for.
+        """
         if now_ns < self.next_ns:
-            return None
-        grids = [grid for grid in self._grids.values() if self._release_ns(grid) <= now_ns]
-        if not grids:
-            return None
-        grid = min(grids, key=lambda g: (g.due_ns, g.module))
-        self._due_ns[grid.module] = grid.due_ns
-        missed = grid.release(now_ns)
-        if missed:
-            self.overruns[grid.module] += missed
+            return
         self._next_ns = None
-        return grid.module
+        busy = set(self._steps)
+        grids = [grid for grid in self._grids.values() if grid.due_ns <= now_ns and grid.partition not in busy]
+        for grid in sorted(grids, key=lambda g: (g.due_ns, g.module)):
+            if self._release_ns(grid) <= now_ns:
+                self._due_ns[grid.module] = grid.due_ns
+                missed = grid.release(now_ns)
+                if missed:
+                    self.overruns[grid.module] += missed
+                yield grid.module
 
     def begin(self, module: int, now_ns: int) -> int:
         """A module is being stepped; returns the number of this release, which its answer repeats."""
         self._releases += 1
         grid = self._grids[module]
-        self._steps[grid.partition] = _Step(
-            module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns()
-        )
+        step = _Step(module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns())
+        self._steps.setdefault(grid.partition, {})[module] = step
         self._next_ns = None
         return self._releases
 
@@ -150,7 +148,7 @@ class Schedule:
         grid = self._asked(module, release)
         if grid is None:
             return False
-        del self._steps[grid.partition]
+        self._forget(grid)
         is_late = spent_ns * grid.rate_mhz > NS_MHZ
         grid.late_steps = grid.late_steps + 1 if is_late else 0
         self._next_ns = None
@@ -161,7 +159,7 @@ class Schedule:
         grid = self._asked(module, release)
         if grid is None:
             return False
-        del self._steps[grid.partition]
+        self._forget(grid)
         grid.due_ns = min(grid.due_ns, now_ns)
         grid.index -= 1
         self._next_ns = None
@@ -173,7 +171,7 @@ class Schedule:
 
     def overdue(self, now_ns: int) -> list[tuple[int, int]]:
         """Modules and releases whose spending is to be asked for now."""
-        found = [step for step in self._steps.values() if step.look_ns <= now_ns]
+        found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
             step.look_ns = now_ns + self._grids[step.module].hung_ns()
         if found:
@@ -186,20 +184,24 @@ class Schedule:
         if grid is None:
             return False
         left_ns = grid.hung_ns() - spent_ns
-        self._steps[grid.partition].look_ns = now_ns + max(left_ns, HUNG_NS // 10)
+        self._steps[grid.partition][module].look_ns = now_ns + max(left_ns, HUNG_NS // 10)
         self._next_ns = None
         return left_ns <= 0
 
     def _asked(self, module: int, release: int) -> _Grid | None:
         """Grid of a module whose answer is waited for."""
         grid = self._grids.get(module)
-        step = None if grid is None else self._steps.get(grid.partition)
-        return grid if step is not None and (step.module, step.release) == (module, release) else None
+        step = None if grid is None else self._steps.get(grid.partition, {}).get(module)
+        return grid if step is not None and step.release == release else None
+
+    def _forget(self, grid: _Grid) -> None:
+        """Wait for no answer of a module any more."""
+        steps = self._steps.get(grid.partition, {})
+        if steps.pop(grid.module, None) is not None and not steps:
+            del self._steps[grid.partition]
 
     def _release_ns(self, grid: _Grid) -> int:
-        """When a module may be released, as things stand."""
-        if grid.partition in self._steps:
-            return NEVER_NS
+        """When a module of an idle partition may be released, as things stand."""
         producers = self._producers.get(grid.module)
         return grid.due_ns + grid.patience_ns if producers and self._waits(grid, producers) else grid.due_ns
 
@@ -212,7 +214,7 @@ class Schedule:
                 continue
             if earliest_ns <= producer.due_ns and (producer.due_ns, module) < (grid.due_ns, grid.module):
                 return True
-            step = self._steps.get(producer.partition)
-            if step is not None and step.module == module and earliest_ns <= step.due_ns <= grid.due_ns:
+            step = self._steps.get(producer.partition, {}).get(module)
+            if step is not None and earliest_ns <= step.due_ns <= grid.due_ns:
                 return True
         return False

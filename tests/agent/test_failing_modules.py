@@ -319,7 +319,7 @@ def test_a_chain_over_two_partitions_hands_on_within_the_instant() -> None:
     pe.outputs[CONTROL] = outputs
     pe.hanging.add(CONTROL)
     actions = pe.give(Tick())
-    assert [a.module for a in actions if isinstance(a, StepModule)] == [CONTROL]
+    assert [a.module for a in actions if isinstance(a, StepModule)] == [CONTROL, MONITOR]
     pe.hanging.clear()
     pe.now_ns += 2 * MS
     pe.give(Stepped(CONTROL, pe.held[CONTROL], outputs))

@@ -1,12 +1,13 @@
 """What travels between an agent and its partitions arrives as it was; whatever else arrives does not raise."""
 
 import math
+import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.module import Datum, Value
+from heronry_agent.module import Value
 from heronry_agent.module_runner import Orders, Result
 from heronry_agent.partition_messages import (
     ANSWER_BYTES,
@@ -23,9 +24,9 @@ from heronry_agent.partition_messages import (
     Stop,
     Uncarriable,
     decode_answer,
-    decode_order,
+    decode_orders,
     encode_answer,
-    encode_order,
+    encode_orders,
 )
 
 integers = st.integers(-(2**63), 2**63 - 1)
@@ -38,7 +39,6 @@ values = st.one_of(
 )
 modules, releases, times = st.integers(0, 0xFFFF), st.integers(0, 2**64 - 1), integers
 names = st.text(max_size=12)
-data = st.builds(Datum, values, st.integers(1, 15), times, st.booleans())
 orders = st.one_of(
     st.builds(Load, st.lists(names, max_size=3).map(tuple)),
     st.builds(Stop, modules, st.booleans()),
@@ -55,7 +55,7 @@ orders = st.one_of(
         times,
         st.integers(0, 2**64 - 1),
         st.none() | values,
-        st.lists(st.tuples(st.integers(0, 255), data), max_size=3),
+        st.lists(st.tuples(st.integers(0, 255), values, st.integers(1, 15), times, st.booleans()), max_size=3),
     ),
 )
 results = st.builds(
@@ -73,15 +73,22 @@ answers = st.one_of(
 )
 
 
-@given(orders)
-def test_an_order_arrives_as_it_was_given(order: Order) -> None:
-    assert decode_order(encode_order(order)) == order
+@given(st.lists(orders, max_size=3))
+def test_orders_arrive_as_they_were_given_and_in_order(given: list[Order]) -> None:
+    assert list(decode_orders(encode_orders(given))) == given
 
 
 @given(answers)
 def test_an_answer_arrives_as_it_was_given(answer: Answer) -> None:
     assert not isinstance(answer, Garbled)
     assert decode_answer(encode_answer(answer)) == answer
+
+
+@given(results, st.binary(max_size=40), st.integers(0, 60))
+def test_a_step_s_answer_with_other_bytes_in_it_is_an_answer_or_garbled(result: Result, other: bytes, at: int) -> None:
+    packet = encode_answer(Done(1, 2, 3, result))
+    decoded = decode_answer(packet[:at] + other + packet[at + len(other) :])
+    assert isinstance(decoded, (Done, Failed, StartRefused, Loaded, Garbled))
 
 
 @given(answers, st.binary(min_size=1, max_size=4))
@@ -105,14 +112,32 @@ def _has_nan(answer: Answer) -> bool:
     )
 
 
+def stepped(outputs: list[bytes], types: list[bytes], length: int, values: bytes = b"") -> bytes:
+    """A step's answer with what it says of its own values, and values of that length."""
+    lists = (outputs, types, [], [])
+    names = b"".join(
+        struct.pack("<H", len(each)) + b"".join(struct.pack("<H", len(text)) + text for text in each) for each in lists
+    )
+    return struct.pack("<BHQqH", 3, 1, 1, 1, len(names)) + names + values.ljust(length, b"\0")
+
+
+def test_a_step_s_answer_reads_as_it_is_laid_out() -> None:
+    assert decode_answer(stepped([b"a"], [b"i", b"s2"], 10)) == Done(1, 1, 1, Result({"a": 0}, ("\0\0",)))
+    assert decode_answer(stepped([b"a" * 2000], [b"f"], 8)) == Done(1, 1, 1, Result({"a" * 2000: 0.0}))
+
+
 @pytest.mark.parametrize(
     "packet",
     [
+        b"",
         b"\x09" + bytes(10),  # no kind of answer
-        b"\x01\x00\x00",  # an order
+        encode_orders([Load(())]),
         bytes(ANSWER_BYTES + 1),
-        encode_answer(Done(1, 1, 1, Result({"a": 1}))).replace(b"ai", b"az"),  # no type of a value
-        encode_answer(Done(1, 1, 1, Result({"a": 1}))).replace(b"ai", b"an"),  # none, where one must be
+        *(stepped([b"a"], [kind], 8) for kind in (b"", b"z", b"s", b"s-1", b"t8x", b"i8x", b"\xff", b"s9", b"s7")),
+        stepped([b"a"], [], 0),  # no value for a name
+        stepped([], [b"s2"], 2, b"\xff\xff"),  # no text
+        stepped([], [], 0)[:-3],
+        stepped([b"a" * 2000], [b"f"], 7),  # longer than what is kept
     ],
 )
 def test_what_is_no_answer_is_garbled(packet: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Partitions compute side by side; chains hand on within the instant; who hangs or is late holds up nobody."""
+"""A partition is asked for all that is due; chains hand on within the instant; who is late holds up its partition."""
 
 from agent.one_pe import MS
 from heronry_agent.schedule import HUNG_NS, Schedule
@@ -19,19 +19,44 @@ def chained() -> Schedule:
 
 def begun(schedule: Schedule, now_ns: int) -> list[tuple[int, int]]:
     """Begin all that is due; gives modules and releases."""
-    found = []
-    while (module := schedule.due(now_ns)) is not None:
-        found.append((module, schedule.begin(module, now_ns)))
-    return found
+    return [(module, schedule.begin(module, now_ns)) for module in schedule.due(now_ns)]
 
 
-def test_partitions_compute_side_by_side() -> None:
+def test_all_that_is_due_is_asked_for_at_once_in_the_order_of_the_spec() -> None:
     schedule = Schedule()
-    for module, partition in ((PRODUCER, "one"), (CONSUMER, "two"), (THIRD, "two")):
+    for module, partition in ((CONSUMER, "two"), (THIRD, "one"), (PRODUCER, "one")):
         schedule.start(module, 40_000, 0, partition)
-    assert [module for module, _ in begun(schedule, 0)] == [PRODUCER, CONSUMER]
-    assert schedule.end(CONSUMER, 2, 0)
-    assert [module for module, _ in begun(schedule, 0)] == [THIRD]
+    assert [module for module, _ in begun(schedule, 0)] == [PRODUCER, CONSUMER, THIRD]
+
+
+def test_a_partition_that_has_not_answered_everything_is_asked_for_nothing_else() -> None:
+    schedule = Schedule()
+    schedule.start(PRODUCER, 40_000, 0, "one")
+    schedule.start(CONSUMER, 40_000, 0, "one")
+    schedule.start(THIRD, 40_000, 1 * MS, "one")
+    (first, second) = begun(schedule, 0)
+    assert schedule.end(*first, 0)
+    assert begun(schedule, 1 * MS) == []
+    assert schedule.end(*second, 0)
+    assert [module for module, _ in begun(schedule, 1 * MS)] == [THIRD]
+
+
+def test_a_consumer_waits_for_its_producer_in_its_own_partition_too() -> None:
+    schedule = Schedule()
+    for module in (PRODUCER, CONSUMER, THIRD):
+        schedule.start(module, 40_000, 0, "one")
+    schedule.chain({CONSUMER: frozenset({PRODUCER})})
+    (first, third) = begun(schedule, 0)
+    assert (first[0], third[0]) == (PRODUCER, THIRD)
+    assert schedule.end(*first, 0)
+    assert schedule.end(*third, 0)
+    assert [module for module, _ in begun(schedule, 0)] == [CONSUMER]
+
+
+def test_one_that_is_left_out_holds_up_nobody() -> None:
+    schedule = chained()
+    assert [module for module in schedule.due(0) if module != PRODUCER and schedule.begin(module, 0)] == [CONSUMER]
+    assert schedule.next_ns == min(PERIOD_NS, HUNG_NS)
 
 
 def test_a_consumer_waits_for_the_answer_of_its_producer_in_another_partition() -> None:
@@ -61,9 +86,10 @@ def test_it_does_not_wait_for_a_release_of_long_ago() -> None:
 
 def test_it_waits_for_one_that_was_due_first_and_whose_partition_is_busy() -> None:
     schedule = chained()
-    schedule.start(0, 40_000, 0, "one")
-    ((module, release),) = begun(schedule, 0)
+    schedule.start(0, 40_000, -1 * MS, "one")
+    ((module, release),) = begun(schedule, -1 * MS)
     assert module == 0
+    assert begun(schedule, 0) == []
     assert schedule.end(0, release, 0)
     assert [module for module, _ in begun(schedule, 0)] == [PRODUCER]
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import ANY
 
 import pytest
 
@@ -46,15 +47,15 @@ def _path(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Hosted:
-    """A host with `control` in one partition, and `monitor` and `servo_1` in another."""
+    """A host with `control` in one partition, and `monitor` and `servo_1` in another, or all in one."""
 
-    def __init__(self, image: str) -> None:
+    def __init__(self, image: str, good: str = "good") -> None:
         images = {CONTROL: image, MONITOR: "Misbehaving", SERVO_1: "Misbehaving"}
         modules = tuple(
             replace(
                 module,
                 image=f"live.modules_that_misbehave:{images[module.index]}",
-                partition="bad" if module.index == CONTROL else "good",
+                partition="bad" if module.index == CONTROL else good,
             )
             for module in TABLE.modules
             if module.index in images
@@ -73,6 +74,7 @@ class Hosted:
         """Next thing that the host has to tell."""
         end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
         while (now_ns := time.monotonic_ns()) < end_ns:
+            self.host.flush(now_ns)
             until_ns = min(end_ns, self.host.next_deadline_ns())
             ready, _, _ = select.select(self.host.readers(), [], [], max(0, until_ns - now_ns) / 1e9)
             events = self.host.take(ready, time.monotonic_ns())
@@ -168,6 +170,24 @@ def test_a_hang_is_measured_and_ended_from_outside(hosted: Hosted) -> None:
     assert hosted.pids()["good"] == before["good"]
 
 
+def test_who_computes_is_known_when_several_were_asked() -> None:
+    hosted = Hosted("Sleeps", good="bad")
+    now_ns = time.monotonic_ns()
+    try:
+        for module in (MONITOR, CONTROL, SERVO_1):
+            hosted.start(module)
+            hosted.demand(module)
+            hosted.demand(module)
+        for release, module in enumerate((MONITOR, CONTROL, SERVO_1), start=100):
+            hosted.do(StepModule(module, release, {}, now_ns + LONG_NS))
+        assert hosted.next() == Stepped(MONITOR, 100, {"demand": 3.0}, spent_ns=ANY)
+        assert hosted.do(MeasureStep(SERVO_1, 102)) == StepMeasured(SERVO_1, 102, 0)
+        os.kill(hosted.pids()["bad"], signal.SIGKILL)
+        assert hosted.next() == PartitionEnded("bad", "killed by SIGKILL", CONTROL)
+    finally:
+        hosted.host.close()
+
+
 @on("Misbehaving")
 def test_a_killed_partition_that_was_idle_was_nobody_s(hosted: Hosted) -> None:
     hosted.misbehave()
@@ -223,6 +243,7 @@ def test_others_are_warmed_up_when_the_pe_is_at_work(hosted: Hosted) -> None:
     assert hosted.pids().keys() == {"bad"}
     end_ns = time.monotonic_ns() + int(PATIENCE_S * 1e9)
     while hosted.pids().keys() != {"bad", "good"} and time.monotonic_ns() < end_ns:
+        hosted.host.flush(time.monotonic_ns())
         left_ns = max(0, hosted.host.next_deadline_ns() - time.monotonic_ns())
         ready, _, _ = select.select(hosted.host.readers(), [], [], left_ns / 1e9)
         assert hosted.host.take(ready, time.monotonic_ns()) == []

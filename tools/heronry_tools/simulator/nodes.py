@@ -125,6 +125,7 @@ class SimulatedPe(Node):
         self._answers: list[ModuleEvent] = []  # given while the processor stood still
         self._partitions = {module.index: module.partition for module in table.modules}
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
+        self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
         self.stations = [
             (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
         ]
@@ -226,6 +227,7 @@ class SimulatedPe(Node):
             return self._measure(action)
         if isinstance(action, EndPartition):
             self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != action.partition}
+            self._behind.pop(action.partition, None)
         if isinstance(action, Withdraw):
             for bus, station in self.stations:
                 bus.withdraw(station, action.identifiers)
@@ -234,6 +236,10 @@ class SimulatedPe(Node):
 
     def _step(self, action: StepModule) -> ModuleEvent | None:
         """Let a module compute, as well as this PE can."""
+        behind = self._behind.get(self._partitions[action.module])
+        if behind is not None:
+            behind.append(action)
+            return None
         driver = self._drivers.get(action.module)
         if driver is not None:
             self._drive(Driven(self._clock.now_ns, self.name, driver, action.inputs))
@@ -249,9 +255,10 @@ class SimulatedPe(Node):
         return answer
 
     def _measure(self, action: MeasureStep) -> StepMeasured:
-        """Say what a step has spent: all the time if it hangs, next to none if it does not."""
-        step, since_ns = self._hung.get(action.module, (None, 0))
-        spent_ns = 0 if step is None else self._clock.now_ns - since_ns
+        """Say what a step has spent: all the time if it hangs, next to none if it does not, or has not begun."""
+        partition = self._partitions[action.module]
+        first = next((module for module in self._hung if self._partitions[module] == partition), None)
+        spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
     def _give(self, answer: ModuleEvent) -> None:
@@ -267,7 +274,8 @@ class SimulatedPe(Node):
         answer = self._host.carry_out(action, self.time.now_ns())
         if how == "overrun" and isinstance(answer, Stepped):
             late = answer._replace(spent_ns=OVERRUN_NS)
-            self._clock.at(self._clock.now_ns + OVERRUN_NS, lambda: self._give(late))
+            behind = self._behind[self._partitions[action.module]] = []
+            self._clock.at(self._clock.now_ns + OVERRUN_NS, partial(self._end_late, late, behind))
             return None
         if how == "unfit" and isinstance(answer, Stepped) and answer.outputs:
             self._broke(name)
@@ -279,6 +287,20 @@ class SimulatedPe(Node):
         if how == "wrong" and isinstance(answer, Stepped):
             return Stepped(action.module, action.release, {name: _off(v) for name, v in answer.outputs.items()})
         return answer
+
+    def _end_late(self, late: Stepped, behind: list[StepModule]) -> None:
+        """A late step has ended; its partition goes on, if it has not been ended meanwhile."""
+        self._give(late)
+        partition = self._partitions[late.module]
+        if self._behind.get(partition) is behind:
+            del self._behind[partition]
+            if not self.is_awake:
+                self._unfinished += behind
+                return
+            for action in behind:
+                answer = self._step(action)
+                if answer is not None:
+                    self._give(answer)
 
     def _resume(self) -> None:
         unfinished, self._unfinished = self._unfinished, []
