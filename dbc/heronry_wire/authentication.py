@@ -9,30 +9,42 @@ One key serves the whole fleet, because a command is for everybody and has room 
 holds the key. What a tag covers beside the bytes of the frame:
 
     command   manager, kind of the command, term, number of the command in that term; of a WELCOME the nonce it answers
-    state     node, and the manager, term and number of the WELCOME that opened its session; how many pages 0 it has
-              sent since; the digest of what it runs, whose place in the frame the tag takes
+    state     node, and the manager, term and number of the WELCOME that opened its session; the digest of what it runs
+              (page 0) or has staged (page 1), whose place in the frame the tag takes. Page 0: how many of them it has
+              sent since, and, where it says FAULT_PENDING, one EMCY that waits to be acknowledged: an EMCY has no room
+              for a tag, so a state proves it
 
-So nothing that was said once is true a second time, in another place, in the other direction, or of another node.
+A table that goes to a PE over the bus is *sealed* with all 32 bytes, which stand behind it: it is long, and decides
+which code runs. The text names node and spec, and nothing in it is fresh: a table that was given once may be given
+again, to that node, while it is unlocked and waits.
+
+So no command or state that was said once is true a second time, in another place, in the other direction, or of
+another node.
 
 States: none. A key is never printed: its fingerprint tells two of them apart.
 """
 
 from hashlib import blake2s
+from hmac import compare_digest
 from struct import Struct
 from typing import NamedTuple
 
 from heronry_wire.frame import WireError
 
 KEY_BYTES = 32
-TAG_PLACE = 5  # in page 0 of a state: where its tag takes the place of a digest
+SEAL_BYTES = 32
 COMMAND_TAG_BYTES, STATE_TAG_BYTES = 6, 3
 NO_NONCE = 0
 BEAT_SPAN = 256  # page 0 shows how many there were modulo this
+PAGE_1_BEAT = 0  # pages 1 are not counted: what one says of an epoch stays true in its session
+NO_EMERGENCY = b""
 MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred in a second
 
 _COMMAND = Struct(">BBHIQ")
 _STATE = Struct(">BBHII")
 _FINGERPRINT_BYTES = 4
+_PAGE_1 = 0x40  # the page is in the two highest bits of byte 0 of a state frame (management.STATE_0)
+_TAG_PLACE_0, _TAG_PLACE_1 = 5, 3  # where the digest stands in a page 0, and in a page 1
 
 
 class Place(NamedTuple):
@@ -59,6 +71,7 @@ class Key:
             raise WireError(f"a key has {KEY_BYTES} bytes, this one has {len(secret)}: make one with 'heronry key'")
         self._commands = blake2s(key=secret, digest_size=COMMAND_TAG_BYTES, person=b"hrn-cmd")
         self._states = blake2s(key=secret, digest_size=STATE_TAG_BYTES, person=b"hrn-stat")
+        self._tables = blake2s(key=secret, digest_size=SEAL_BYTES, person=b"hrn-tabl")
         self.fingerprint = blake2s(key=secret, digest_size=_FINGERPRINT_BYTES, person=b"hrn-name").hexdigest()
 
     def __repr__(self) -> str:
@@ -71,13 +84,48 @@ class Key:
         tag.update(payload)
         return int.from_bytes(tag.digest(), "big")
 
-    def state_tag(self, node: int, session: Session, beat: int, said: bytes, digest: int) -> int:
-        """Tag of page 0 of a state: 24 bits. `said` are its bytes before the tag, `digest` is that of what runs."""
+    def state_tag(
+        self, node: int, session: Session, beat: int, said: bytes, digest: int, *, emergency: bytes = NO_EMERGENCY
+    ) -> int:
+        """Tag of page 0 or 1 of a state: 24 bits.
+
+        beat: number of this page 0 in its session; PAGE_1_BEAT of a page 1.
+        said: its bytes without the digest (`split_state`).
+        emergency: the EMCY that it proves, all of its bytes.
+        """
         tag = self._states.copy()
         tag.update(_STATE.pack(node, *session, beat))
         tag.update(said)
-        tag.update(digest.to_bytes(3, "big"))
+        tag.update(digest.to_bytes(STATE_TAG_BYTES, "big"))
+        tag.update(emergency)
         return int.from_bytes(tag.digest(), "big")
+
+    def sealed(self, table: bytes) -> bytes:
+        """Give the text of a table with its seal behind it: what a PE with this key takes over the bus."""
+        return table + self._seal(table)
+
+    def opened(self, sealed: bytes) -> bytes | None:
+        """Give the text of a table that was sealed with this key; None where the seal does not fit."""
+        table, seal = sealed[:-SEAL_BYTES], sealed[-SEAL_BYTES:]
+        return table if compare_digest(seal, self._seal(table)) else None
+
+    def _seal(self, table: bytes) -> bytes:
+        seal = self._tables.copy()
+        seal.update(table)
+        return seal.digest()
+
+
+def split_state(data: bytes) -> tuple[bytes, int]:
+    """Give what page 0 or 1 of a state says beside its digest, and what stands in the place of that: the tag."""
+    place = _TAG_PLACE_0 if data[0] < _PAGE_1 else _TAG_PLACE_1
+    after = place + STATE_TAG_BYTES
+    return data[:place] + data[after:], int.from_bytes(data[place:after], "big")
+
+
+def joined_state(said: bytes, tag: int) -> bytes:
+    """Put a page together again: the reverse of `split_state`."""
+    place = _TAG_PLACE_0 if said[0] < _PAGE_1 else _TAG_PLACE_1
+    return said[:place] + tag.to_bytes(STATE_TAG_BYTES, "big") + said[place:]
 
 
 def next_number(after: int, low: int, span: int) -> int:

@@ -3,10 +3,13 @@
 What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`); a term is used once, since
 the driver has it on disk before the manager speaks, so no number comes back, whatever is restarted.
 
-What comes in. A PE's state counts if the 24 bits in its page 0 are the tag of what it says, in a *session*. A session
-is opened by answering the nonce that the PE says in page 2: it is the number of that answer, so what was recorded
-before it proves nothing. The tag covers the digest of what runs, which the frame has no room for: it is looked for
-among those that this PE may run, which are that of the epoch as this manager knows it, and what its page 3 named.
+What comes in. A PE's state counts if the 24 bits in its page are the tag of what it says, in a *session*. A session is
+opened by answering the nonce that the PE says in page 2: it is the number of that answer, so what was recorded before
+it proves nothing. The tag covers the digest of what runs, or is staged, which the frame has no room for: it is looked
+for among those that this PE may mean, which are that of the epoch as this manager knows it, and what its page 3 named.
+
+An EMCY is held until a page 0 that says FAULT_PENDING proves it, one EMCY each: its tag covers it. All that were heard
+of this PE are tried, and forgotten with the next page 0 that says nothing is pending.
 
     no session    nothing of this PE counts; a nonce is answered, once in a heartbeat period
     offered       answers have gone out, and no state has come that was tagged with one
@@ -19,14 +22,16 @@ Guessing. 24 bits are found by chance in 16 million tries, so once many tags of 
 counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
 guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
 
-Another manager is believed to be there if its LEASE is tagged, and its numbers rise; nobody else can end a reign.
+Another manager is believed if what it says is tagged, and its numbers rise; nobody else can end a reign. Who stands by
+has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be.
 
-Not proven by anything, for want of room: page 1 (what is staged), page 3 (digests to try), and EMCY.
-Page 1 does not count as a sign of life. An EMCY can take away what it names until the operator clears it.
+A page 1 is no sign of life, and needs no number: what a PE says of an epoch stays true as long as its session lasts.
 
-Lost: as in `command_tags`; a PE asks again. Late, doubled: the number of page 0 is not above the last. Forged: counted
-in `refused`, told in the status. After a restart nothing is known and every PE is asked, by the new term, to begin
-anew.
+Not proven, for want of room: pages 2 and 3, which name what is to be tried, and what gateways report of radios.
+
+Lost: as in `command_tags`; a PE asks again. Of an EMCY: page 0 cannot be believed until it has come again. Late,
+doubled: the number of page 0 is not above the last. Forged: counted in `refused`, told in the status. After a restart
+nothing is known and every PE is asked, by the new term, to begin anew.
 """
 
 from collections import deque
@@ -38,7 +43,16 @@ from heronry_dg.model import Spec
 from heronry_manager.topology import uplink_bus
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import ManagerAction
-from heronry_wire.authentication import BEAT_SPAN, NO_NONCE, TAG_PLACE, Key, Session, next_number
+from heronry_wire.authentication import (
+    BEAT_SPAN,
+    NO_EMERGENCY,
+    NO_NONCE,
+    PAGE_1_BEAT,
+    Key,
+    Session,
+    next_number,
+    split_state,
+)
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import (
@@ -46,8 +60,10 @@ from heronry_wire.management import (
     NO_EPOCH,
     Control,
     Operation,
+    PeFlags,
     StatePage,
     StatePage0,
+    StatePage1,
     StatePage2,
     StatePage3,
     decode_command,
@@ -58,6 +74,7 @@ GUESSES = 8  # tags that did not fit, until a state needs another one before it
 FORGIVEN_PERIODS = 256  # without one, until they are forgotten
 _OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
 _NAMED = 3
+_HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
 _IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
 
@@ -84,10 +101,16 @@ class _Peer:
     wrong: int = 0  # tags that did not fit, while they kept coming
     wrong_ns: int = 0
     fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
+    held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since nothing was pending, oldest first
+    proven: bytes = NO_EMERGENCY  # by the last page 0
     refused: int = 0  # states
     refuses: tuple[int, int] = (0, 0)  # commands, as it says: unproven, other
     told: tuple[int, int] = (0, 0)  # of these, when they were last told, and when
     told_ns: int | None = None
+
+    def sessions(self) -> list[_Opened]:
+        """Every session in which a state may be tagged."""
+        return [*([] if self.opened is None else [self.opened]), *self.offers]
 
 
 class Authenticity:
@@ -104,7 +127,7 @@ class Authenticity:
     ) -> None:
         """Know nobody yet.
 
-        digest_of: gives the digest of an epoch of this reign.
+        digest_of: gives the digest of an epoch of this reign, or of the one that is followed.
         speaks: tells whether this manager reigns: only then is its term its own, and never used before.
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
@@ -155,11 +178,13 @@ class Authenticity:
     # What comes in
 
     def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
-        """Give a page of a PE with its digest in its place, or None where it is not believed; page 0 alone can be."""
+        """Give a page of a PE with its digest in its place, or None where it is not believed."""
         peer = self._peers[pe]
         match page:
             case StatePage0():
-                return self._proven(pe, peer, page, data[:TAG_PLACE])
+                return self._proven(pe, peer, page, split_state(data)[0])
+            case StatePage1():
+                return self._staged(peer, page, split_state(data)[0])
             case StatePage3():
                 self._told(pe, peer, page)
             case _:
@@ -177,6 +202,19 @@ class Authenticity:
         if is_news or sum(peer.refuses) < sum(peer.told):  # it has been restarted
             peer.told, peer.told_ns = peer.refuses, now_ns
 
+    def hold_emergency(self, pe: str, emergency: bytes) -> None:
+        """Take an EMCY; it counts when a page 0 proves it."""
+        held = self._peers[pe].held
+        if emergency not in held and len(held) == _HELD:
+            del held[next(iter(held))]
+        held[emergency] = None
+
+    def take_emergency(self, pe: str) -> bytes | None:
+        """Give the EMCY that the page 0 which was just believed has proven, once."""
+        peer = self._peers[pe]
+        proven, peer.proven = peer.proven, NO_EMERGENCY
+        return proven or None
+
     def overhear(self, manager: int, control: bytes) -> None:
         """Another manager has opened a session, perhaps: whoever only watches follows it there."""
         order = decode_command(Command.CONTROL, control)
@@ -185,21 +223,21 @@ class Authenticity:
             session = Session(manager, order.term, order.a << 16 | order.b)
             peers[order.node].offers.append(_Opened(session))
 
-    def hold_lease(self, manager: int, event: Received) -> None:
-        """Take the LEASE of another manager; it counts when its TAG comes."""
-        self._managers.hold(manager, Command.LEASE, event, self._turn.now_ns)
+    def hold(self, manager: int, command: Command, event: Received) -> None:
+        """Take a command of another manager; it counts when its TAG comes."""
+        self._managers.hold(manager, command, event, self._turn.now_ns)
 
-    def proven_lease(self, manager: int, tag: bytes) -> bytes | None:
-        """Take the TAG of another manager; gives the LEASE that it proves."""
+    def proven(self, manager: int, tag: bytes) -> Held | None:
+        """Take the TAG of another manager; gives the command that it proves."""
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
-        return found.event.frame.data if isinstance(found, Held) else None
+        return found if isinstance(found, Held) else None
 
     def _proven(self, pe: str, peer: _Peer, page: StatePage0, said: bytes) -> StatePage0 | None:
         found = self._find(peer, page, said)
         if found is None:
             self._doubt(pe, peer, page)
             return None
-        opened, beat, digest = found
+        opened, beat, digest, emergency = found
         last, peer.fitted = peer.fitted, (opened.session, beat)
         if self._is_guessed_at(peer) and not _is_next(last, opened.session, beat):
             peer.refused += 1
@@ -209,17 +247,32 @@ class Authenticity:
             peer.opened = opened
             peer.offers.remove(opened)
         peer.doubted_ns = None
+        peer.proven = emergency
+        if PeFlags.FAULT_PENDING not in page.flags:
+            peer.held.clear()
         return replace(page, digest=digest)
 
-    def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int] | None:
-        """Session, number and digest with which a tag fits."""
-        digests = self._digests(peer, page.epoch)
-        opened = [] if peer.opened is None else [peer.opened]
-        for one in (*opened, *peer.offers):
+    def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
+        """Session, number, digest and EMCY with which a tag fits."""
+        emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
+        covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
+        for one in peer.sessions():
             beat = next_number(one.beat, page.sequence, BEAT_SPAN)
-            for digest in digests:
-                if self._key.state_tag(peer.node, one.session, beat, said, digest) == page.digest:
-                    return one, beat, digest
+            for digest, emergency in covered:
+                if self._key.state_tag(peer.node, one.session, beat, said, digest, emergency=emergency) == page.digest:
+                    return one, beat, digest, emergency
+        return None
+
+    def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
+        """Page 1 about an epoch of this reign, with its digest or 0: whether that is staged, if its tag fits either."""
+        known = self._digest_of(page.staged_epoch)
+        if known is None:
+            return None
+        for one in peer.sessions():
+            for digest in (known, 0):
+                if self._key.state_tag(peer.node, one.session, PAGE_1_BEAT, said, digest) == page.staged_digest:
+                    return replace(page, staged_digest=digest)
+        peer.refused += 1
         return None
 
     def _digests(self, peer: _Peer, epoch: int) -> list[int]:

@@ -179,8 +179,7 @@ class ManagerCore:
         )
         self._authenticity: Authenticity | None = None
         if key is not None:
-            digest_of = self._deployment.digest_of
-            self._authenticity = Authenticity(spec, turn, key, digest_of=digest_of, speaks=self._speaks)
+            self._authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._speaks)
         self._announcer = Announcer(spec, self._situation)
         self._following = Following(spec, turn, self._situation, self._exclusion, self._window_ns)
 
@@ -272,7 +271,7 @@ class ManagerCore:
         if pe is not None:
             self._on_state(pe, self._believed(pe, frame.data))
         elif frame.can_id in self._pe_of_emcy_id:
-            self._on_emergency(self._pe_of_emcy_id[frame.can_id], decode_emergency(frame.data))
+            self._hear_emergency(self._pe_of_emcy_id[frame.can_id], frame.data)
         elif frame.can_id in self._situation.links.records:
             self._situation.link_reported(frame)
         elif frame.can_id == REQUEST_ID:
@@ -287,19 +286,30 @@ class ManagerCore:
             return page
         return self._authenticity.believed(pe, page, data)
 
+    def _hear_emergency(self, pe: str, data: bytes) -> None:
+        """A PE reports something; with a key it counts when it is proven."""
+        if self._authenticity is None:
+            self._on_emergency(pe, decode_emergency(data))
+        else:
+            self._authenticity.hold_emergency(pe, data)
+
     def _on_manager(self, node: int, command: Command, frame: Frame) -> None:
-        """Another manager has spoken; with a key its LEASE counts when it is proven."""
+        """Another manager has spoken; with a key what it says counts when it is proven."""
         if self._authenticity is None or command in _FOLLOWED_BY_DIGEST:
             self._on_command(node, decode_command(command, frame.data))
-        elif command is Command.LEASE:
-            self._authenticity.hold_lease(node, Received(0, frame))
-        elif command is Command.CONTROL:
-            if self._advise or self._reign is Reign.STANDBY:
-                self._authenticity.overhear(node, frame.data)
         elif command is Command.TAG:
-            lease = self._authenticity.proven_lease(node, frame.data)
-            if lease is not None:
-                self._on_command(node, decode_command(Command.LEASE, lease))
+            found = self._authenticity.proven(node, frame.data)
+            if found is not None:
+                self._on_command(node, decode_command(found.command, found.event.frame.data))
+        else:
+            if command is Command.CONTROL and (self._advise or self._reign is Reign.STANDBY):
+                self._authenticity.overhear(node, frame.data)
+            self._authenticity.hold(node, command, Received(0, frame))
+
+    def _digest_of(self, epoch: int) -> int | None:
+        """Digest of an epoch of this reign, or of the one that was followed; None of one that is not known."""
+        known = self._deployment.digest_of(epoch)
+        return self._following.digest_of(epoch) if known is None else known
 
     def _speaks(self) -> bool:
         """Tell whether LEASE goes out."""
@@ -319,6 +329,9 @@ class ManagerCore:
                     self._deployment.follow()
                 else:
                     self._fail_if(pe, cause)
+                proven = None if self._authenticity is None else self._authenticity.take_emergency(pe)
+                if proven is not None:
+                    self._on_emergency(pe, decode_emergency(proven))
             case StatePage1():
                 if self._authenticity is None:
                     hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()

@@ -122,8 +122,9 @@ class Deployment:
         return self._observed[pe]
 
     def digest_of(self, epoch: int) -> int | None:
-        """Digest of an epoch of this reign; None of one that is not known."""
-        known = self._epochs.get(epoch)
+        """Digest of an epoch of this reign, also of one that is being prepared; None of one that is not known."""
+        is_next = self.next is not None and self.next.epoch == epoch
+        known = self.next if is_next else self._epochs.get(epoch)
         return None if known is None else known.compiled.digest
 
     def lease(self) -> Lease:

@@ -12,9 +12,11 @@ happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged state
 manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
 one that was heard before nothing is believed, for as long as that one speaks.
 
-With a key a LEASE counts when it is proven, a state when it is believed; nothing but slices, which the digest in LEASE
-vouches for, is followed besides: no phase, and no faults.
+With a key LEASE, ALIVE and CONTROL count when they are proven, a state when it is believed; slices need no proof, since
+the digest in LEASE vouches for them. By that digest the states of PEs are read, too.
 """
+
+from collections import OrderedDict
 
 from heronry_dg.model import Spec
 from heronry_manager.exclusion import Exclusion
@@ -31,6 +33,8 @@ from heronry_wire.management import (
     PeFlags,
     StatePage0,
 )
+
+_DIGESTS_KEPT = 4
 
 
 class Following:
@@ -50,6 +54,7 @@ class Following:
         self.node: int | None = None  # the manager that reigns
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
+        self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE has named them
 
     def heard(self, node: int, message: ManagementMessage) -> None:
         """A manager has spoken."""
@@ -74,6 +79,14 @@ class Following:
             self._turn.keep(TermBegun(lease.term))
         self.node, self.term, self.leased_ns = node, lease.term, now_ns
         self._orphaned_ns = now_ns + self._lease_ns + 1
+        self._digests[lease.epoch] = lease.digest
+        self._digests.move_to_end(lease.epoch)
+        if len(self._digests) > _DIGESTS_KEPT:
+            self._digests.popitem(last=False)
+
+    def digest_of(self, epoch: int) -> int | None:
+        """Digest of an epoch of the manager that reigns, or has reigned; None of one that is not known."""
+        return self._digests.get(epoch)
 
     def state(self, pe: str, page: StatePage0) -> None:
         """A PE has said what it runs, and whether it hears a manager."""

@@ -13,9 +13,14 @@ Each manager that hears the nonce answers for itself, so a standby can be believ
 
 A *session*. The same WELCOME says under which number the states of this PE are tagged from now on: the manager chose
 it, in this term, and chooses no number twice. A manager of a new term has no session here until it has welcomed this
-PE. Page 0 on the uplink carries the tag; other ports, and a PE without a session, say 0.
+PE. Pages 0 and 1 on the uplink carry the tag; other ports, and a PE without a session, say 0.
 
-A *lock*. NMT and SDO can do nothing here until UNLOCK names this PE, and not for longer than it says.
+An *EMCY* is proven by the next page 0: its tag covers one that is pending, in turn where there are several. Page 0
+goes out at once when that changes, so this costs no time.
+
+A *lock*. NMT can do nothing here, and SDO write nothing, until UNLOCK names this PE, and not for longer than it says.
+Who sends SDO requests cannot be told on the bus: the manager that reigns opens the lock and closes it, and a table has
+to be sealed besides (`opened`).
 
 Lost: a page 2, a WELCOME or its TAG is asked for again with the next command. Late: a nonce serves for T_lease, a
 WELCOME that comes later answers nobody. Doubled: a WELCOME is not above its own number. Forged: counted. After a
@@ -25,7 +30,7 @@ A WELCOME of another node cannot be judged here. A gateway hands it on to where 
 """
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2s
@@ -35,7 +40,7 @@ from heronry_agent.reign import Reign
 from heronry_agent.reporting import PAGE_1_EVERY, Facts
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
-from heronry_wire.authentication import BEAT_SPAN, NO_NONCE, Key, Session
+from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, NO_NONCE, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, classify, management_id, state_id
@@ -70,11 +75,12 @@ class Authenticity:
         gateway: Gateway,
         *,
         facts: Callable[[], Facts],
+        pending: Callable[[], Sequence[bytes]],
         secret: Secret,
     ) -> None:
-        """`facts` gives what the state frames tell now."""
+        """`facts` gives what the state frames tell now, `pending` every EMCY that waits to be acknowledged."""
         self._turn, self._index, self._reign, self._gateway, self._facts = turn, index, reign, gateway, facts
-        self._secret = secret
+        self._secret, self._pending = secret, pending
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
@@ -121,6 +127,10 @@ class Authenticity:
             self._turn.out += self._gateway.toward(data[_NODE_BYTE], event.frame)
         else:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
+
+    def opened(self, sealed: bytes) -> bytes | None:
+        """Text of a table that was sealed with the key of the fleet; None where it was not."""
+        return self._secret.key.opened(sealed)
 
     def obey(self, order: Control) -> None:
         """The reigning manager has said something about this PE's session or lock."""
@@ -194,14 +204,18 @@ class Authenticity:
 
     # States
 
-    def seal(self, beat: int, said: bytes, digest: int) -> int:
-        """Tag of a page 0 on the uplink: `beat` counts them, `said` is what comes before the tag."""
-        session = self._session()
+    def seal(self, beat: int | None, said: bytes, digest: int) -> int:
+        """Tag of a page on the uplink: `beat` counts pages 0, of a page 1 it is None."""
+        session, node, key = self._session(), self._index.node, self._secret.key
         if session is None:
             return 0
+        if beat is None:
+            return key.state_tag(node, session, PAGE_1_BEAT, said, digest)
         if self._first_beat is None:
             self._first_beat = beat - beat % BEAT_SPAN
-        return self._secret.key.state_tag(self._index.node, session, beat - self._first_beat, said, digest)
+        pending = self._pending()
+        emergency = pending[beat % len(pending)] if pending else NO_EMERGENCY
+        return key.state_tag(node, session, beat - self._first_beat, said, digest, emergency=emergency)
 
     def beat(self) -> None:
         """A period is over: say the first nonce, and now and then what runs and what was refused."""

@@ -41,7 +41,7 @@ class CanopenNode:
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index
         self._reign, self._reconfiguration, self._modules = parts.reign, parts.reconfiguration, parts.modules
-        self._is_open = parts.is_open
+        self._authenticity = parts.authenticity
         port = index.table.ports[index.uplink]
         self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
         self._services = NodeServices(index.node, port.heartbeat_ns, self._network)
@@ -91,11 +91,11 @@ class CanopenNode:
 
     def _led(self) -> bool:
         """Tell whether a manager is heard that has not unlocked this PE."""
-        is_unlocked = self._is_open is not None and self._is_open()
+        is_unlocked = self._authenticity is not None and self._authenticity.is_open
         return self._reign.hears_lease(self._turn.now_ns) and not is_unlocked
 
     def _locked(self) -> bool:
-        return self._is_open is not None and not self._is_open()
+        return self._authenticity is not None and not self._authenticity.is_open
 
     def _nmt(self, event: Received) -> None:
         if self._is_from_beyond(event):

@@ -25,6 +25,7 @@ from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
 from heronry_agent.table_waiting import Waiting, WaitingCore
 from heronry_agent.vocabulary import Note
+from heronry_wire.authentication import Key
 from heronry_wire.bus_arguments import BusArgumentError, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
@@ -45,6 +46,7 @@ examples:
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
   pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
   pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
+  pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes it from who has the key alone
 
 'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
 can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTERM; a PE that just vanishes is no harm.
@@ -117,9 +119,7 @@ def _node(text: str) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     tell = _silent if arguments.quiet else _print_note
     key = None if arguments.key is None else read_key(arguments.key)
-    if key is not None and arguments.table is None:
-        raise KeyFileError("a PE with a key takes no table from the bus: give it one with --table")
-    table = _wait_for_table(arguments, tell) if arguments.table is None else _read_table(arguments.table)
+    table = _wait_for_table(arguments, tell, key) if arguments.table is None else _read_table(arguments.table)
     if table is None:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
@@ -135,8 +135,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         def new_core() -> AgentCore:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
-            secret = None if key is None else Secret(key, os.urandom(_SALT_BYTES))
-            return AgentCore(table, incarnation, time.monotonic_ns(), secret=secret)
+            return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key))
 
         host = (InProcessHost if arguments.in_process else PartitionHost)(table, Bench(origin_ns))
         undo.callback(host.close)
@@ -152,11 +151,15 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None]) -> PeTable | None:
+def _secret(key: Key | None) -> Secret | None:
+    return None if key is None else Secret(key, os.urandom(_SALT_BYTES))
+
+
+def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
     """Be a node without a table until there is one; None if it was stopped before."""
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
-    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns())
+    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
     with closing(Link(flags)) as link:
         if hears_own_id([link], arguments.node, _LISTEN_NS):
             raise HeronryError(f"another node on the bus has node-ID {arguments.node}; give one of them another")

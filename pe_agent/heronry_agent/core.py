@@ -107,13 +107,20 @@ class AgentCore:
             port: RadioPort(port, index, now_ns) for port, entry in enumerate(table.ports) if entry.link_id is not None
         }
         self._reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
-        is_open = None if authenticity is None else lambda: authenticity.is_open
         self._canopen = CanopenNode(
             Parts(
-                turn, index, incarnation, self.reign, self.reconfiguration, self.modules, self._facts, is_open=is_open
+                turn,
+                index,
+                incarnation,
+                self.reign,
+                self.reconfiguration,
+                self.modules,
+                self._facts,
+                authenticity=authenticity,
             )
         )
         self._told: dict[str, bool] = {"output": True}
+        self._proven_changes = 0
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._fixed_handlers = self._find_fixed_handlers()
         self._handlers = self._fixed_handlers
@@ -165,6 +172,9 @@ class AgentCore:
         if turn.rewired:
             self._handlers = self._fixed_handlers | self._find_data_handlers()
             self._quiet = self._find_quiet()
+        if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
+            self._proven_changes = self.modules.faults.changes
+            turn.wants_page_0 = True  # it proves what EMCY has said
         if turn.wants_page_0 or turn.wants_page_1:
             out += self._reporting.at_once(self._facts(), page_0=turn.wants_page_0, page_1=turn.wants_page_1)
         return self._by_radio(out) if self._radios else out
@@ -276,7 +286,15 @@ class AgentCore:
     def _make_authenticity(self, secret: Secret | None) -> Authenticity | None:
         if secret is None:
             return None
-        return Authenticity(self._turn, self._index, self.reign, self._gateway, facts=self._facts, secret=secret)
+        return Authenticity(
+            self._turn,
+            self._index,
+            self.reign,
+            self._gateway,
+            facts=self._facts,
+            pending=self.modules.faults.messages,
+            secret=secret,
+        )
 
     def _facts(self) -> Facts:
         """What the state frames tell now; a change that nobody commanded is noted on the way."""

@@ -48,6 +48,7 @@ class Faults:
         self._quiet_until_ns: dict[_Key, int] = {}
         self._told: set[tuple[ElementKind, int]] = set()
         self._requests = self._events = 0
+        self.changes = 0  # how often something became pending, or was no more
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
 
@@ -55,6 +56,10 @@ class Faults:
     def pending(self) -> bool:
         """Tell whether something waits for its acknowledgement."""
         return bool(self._pending)
+
+    def messages(self) -> list[bytes]:
+        """Give every EMCY that waits for its acknowledgement, oldest first."""
+        return [emergency.encode() for _, emergency in self._pending.values()]
 
     @property
     def register(self) -> int:
@@ -112,6 +117,7 @@ class Faults:
 
     def _pend(self, key: _Key, emergency: Emergency, now_ns: int) -> list[Frame]:
         """Send this now, and again in a period."""
+        self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)
         self._find_next()
         frames = [Frame(self._emcy_id, emergency.encode())]
@@ -129,6 +135,7 @@ class Faults:
     def _drop(self, keys: list[_Key]) -> None:
         for key in keys:
             del self._pending[key]
+        self.changes += len(keys)
         self._find_next()
 
     def _find_next(self) -> None:

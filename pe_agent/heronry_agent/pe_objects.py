@@ -3,7 +3,8 @@
 Nothing here is kept or computed ahead, but for the two long texts: the EDS and the table are written out when they are
 first asked for. Two things can be written: the heartbeat time, and 0 to the number of errors, which empties the list.
 The table can be "written" with what it is already, by a tool that makes sure of it. Any other is taken by a PE that
-waits for one (`table_waiting`), and refused by a PE that has one. While a PE is configured it takes none: that many
+waits for one (`table_waiting`), and refused by a PE that has one. With a key the lock must be open for any of this, and
+a table must be sealed. While a PE is configured it takes none: that many
 bytes have no business on the bus then.
 """
 
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
+from heronry_agent.authenticity import Authenticity
 from heronry_agent.network_management import NetworkManagement
 from heronry_agent.node_services import NodeServices
 from heronry_agent.object_dictionary import ObjectDictionary
@@ -52,7 +54,7 @@ class Parts:
 
     facts: gives what the state frames tell now.
     take_table: takes another table than the present one, or says why not; None where no other is taken.
-    is_open: tells whether NMT and SDO may do something; None without a key, when they always may.
+    authenticity: the lock on NMT and on writing, and what opens a sealed table; None without a key.
     """
 
     turn: Turn
@@ -63,7 +65,7 @@ class Parts:
     modules: RunningModules
     facts: Callable[[], Facts]
     take_table: Callable[[bytes], Abort | None] | None = None
-    is_open: Callable[[], bool] | None = None
+    authenticity: Authenticity | None = None
 
 
 class PeObjects:
@@ -149,7 +151,12 @@ class PeObjects:
     def _forget_errors(self, _zero: int) -> None:
         self._parts.modules.faults.history.clear()
 
-    def _take_table(self, text: bytes) -> Abort | None:
+    def _take_table(self, written: bytes) -> Abort | None:
+        authenticity = self._parts.authenticity
+        text = written if authenticity is None else authenticity.opened(written)
+        if text is None:
+            self._parts.turn.note("table", "a table is refused: it is not sealed with the key of this fleet")
+            return Abort.VALUE
         if text.strip() == self._table():
             return None
         take = self._parts.take_table

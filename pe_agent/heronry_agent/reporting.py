@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from heronry_agent.table_index import TableIndex
-from heronry_wire.authentication import BEAT_SPAN, STATE_TAG_BYTES, TAG_PLACE
+from heronry_wire.authentication import BEAT_SPAN, joined_state, split_state
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
 from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
@@ -22,7 +22,8 @@ from heronry_wire.sansio import Send
 
 PAGE_1_EVERY = 10
 
-Seal = Callable[[int, bytes, int], int]  # number of a page 0, its bytes before the tag, digest of what runs: the tag
+# Number of a page 0, or None for a page 1; what it says beside the digest; that digest: the tag.
+Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
@@ -42,7 +43,7 @@ class Reporting:
     """Beats of one PE."""
 
     def __init__(self, index: TableIndex, incarnation: int, now_ns: int, seal: Seal | None = None) -> None:
-        """The first state frames are due at this node's place in the next period; `seal` tags page 0 (rule 11)."""
+        """The first state frames are due at this node's place in the next period; `seal` tags pages (rule 11)."""
         self._seal, self._uplink = seal, index.uplink
         self._ports = index.ports
         self._periods_ns = [port.heartbeat_ns for port in index.table.ports]
@@ -86,12 +87,15 @@ class Reporting:
         beat = self._sequences[port]
         self._sequences[port] = beat + 1
         page = StatePage0(facts.state, facts.flags, self._incarnation, facts.epoch, beat % BEAT_SPAN, facts.digest)
-        said = page.encode()
-        if self._seal is not None:
-            tag = self._seal(beat, said[:TAG_PLACE], facts.digest) if port == self._uplink else 0
-            said = said[:TAG_PLACE] + tag.to_bytes(STATE_TAG_BYTES)
-        return Send(port, Frame(self._state_id, said))
+        return self._said(port, beat, page.encode())
 
     def _page_1(self, port: int, facts: Facts) -> Send:
         page = StatePage1(facts.state, facts.flags, facts.staged_epoch, facts.staged_digest, facts.reason, facts.load)
-        return Send(port, Frame(self._state_id, page.encode()))
+        return self._said(port, None, page.encode())
+
+    def _said(self, port: int, beat: int | None, data: bytes) -> Send:
+        """Send a page; with a key it is tagged, for the manager alone."""
+        if self._seal is not None:
+            said, digest = split_state(data)
+            data = joined_state(said, self._seal(beat, said, digest) if port == self._uplink else 0)
+        return Send(port, Frame(self._state_id, data))

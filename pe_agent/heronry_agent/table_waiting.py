@@ -5,10 +5,14 @@
     given     object 2020h was written with a table that can be used, whose node-ID is this one's. The answer still
               goes out; then the agent starts as if the table had been a file
 
+With a key the node asks a manager that speaks for a fresh start, as every PE does (`authenticity`), and obeys nothing
+of it but LEASE and UNLOCK. Only while it is unlocked does it take a table, and only one that is sealed with the key:
+the UNLOCK says when, the seal says what, whoever sends.
+
 Lost, late, doubled: as in `sdo_server`; a table arrives complete and checked, or not at all. One that cannot be used is
-refused with 0609 0030h, and noted with the reason. Forged: whoever sends the table decides which of the code that is
-installed here will run. So a PE waits only where it was told to at its start, for a bus whose nodes are all trusted,
-and a PE that has its table takes no other. After a restart it waits again.
+refused with 0609 0030h, and noted with the reason. Forged: without a key, whoever sends the table decides which of the
+code that is installed here will run. So a PE waits only where it was told to at its start, for a bus whose nodes are
+all trusted, and a PE that has its table takes no other. After a restart it waits again.
 """
 
 import os
@@ -16,9 +20,12 @@ import select
 import sys
 import time
 from collections.abc import Callable, Collection, Iterable
+from functools import partial
 from typing import Any
 
+from heronry_agent.authenticity import Authenticity, Secret
 from heronry_agent.canopen_node import CanopenNode
+from heronry_agent.gateway import Gateway
 from heronry_agent.pe_objects import Parts
 from heronry_agent.permission import Permission
 from heronry_agent.reconfiguration import Reconfiguration
@@ -28,8 +35,20 @@ from heronry_agent.running_modules import RunningModules
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import Action, Note
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.link import Link
-from heronry_wire.management import PeFlags, PeState, Reason
+from heronry_wire.management import (
+    Control,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Reason,
+    SliceBody,
+    SliceHead,
+    decode_command,
+)
 from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
@@ -44,16 +63,33 @@ _LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
 class WaitingCore:
     """The node as long as it has no table; `table` is what it was given."""
 
-    def __init__(self, node: int, bitrate: int, now_ns: int) -> None:
-        """Wait as this node (92..125), on a bus of so many bit/s; the first deadline is now. Raises TableError."""
+    def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
+        """Wait as this node (92..125), on a bus of so many bit/s; the first deadline is now.
+
+        secret: the key of the fleet; with one nothing is taken but what was sealed with it, and only while unlocked.
+        Raises TableError where the node is no PE's.
+        """
         self.table: PeTable | None = None
         self._node = node
         turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
         reconfiguration, reign = Reconfiguration(index), Reign(index.lease_ns)
         modules = RunningModules(turn, index, reconfiguration, Permission(index.lease_ns))
-        parts = Parts(turn, index, 0, reign, reconfiguration, modules, lambda: _WAITING, self._take)
-        self._turn, self._canopen = turn, CanopenNode(parts)
+        authenticity = None
+        if secret is not None:
+            authenticity = Authenticity(
+                turn, index, reign, Gateway(index), facts=lambda: _WAITING, pending=list, secret=secret
+            )
+        self._authenticity = authenticity
+        parts = Parts(turn, index, 0, reign, reconfiguration, modules, lambda: _WAITING, self._take, authenticity)
+        self._turn, self._reign, self._canopen = turn, reign, CanopenNode(parts)
         self._handlers = dict(self._canopen.handlers())
+        if authenticity is not None:
+            commands = [(manager, command) for manager in MANAGER_NODES for command in Command]
+            self._handlers |= authenticity.guarded(
+                (management_id(manager, command), partial(self._obey, manager, command))
+                for manager, command in commands
+                if command is not Command.TAG
+            )
 
     @property
     def identifiers(self) -> Collection[int]:
@@ -75,6 +111,17 @@ class WaitingCore:
     def next_deadline_ns(self) -> int:
         """When to call with Tick, if nothing comes before."""
         return self._canopen.next_ns
+
+    def _obey(self, manager: int, command: Command, event: Received) -> None:
+        """A command that was proven: whose reign it is counts, and whether this node is unlocked."""
+        message = decode_command(command, event.frame.data)
+        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._reign.admits(manager, message.term):
+            return
+        if isinstance(message, Lease):
+            self._reign.leased(self._turn.arrived_ns)
+        elif isinstance(message, Control) and (message.node, message.operation) == (self._node, Operation.UNLOCK):
+            assert self._authenticity is not None
+            self._authenticity.obey(message)
 
     def _take(self, text: bytes) -> Abort | None:
         try:

@@ -12,9 +12,12 @@ from agent.one_pe import (
     FLYING,
     GATEWAY_TABLE,
     MANAGER,
+    MONITOR,
     MS,
     NEIGHBOUR,
     NODE,
+    RATE,
+    RUN_MONITOR,
     TABLE,
     Message,
     OnePe,
@@ -24,12 +27,14 @@ from agent.one_pe import (
 )
 from heronry_agent.authenticity import LONGEST_UNLOCK_S, Secret
 from heronry_agent.vocabulary import Action, Note
-from heronry_wire.authentication import BEAT_SPAN, Key, Session
+from heronry_wire.authentication import BEAT_SPAN, PAGE_1_BEAT, Key, Session, split_state
 from heronry_wire.command_tags import CommandSigner, Refusal
+from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
     NMT_ID,
     Command,
+    emcy_id,
     heartbeat_id,
     management_id,
     sdo_request_id,
@@ -41,8 +46,12 @@ from heronry_wire.management import (
     Activate,
     Alive,
     Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
     Lease,
     Operation,
+    PeFlags,
     PeState,
     Ping,
     StatePage0,
@@ -53,6 +62,7 @@ from heronry_wire.management import (
     decode_state,
 )
 from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Send
 from heronry_wire.sdo import Abort, abort_message
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
@@ -249,6 +259,54 @@ def test_without_a_session_it_says_0_and_a_renewal_ends_one(keyed: Keyed) -> Non
     asked = said(keyed.tell(Control(1, NODE, Operation.RENEW)), StatePage2)
     assert len(asked) == 1
     assert page_0(keyed, 1)[0][5:] == bytes(3)
+
+
+def test_page_1_is_tagged_with_what_it_has_staged(keyed: Keyed) -> None:
+    session = Session(MANAGER, 1, 1)
+    shown = [f.data for f in sent(keyed.tell(*slice_messages(FLYING, 7, 1007)), state_id(NODE)) if f.data[0] >> 6 == 1]
+    said, tag = split_state(shown[-1])
+    assert said == shown[-1][:3] + shown[-1][6:]
+    assert tag == KEY.state_tag(NODE, session, PAGE_1_BEAT, said, 1007)
+    untagged = [f.data for f in sent(Keyed().pe.pass_time(BEAT_NS), state_id(NODE)) if f.data[0] >> 6 == 1]
+    assert [split_state(data)[1] for data in untagged] == [0]
+
+
+LEFT, RIGHT = ((ElementKind.DEVICE, number) for number in (1, 2))
+
+
+def proofs(actions: list[Action]) -> list[tuple[bool, bytes]]:
+    """Of each page 0: whether it says that something is pending, and the EMCY that its tag covers."""
+    emergencies = {frame.data for frame in sent(actions, emcy_id(NODE))}
+    found = []
+    for data in (f.data for f in sent(actions, state_id(NODE)) if f.data[0] >> 6 == 0):
+        said, tag = split_state(data)
+        pending = bool(data[0] & PeFlags.FAULT_PENDING)
+        fits = [
+            one
+            for one in (b"", *emergencies)
+            if tag == KEY.state_tag(NODE, Session(MANAGER, 1, 1), data[4], said, 1007, emergency=one)
+        ]
+        found.append((pending, *fits))
+    return found
+
+
+def test_each_emcy_is_proven_by_a_state_in_turn_and_the_first_at_once(keyed: Keyed) -> None:
+    watching = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR})
+    keyed.tell(*slice_messages(watching, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007))
+    assert proofs(keyed.pe.pass_time(BEAT_NS)) == [(False, b"")]
+    keyed.pe.reports[MONITOR] = (("device:left", 57), ("device:right", 58))
+    actions = keyed.pe.pass_time(60 * MS)
+    left, right = (Emergency(FaultCode.REPORTED, 0x81, *e, d).encode() for e, d in ((LEFT, 57), (RIGHT, 58)))
+    shown = proofs(actions)
+    assert {emergency for _, emergency in shown if emergency} == {left, right}
+    assert all(pending is bool(emergency) for pending, emergency in shown)
+    first = next(at for at, one in enumerate(actions) if isinstance(one, Send) and one.frame.can_id == emcy_id(NODE))
+    at_once = [one.frame.can_id for one in actions[first:] if isinstance(one, Send)][:4]
+    assert at_once == [emcy_id(NODE), emcy_id(NODE), state_id(NODE), emcy_id(NODE)] or state_id(NODE) in at_once
+    keyed.pe.reports.clear()
+    one_left = proofs(keyed.tell(Control(1, NODE, Operation.ACKNOWLEDGE, *LEFT)) + keyed.pe.pass_time(2 * BEAT_NS))
+    assert {emergency for _, emergency in one_left} == {right}
+    assert proofs(keyed.tell(Control(1, NODE, Operation.ACKNOWLEDGE, *RIGHT))) == [(False, b"")]
 
 
 # The lock

@@ -8,13 +8,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.canopen_master import objects
-from agent.one_pe import MS, NODE, TABLE, sent
+from agent.one_pe import MANAGER, MS, NODE, TABLE, Message, command_frame, sent
+from heronry_agent.authenticity import LONGEST_UNLOCK_S, Secret
 from heronry_agent.table_waiting import WaitingCore
 from heronry_agent.vocabulary import Action, Note
+from heronry_wire.authentication import SEAL_BYTES, Key
 from heronry_wire.canopen_objects import OBJECTS
 from heronry_wire.canopen_objects import TABLE as TABLE_INDEX
+from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
+from heronry_wire.management import (
+    Alive,
+    Control,
+    Lease,
+    Operation,
+    PeState,
+    SliceHead,
+    StatePage2,
+    StatePage3,
+    Step,
+    decode_state,
+)
 from heronry_wire.pe_table import TableError
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import Abort
@@ -23,9 +38,9 @@ from heronry_wire.sdo import Abort
 class Waiting:
     """The core and its time."""
 
-    def __init__(self) -> None:
+    def __init__(self, secret: Secret | None = None) -> None:
         self.now_ns = 0
-        self.core = WaitingCore(NODE, 1_000_000, 0)
+        self.core = WaitingCore(NODE, 1_000_000, 0, secret)
 
     def pass_time(self, duration_ns: int) -> list[Action]:
         end_ns, actions = self.now_ns + duration_ns, []
@@ -43,7 +58,11 @@ class Waiting:
 
     def give(self, text: bytes) -> tuple[Abort | None, list[str]]:
         """Write a table by segments: why it is refused, and what is noted."""
-        self.ask(b"\x21" + TABLE_INDEX.to_bytes(2, "little") + b"\0" + len(text).to_bytes(4, "little"))
+        (answer,), notes = self.ask(
+            b"\x21" + TABLE_INDEX.to_bytes(2, "little") + b"\0" + len(text).to_bytes(4, "little")
+        )
+        if answer[0] == 0x80:
+            return Abort(int.from_bytes(answer[4:], "little")), notes
         toggle = 0
         for at in range(0, len(text), 7):
             part, is_last = text[at : at + 7], at + 7 >= len(text)
@@ -109,3 +128,99 @@ def test_whatever_comes_it_waits_on(story: list[tuple[int, bytes, bool]]) -> Non
         assert all(isinstance(action, Send | Note) for action in actions)
         waiting.pass_time(1 * MS)
     assert waiting.core.table is None
+
+
+# With a key
+
+KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
+TEXT = TABLE.to_json().encode()
+STOP = Frame(0, bytes((2, NODE)))
+
+
+class KeyedWaiting(Waiting):
+    """A node with a key that waits, and a manager that has it too."""
+
+    def __init__(self) -> None:
+        super().__init__(Secret(KEY, b"salt"))
+        self.signer = CommandSigner(KEY, MANAGER, 3)
+
+    def hear(self, *frames: Frame) -> list[Action]:
+        return [action for frame in frames for action in self.core.step(self.now_ns, Received(0, frame))]
+
+    def tell(self, *messages: Message) -> list[Action]:
+        """Say commands, each with its TAG."""
+        frames = [command_frame(message) for message in messages]
+        return self.hear(*(one for frame in frames for one in (frame, self.signer.tag(frame) or frame)))
+
+    def pages(self, actions: list[Action]) -> list[object]:
+        return [decode_state(frame.data) for frame in sent(actions, state_id(NODE))]
+
+    def meet(self) -> None:
+        """Let it ask, and answer it."""
+        (page,) = self.pages(self.tell(Lease(3, 0, Step.PREPARED, 0)))
+        assert isinstance(page, StatePage2)
+        (said,) = self.pages(self.hear(*self.signer.welcome(NODE, page.nonce)))
+        assert isinstance(said, StatePage3)
+        assert said.state is PeState.UNCONFIGURED
+
+
+@pytest.fixture
+def keyed() -> KeyedWaiting:
+    """Give a node that believes its manager."""
+    waiting = KeyedWaiting()
+    waiting.meet()
+    return waiting
+
+
+def test_with_a_key_it_is_silent_until_a_manager_speaks_and_then_asks() -> None:
+    waiting = KeyedWaiting()
+    assert sent(waiting.pass_time(3_000 * MS), state_id(NODE)) == []
+    waiting.meet()
+
+
+def test_it_takes_its_table_sealed_and_unlocked_and_in_no_other_way(keyed: KeyedWaiting) -> None:
+    sealed = KEY.sealed(TEXT)
+    assert keyed.give(sealed) == (Abort.DEVICE_STATE, [])
+    keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
+    for not_sealed in (TEXT, FOREIGN.sealed(TEXT), sealed[:-1], TEXT[:SEAL_BYTES], sealed.replace(b"small", b"large")):
+        refusal, (note,) = keyed.give(not_sealed)
+        assert refusal is Abort.VALUE
+        assert "not sealed with the key of this fleet" in note
+    assert keyed.core.table is None
+    assert keyed.give(sealed) == (None, ["PE tail of small"])
+    assert keyed.core.table == TABLE
+
+
+def test_it_is_locked_again_when_the_time_is_up(keyed: KeyedWaiting) -> None:
+    keyed.tell(Control(3, NODE, Operation.UNLOCK, 9_999))
+    keyed.pass_time((LONGEST_UNLOCK_S * 1_000 + 1) * MS)
+    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Control(3, NODE + 1, Operation.UNLOCK, 30),
+        Control(2, NODE, Operation.UNLOCK, 30),
+        Control(3, NODE, Operation.RENEW, 30),
+        Alive(3, 1, frozenset({NODE})),
+        SliceHead(NODE, 1, 5, 7),
+    ],
+)
+def test_nothing_else_that_a_manager_says_unlocks_it(keyed: KeyedWaiting, message: Message) -> None:
+    keyed.tell(Lease(3, 0, Step.PREPARED, 0))
+    keyed.tell(message)
+    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+
+
+def test_an_unlock_without_its_tag_does_nothing(keyed: KeyedWaiting) -> None:
+    keyed.hear(command_frame(Control(3, NODE, Operation.UNLOCK, 30)))
+    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+
+
+def test_nmt_waits_for_the_lock_too(keyed: KeyedWaiting) -> None:
+    keyed.hear(STOP)
+    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE  # it answers: it was not stopped
+    keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
+    keyed.hear(STOP)
+    assert keyed.ask(b"\x40\x00\x10\0\0\0\0\0") == ([], [])

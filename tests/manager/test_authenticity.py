@@ -9,13 +9,23 @@ from heronry_manager.authenticity import GUESSES
 from heronry_manager.core import ManagerCore
 from heronry_manager.memory import NOTHING
 from heronry_manager.vocabulary import AskStatus, OperatorSaid, Reply
-from heronry_wire.authentication import Key, Session
+from heronry_wire.authentication import (
+    NO_EMERGENCY,
+    PAGE_1_BEAT,
+    Key,
+    Session,
+    joined_state,
+    split_state,
+)
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     Alive,
     Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
     Lease,
     Operation,
     PeFlags,
@@ -61,15 +71,34 @@ class Pe:
             elif isinstance(verifier.tagged(NODE, frame.data, 0, nonce), Held):
                 self.session = Session(NODE, *verifier.places[NODE])
 
-    def say(self, page: StatePage0 = UNCONFIGURED, session: Session | None = None) -> Frame:
-        """Say a page 0, tagged; gives the frame."""
-        said = replace(page, sequence=self.beat % 256).encode()[:5]
+    def say(
+        self, page: StatePage0 = UNCONFIGURED, session: Session | None = None, emergency: bytes = NO_EMERGENCY
+    ) -> Frame:
+        """Say a page 0, tagged, which proves an EMCY; gives the frame."""
+        said, _ = split_state(replace(page, sequence=self.beat % 256).encode())
         session = session or self.session
-        tag = 0 if session is None else self.key.state_tag(self.node, session, self.beat, said, page.digest)
+        digest = page.digest
+        tag = (
+            0
+            if session is None
+            else self.key.state_tag(self.node, session, self.beat, said, digest, emergency=emergency)
+        )
         self.beat += 1
         frame = Frame(state_id(self.node), said + tag.to_bytes(3))
         self.manager.hear(frame)
         return frame
+
+    def stages(self, page: StatePage1) -> None:
+        """Say a page 1, tagged."""
+        assert self.session is not None
+        said, digest = split_state(page.encode())
+        tag = self.key.state_tag(self.node, self.session, PAGE_1_BEAT, said, digest)
+        self.manager.hear(Frame(state_id(self.node), joined_state(said, tag)))
+
+    def reports(self, emergency: Emergency) -> bytes:
+        """Say an EMCY."""
+        self.manager.hear(Frame(emcy_id(self.node), emergency.encode()))
+        return emergency.encode()
 
     def counts(self) -> bool:
         """Tell whether the manager has heard it lately."""
@@ -181,6 +210,85 @@ def test_page_1_is_no_sign_of_life(manager: OneManager, pe: Pe) -> None:
     staged = StatePage1(PeState.UNCONFIGURED, PeFlags(0), 0, 0, Reason.NONE, 0)
     manager.hear(Frame(state_id(pe.node), staged.encode()))
     assert not pe.counts()
+
+
+PENDING = replace(UNCONFIGURED, flags=PeFlags.FAULT_PENDING)
+GYRO, CONTROL = (Emergency(FaultCode.REPORTED, 0x81, kind, 0, 7) for kind in (ElementKind.DEVICE, ElementKind.MODULE))
+
+
+def latched(manager: OneManager) -> list[str]:
+    """Elements that have been reported, as the manager tells."""
+    return [event["element"] for event in manager.events if event["event"] == "fault_reported"]
+
+
+def test_an_emcy_counts_once_a_state_proves_it_and_is_acknowledged_then(manager: OneManager, pe: Pe) -> None:
+    pe.say()
+    said = pe.reports(GYRO)
+    assert latched(manager) == []
+    pe.say(PENDING, emergency=said)
+    assert len(latched(manager)) == 1
+    assert [c.operation for c in manager.commands if isinstance(c, Control)][-1] is Operation.ACKNOWLEDGE
+    pe.say()
+    assert pe.counts()
+
+
+def test_of_many_emcys_each_is_proven_by_a_state_of_its_own_and_a_forged_one_by_none(
+    manager: OneManager, pe: Pe
+) -> None:
+    pe.say()
+    forged = Emergency(FaultCode.REPORTED, 0x81, ElementKind.PE, 1, 0)
+    said = [pe.reports(one) for one in (GYRO, forged, CONTROL)]
+    pe.say(PENDING, emergency=said[2])
+    pe.say(PENDING, emergency=said[0])
+    pe.say()
+    assert len(latched(manager)) == 2
+    assert not any(element.startswith("pe:") for element in latched(manager))
+    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
+
+
+def test_an_emcy_that_no_state_has_proven_is_forgotten_when_nothing_is_pending(manager: OneManager, pe: Pe) -> None:
+    said = pe.reports(GYRO)
+    pe.say()
+    pe.say(PENDING, emergency=said)
+    assert latched(manager) == []
+    assert status(manager)["authentic"] == {"is_believed": False, "refused_states": 1, "refused_commands": 0}
+
+
+def test_a_flood_of_emcys_pushes_out_the_oldest_and_is_bounded(manager: OneManager, pe: Pe) -> None:
+    pe.say()
+    for detail in range(1_000):
+        pe.reports(replace(GYRO, detail=detail))
+    said = pe.reports(GYRO)
+    pe.say(PENDING, emergency=said)
+    assert len(latched(manager)) == 1
+
+
+REFUSES = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0, Reason.IMAGE, 0)
+
+
+def preparing(manager: OneManager) -> tuple[Pe, int]:
+    """Welcome all PEs and let the manager prepare an epoch; gives one of them, and the epoch."""
+    pes = [Pe(manager, name) for name in manager.spec.pes]
+    for pe in pes:
+        pe.ask()
+        pe.say(replace(UNCONFIGURED, flags=PeFlags.HEARS_LEASE))
+    manager.pass_time(BEAT_NS)
+    manager.answer()
+    return pes[0], manager.prepared()[0]
+
+
+def test_page_1_counts_where_its_tag_fits_and_a_forged_one_gives_nobody_up(manager: OneManager) -> None:
+    pe, epoch = preparing(manager)
+    refusal = replace(REFUSES, staged_epoch=epoch)
+    pe.stages(replace(refusal, reason=Reason.INCOMPLETE))
+    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
+    replace(pe, key=FOREIGN).stages(refusal)
+    manager.hear(Frame(state_id(LEFT), refusal.encode()))
+    manager.hear(Frame(state_id(LEFT), replace(refusal, staged_epoch=999, staged_digest=5).encode()))
+    assert not [event for event in manager.events if event["event"] == "pe_refused"]
+    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 2, "refused_commands": 0}
+    pe.stages(refusal)
+    assert [event["reason"] for event in manager.events if event["event"] == "pe_refused"] == ["IMAGE"]
 
 
 def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:

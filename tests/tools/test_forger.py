@@ -4,12 +4,14 @@ from random import Random
 
 import pytest
 
+from heronry_manager.core import ManagerCore
 from heronry_tools.simulator.act import read_act
 from heronry_tools.simulator.forger import Forger
 from heronry_tools.simulator.scenario import Scenario, play
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.spec_argument import load_spec
 from heronry_wire.authentication import Key
+from heronry_wire.management import decode_emergency
 
 SPEC = load_spec("elevator_and_chute")
 ACTS = ("0.1 attack bus:can0 for 3", "0.5 crash pe:tail_pe for 0.6", "1.5 manager_crash manager for 0.3")
@@ -20,6 +22,15 @@ def test_whatever_a_forger_says_every_pe_does_what_its_managers_have_said(seed: 
     outcome = play(SPEC, Scenario(seed, 4.0, tuple(read_act(SPEC, act) for act in ACTS)))
     assert outcome.violations == ()
     assert outcome.hits.total() == len(ACTS)
+
+
+def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    def believe(self: ManagerCore, pe: str, data: bytes) -> None:
+        self._on_emergency(pe, decode_emergency(data))
+
+    monkeypatch.setattr(ManagerCore, "_hear_emergency", believe)
+    outcome = play(SPEC, Scenario(1, 2.0, (read_act(SPEC, ACTS[0]),)))
+    assert outcome.violations
 
 
 def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:

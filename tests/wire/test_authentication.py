@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_wire.authentication import KEY_BYTES, Key, Place, Session, next_number
+from heronry_wire.authentication import KEY_BYTES, Key, Place, Session, joined_state, next_number, split_state
 from heronry_wire.frame import WireError
 from heronry_wire.identifiers import Command
 from heronry_wire.key_file import KeyFileError, make_key, read_key
@@ -29,6 +29,40 @@ def test_a_state_tag_is_keyed_blake2s_over_the_session_the_beat_and_the_digest()
     expected = blake2s(covered, key=SECRET, digest_size=3, person=b"hrn-stat").digest()
     tag = KEY.state_tag(92, Session(126, 3, 257), 9, SAID, 0xABCDEF)
     assert tag.to_bytes(3, "big") == expected
+
+
+def test_a_state_tag_may_cover_an_emcy_besides() -> None:
+    emergency = bytes.fromhex("03 FF 81 01 0001 0039")
+    covered = bytes.fromhex("5C 7E 0003 00000101 00000009") + SAID + bytes.fromhex("ABCDEF") + emergency
+    expected = blake2s(covered, key=SECRET, digest_size=3, person=b"hrn-stat").digest()
+    tag = KEY.state_tag(92, Session(126, 3, 257), 9, SAID, 0xABCDEF, emergency=emergency)
+    assert tag.to_bytes(3, "big") == expected
+
+
+@pytest.mark.parametrize(
+    ("page", "said", "digest"),
+    [
+        (bytes.fromhex("18 05 0007 09 ABCDEF"), bytes.fromhex("18 05 0007 09"), 0xABCDEF),
+        (bytes.fromhex("58 0007 ABCDEF 00 2A"), bytes.fromhex("58 0007 00 2A"), 0xABCDEF),
+    ],
+)
+def test_a_page_is_taken_apart_and_put_together_again(page: bytes, said: bytes, digest: int) -> None:
+    assert split_state(page) == (said, digest)
+    assert joined_state(said, digest) == page
+
+
+@given(st.binary(max_size=100), st.binary(max_size=100))
+def test_a_table_is_opened_with_the_key_that_sealed_it_and_only_as_it_was(table: bytes, other: bytes) -> None:
+    sealed = KEY.sealed(table)
+    assert sealed.startswith(table)
+    assert KEY.opened(sealed) == table
+    assert Key(bytes(KEY_BYTES)).opened(sealed) is None
+    assert KEY.opened(other) is None
+    assert KEY.opened(other + sealed) == (None if other else table)
+
+
+def test_a_seal_is_keyed_blake2s_of_the_whole_table() -> None:
+    assert KEY.sealed(b"{}")[2:] == blake2s(b"{}", key=SECRET, digest_size=32, person=b"hrn-tabl").digest()
 
 
 def test_no_two_commands_have_one_tag() -> None:

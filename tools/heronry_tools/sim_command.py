@@ -38,6 +38,7 @@ examples:
   heronry sim big_blue --act '1 pause pe:nav for 0.3' --act '1.1 manager_crash manager for 0.5 in planning'
   heronry sim big_blue --kill pe:nav@1 --kill pe:flight@1.05 --restore pe:nav@2
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
+  heronry sim big_blue --keyed --kind attack        with a key, and somebody on the bus who does not have it
 """
 
 
@@ -63,6 +64,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--kill", action="append", default=[], metavar="pe:NAME@S", help="kill a PE then")
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
         "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
     )
@@ -107,7 +109,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind)
         long = max((arguments.seconds, *(act.at_ms / 1000 for act in given)))
-        yield Scenario(seed, long, acts, arguments.loss, drawn=not given)
+        yield Scenario(seed, long, acts, arguments.loss, drawn=not given, keyed=arguments.keyed)
 
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
@@ -146,6 +148,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
     named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
     lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
+    lines += ["keyed"] if scenario.keyed else []
     lines += map(_line, scenario.acts)
     file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
     file.write_text("\n".join([*why, *lines, f"end {scenario.seconds:g}s", ""]))
@@ -208,6 +211,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
         words += [word for kind in arguments.kind for word in ("--kind", kind)]
     else:
         words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
+    words += ["--keyed"] if scenario.keyed else []
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
 
 

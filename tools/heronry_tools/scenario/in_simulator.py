@@ -15,7 +15,7 @@ from heronry_tools.scenario.script import Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.scenario import lossy
+from heronry_tools.simulator.scenario import KEY, lossy
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_wire.identifiers import FIRST_MANAGER
@@ -29,12 +29,14 @@ class _Flight(Simulation):
 
     def __init__(self, script: Script) -> None:
         self._absent = set(script.without)
+        needs_key = any(KINDS[deed.fault.kind].needs_key for deed in script.deeds if deed.fault is not None)
         super().__init__(
             script.spec,
             script.seed,
             faults=lossy(script.loss),
             contingencies=script.contingencies,
             standby=script.has_standby,
+            key=KEY if script.has_key or needs_key else None,
         )
 
     def restore(self, pe: str) -> None:

@@ -31,6 +31,7 @@ from heronry_tools.scenario.trace import deed_line, event_line
 from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.planning import plan_ahead
 from heronry_wire.frame import Frame
+from heronry_wire.key_file import make_key
 from heronry_wire.link import open_bus
 
 SLACK_NS = 100_000_000
@@ -61,7 +62,9 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
     spec = script.spec
     with ExitStack() as stack:
         folder = run_folder()
-        fleet = stack.enter_context(Fleet(spec, script.spec_file, folder, _made_ahead(script, folder)))
+        fleet = stack.enter_context(
+            Fleet(spec, script.spec_file, folder, _made_ahead(script, folder), _made_key(script, folder))
+        )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         fleet.start_buses(choices)
         bus = stack.enter_context(_open(choices[spec.manager.bus]))
@@ -76,6 +79,15 @@ def _made_ahead(script: Script, folder: Path) -> Path | None:
         return None
     file = folder / "contingencies"
     file.write_bytes(to_bytes(plan_ahead(script.spec, script.contingencies), script.spec))
+    return file
+
+
+def _made_key(script: Script, folder: Path) -> Path | None:
+    """Make the key that the script asks for."""
+    if not script.has_key:
+        return None
+    file = folder / "fleet.key"
+    make_key(file)
     return file
 
 

@@ -5,6 +5,7 @@
     seed 7                                                 for the simulator; 0 where it is not said
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     standby                                                there are two managers, 126 and 127
+    keyed                                                  managers and PEs have a key
     without pe:tail_pe                                     is not there from the start
     contingencies 1                                        plans for up to so many faults are made ahead, and on board
     at 2.0s kill pe:control_pe
@@ -101,6 +102,7 @@ class Script:
     without: frozenset[str]
     contingencies: int | None
     has_standby: bool
+    has_key: bool
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
     end_ns: int
@@ -128,6 +130,7 @@ class _Reader:
     without: set[str] = field(default_factory=set)
     contingencies: int | None = None
     has_standby: bool = False
+    has_key: bool = False
     deeds: list[Deed] = field(default_factory=list)
     expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
     end_ns: int | None = None
@@ -158,6 +161,7 @@ class _Reader:
             frozenset(self.without),
             self.contingencies,
             self.has_standby,
+            self.has_key,
             tuple(self.deeds),
             tuple(self._bounded(one, self.end_ns) for one in self.expected),
             self.end_ns,
@@ -191,7 +195,7 @@ class _Reader:
             case _ if self.deeds or not self._prepared(words):
                 self._refuse(
                     f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'standby', 'contingencies 0|1|2', 'without pe:NAME' (before anything is done), "
+                    "'standby', 'keyed', 'contingencies 0|1|2', 'without pe:NAME' (before anything is done), "
                     "'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 
@@ -200,6 +204,8 @@ class _Reader:
         match words:
             case ["standby"]:
                 self.has_standby = True
+            case ["keyed"]:
+                self.has_key = True
             case ["without", pe]:
                 self.without.add(self._pe(pe))
             case ["contingencies", faults] if faults in ("0", "1", "2"):

@@ -110,7 +110,7 @@ KINDS: Mapping[str, Kind] = {
     "forge": Kind(
         "bus", (20, 500), "commands are changed past the CRC", unpromised=_COMMANDED, excuses=True, drawn=False
     ),
-    "attack": Kind("bus", (100, 3000), "somebody without the key says commands", drawn=False, needs_key=True),
+    "attack": Kind("bus", (100, 3000), "somebody without the key would be believed", drawn=False, needs_key=True),
     "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
     "unfit": Kind("module", (0, 0), "a module gives what its type cannot carry", for_good=1.0),
     "wrong": Kind("module", (100, 2000), "what a module gives is off by 40, or by a bit", excuses=True),

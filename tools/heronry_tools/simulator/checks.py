@@ -22,6 +22,7 @@ from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.check_terms import TermCheck
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.proven_states import ProvenStates
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
@@ -55,6 +56,7 @@ class Checks:
         self._spec = spec
         self._phase = spec.initial_phase()
         self._commands = Commanded(spec, tables)
+        self._proven = None if key is None else ProvenStates(key)
         self._exclusion = ExclusionCheck(spec)
         self._terms = TermCheck(spec)
         self._orphans = OrphanCheck(spec, has_digests=key is None)
@@ -169,7 +171,8 @@ class Checks:
             self._freshness.state(node, sent.end_ns, page)
             self._terms.state(node, sent.end_ns, page)
         else:
-            self._commands.staged(node, page)
+            read = page if self._proven is None else self._proven.read(node, page, self._commands.digests(page))
+            self._commands.staged(node, read)
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data
@@ -184,6 +187,8 @@ class Checks:
             return
         self._exclusion.commanded(message)
         if isinstance(message, Control):
+            if self._proven is not None:
+                self._proven.commanded(manager, message)
             self._service.acknowledged(sent.end_ns, message)
         elif not isinstance(message, Malformed):
             epoch = self._commands.take(sent.end_ns, message)

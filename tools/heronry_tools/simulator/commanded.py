@@ -101,6 +101,11 @@ class Commanded:
             return None
         return self._put_together(epoch)
 
+    def digests(self, page: StatePage1) -> list[int]:
+        """Digests that a page 1 may mean: that of the epoch which it names."""
+        epoch = self._prepared.get(page.staged_epoch & 0xFF)
+        return [] if epoch is None else [epoch.digest]
+
     def staged(self, node: int, page: StatePage1) -> None:
         """A PE says what it has staged."""
         epoch = self._prepared.get(page.staged_epoch & 0xFF)

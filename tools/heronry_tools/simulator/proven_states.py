@@ -1,0 +1,39 @@
+"""What a page 1 says of its digest where a tag stands in its place: found out with the key, by who judges a run.
+
+A tag fits a digest in a session, and sessions are opened by WELCOME, which everybody hears. Nothing is asked of the
+cores: what a PE has staged is known here from the frames alone, as it is without a key.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+from heronry_wire.authentication import PAGE_1_BEAT, Key, Session, split_state
+from heronry_wire.management import Control, Operation, StatePage1
+
+_SESSIONS = 4  # of one PE: an answer may be lost, and then the one before it goes on
+
+
+class ProvenStates:
+    """Follows the sessions of every PE."""
+
+    def __init__(self, key: Key) -> None:
+        self._key = key
+        self._sessions: dict[int, deque[Session]] = {}  # by node
+
+    def commanded(self, manager: int, control: Control) -> None:
+        """A manager has said CONTROL: it may be a WELCOME."""
+        if control.operation is Operation.WELCOME:
+            opened = self._sessions.setdefault(control.node, deque(maxlen=_SESSIONS))
+            opened.append(Session(manager, control.term, control.a << 16 | control.b))
+
+    def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
+        """Put the digest in its place, if it is one of these; 0 where none of them fits."""
+        said, tag = split_state(page.encode())
+        fits = (
+            digest
+            for session in self._sessions.get(node, ())
+            for digest in digests
+            if self._key.state_tag(node, session, PAGE_1_BEAT, said, digest) == tag
+        )
+        return replace(page, staged_digest=next(fits, 0))
