@@ -1,0 +1,133 @@
+"""A fleet with a key, each node a process of its own: it is started, unlocked, given a table, and loses somebody."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.cli import main
+from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_wire.key_file import make_key
+
+pytestmark = pytest.mark.live
+PATIENCE_S = 120
+HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
+PES = ("sensor_pe", "control_pe", "tail_pe")
+TAIL_NODE = 94
+KILL_AND_RESTORE = ("--kill", "pe:sensor_pe@1", "--restore", "pe:sensor_pe@3")
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> Path:
+    """Give an aircraft with long heartbeats, so that a busy machine loses nobody."""
+    text = shipped_spec_path("elevator_and_chute").read_text()
+    slow = text.replace("can0: {bitrate: 1000000}", "can0: {bitrate: 1000000, heartbeat_ms: 200}")
+    assert slow != text
+    file = tmp_path / "slow.dg.yaml"
+    file.write_text(slow)
+    return file
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    file = tmp_path / "fleet.key"
+    make_key(file)
+    return file
+
+
+def test_the_demo_flies_with_a_key_and_takes_a_killed_pe_back(spec: Path, key: Path) -> None:
+    done = subprocess.run(
+        [*HERONRY, "demo", str(spec), "--key", str(key), "--json", "--for", "9", *KILL_AND_RESTORE],
+        capture_output=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    events = [json.loads(line) for line in done.stdout.splitlines()]
+    (started,) = (one for one in events if one["event"] == "manager_started")
+    assert started["key"] == make_fingerprint(key)
+    assert [one["pe"] for one in events if one["event"] == "pe_lost"] == ["sensor_pe"]
+    assert "sensor_pe" in [one["pe"] for one in events if one["event"] == "pe_joined"][len(PES) :]
+    assert events[-1]["unserved"] == []
+
+
+def make_fingerprint(key: Path) -> str:
+    told = subprocess.run([*HERONRY, "key", "--check", str(key)], capture_output=True, text=True, check=True)
+    return told.stdout.split()[-1]
+
+
+class Fleet:
+    """The processes of one flight on a software bus, with their manager's socket in a folder of its own."""
+
+    def __init__(self, folder: Path, spec: Path, key: Path, hub: HubProcess) -> None:
+        self.folder, self.spec, self.key = folder, spec, key
+        self.bus = ["-i", "softbus", "-c", str(hub.path)]
+        self.socket = folder / "manager.sock"
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def start(self, *words: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-m", *words, *self.bus, "--key", str(self.key), "--until-eof"]
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.processes.append(process)
+        return process
+
+    def end(self) -> None:
+        for process in self.processes:
+            process.send_signal(signal.SIGTERM)
+        for process in self.processes:
+            process.communicate(timeout=PATIENCE_S)
+
+    def send_table(self, *more: str) -> int:
+        return main(["send-table", str(self.spec), "tail_pe", *self.bus, *more])
+
+
+@pytest.fixture
+def fleet(tmp_path: Path, spec: Path, key: Path) -> Iterator[Fleet]:
+    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
+        fleet = Fleet(tmp_path, spec, key, hub)
+        try:
+            yield fleet
+        finally:
+            fleet.end()
+
+
+def until(process: "subprocess.Popen[str]", kind: str, **fields: Any) -> dict[str, Any]:
+    """Wait for an event of a manager."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        told: dict[str, Any] = json.loads(line)
+        if told["event"] == kind and fields.items() <= told.items():
+            return told
+    raise AssertionError(f"it ended before '{kind}'")
+
+
+def test_a_pe_with_a_key_gets_its_table_from_who_has_the_key_and_has_it_unlocked(
+    fleet: Fleet, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manager = fleet.start(
+        "heronry_tools.cli", "manager", str(fleet.spec), "--json", "--socket", str(fleet.socket),
+        "--state-dir", str(fleet.folder),
+    )  # fmt: skip
+    for pe in PES[:2]:
+        assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
+        fleet.start("heronry_agent", "--in-process", "--table", str(fleet.folder / f"{pe}.table"))
+    fleet.start("heronry_agent", "--in-process", "--node", str(TAIL_NODE))
+    until(manager, "pe_joined", pe="control_pe")
+    capsys.readouterr()
+    assert fleet.send_table() == 2
+    assert "did not take the table (Code 0x08000022" in capsys.readouterr().err
+    assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.folder / "nobody.sock")) == 2
+    assert "no manager listens on" in capsys.readouterr().err
+    assert fleet.send_table("--key", str(fleet.key), "--socket", str(fleet.socket)) == 0
+    assert capsys.readouterr().out.startswith(f"tail_pe, node {TAIL_NODE}, has its table: ")
+    until(manager, "pe_joined", pe="tail_pe")
+    until(manager, "reconfigured")
+    assert main(["unlock", "pe:tail_pe", "--socket", str(fleet.socket)]) == 0
