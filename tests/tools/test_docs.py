@@ -63,6 +63,7 @@ RULES = [
     Rule(r"heronry scenario\b.*both_computers_die.* -i softbus", How.EXEMPT, "test_scenario_live.py flies it"),
     Rule(r"heronry scenario\b.*", How.RUN),
     Rule(r"heronry (plan|verify|table|dbc|eds|sim|check|render|diff)\b.*", How.RUN),
+    Rule(r"heronry key \w+\.key", How.RUN),
     Rule(r"heronry exhaust\b.*", How.RUN, more="--sample 2 --pairs 1"),
     Rule(r"python -m heronry_tools\.simulator\.endurance\b.*", How.RUN, more="--hours 0.002 --reboots 3"),
     Rule(r"python -m heronry_tools\.simulator\.reaction_bench --write .*", How.RUN),
