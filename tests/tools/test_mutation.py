@@ -1,68 +1,111 @@
-"""The tool that asks whether the tests would notice, tried on a program of four lines."""
+"""The tool that asks whether the checkers would notice: its defects, and its trials, on code of a few lines."""
 
-import subprocess
+import ast
+import os
+import signal
+from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path, PurePath
 
-import pytest
-
-from heronry_tools.mutation.__main__ import all_mutants, draw
-from heronry_tools.mutation.mutants import mutants_of
-from heronry_tools.mutation.trial import Tree
+from heronry_tools.mutation.__main__ import draw
+from heronry_tools.mutation.flight_code import CODEC, CORES, NEITHER, codec_files, core_files
+from heronry_tools.mutation.flights import Flight
+from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
+from heronry_tools.mutation.survivors import reason
+from heronry_tools.mutation.trial import Trials, forked
 
 ROOT = Path(__file__).parents[2]
 SOURCE = b'''"""Nothing here counts."""
 
 def may(age: int = 0) -> bool:
     """Nor here."""
+    require(age >= 0, "nor here")
     if not age < 5 and True:
         raise ValueError("too old")
+    turn.emit("nor what an event says", age=age + 1)
     return age + 1 == 3
 '''
+SHORT = Flight("scenario", Path("tests/scenarios/a_kill_while_it_prepares.scenario"))
+OUTSIDE = {"asyncio", "can", "os", "pathlib", "random", "select", "signal", "socket", "subprocess", "threading", "time"}
 
 
 def test_every_small_defect_is_found_once_and_texts_are_left_alone() -> None:
     found = [mutant.describe(SOURCE).removeprefix("x.py:") for mutant in mutants_of(PurePath("x.py"), SOURCE)]
     assert found == [
         "3: constant: 0 -> 1",
-        "5: comparison: not age < 5 -> age < 5",
-        "5: statement: not age < 5 and True -> (not (not age < 5 and True))",
-        "5: comparison: < -> <=",
-        "5: constant: 5 -> 6",
-        "5: comparison: and -> or",
-        "5: constant: True -> False",
-        "7: deletion: return age + 1 == 3 -> pass",
-        "7: statement: return age + 1 == 3 -> return None",
-        "7: statement: + -> -",
-        "7: constant: 1 -> 2",
-        "7: comparison: == -> !=",
-        "7: constant: 3 -> 4",
+        "6: comparison: not age < 5 -> age < 5",
+        "6: statement: not age < 5 and True -> (not (not age < 5 and True))",
+        "6: comparison: < -> <=",
+        "6: constant: 5 -> 6",
+        "6: comparison: and -> or",
+        "6: constant: True -> False",
+        '8: deletion: turn.emit("nor what an event says", age=age + 1) -> pass',
+        "9: deletion: return age + 1 == 3 -> pass",
+        "9: statement: return age + 1 == 3 -> return None",
+        "9: statement: + -> -",
+        "9: constant: 1 -> 2",
+        "9: comparison: == -> !=",
+        "9: constant: 3 -> 4",
     ]
 
 
+def test_a_mutant_knows_who_runs_it() -> None:
+    default, *_, last = mutants_of(PurePath("x.py"), SOURCE)
+    assert default.is_run_by(frozenset())  # whoever imports it
+    assert last.function == "may"
+    assert last.is_run_by({9})
+    assert not last.is_run_by({6, 8})
+
+
 def test_the_same_seed_draws_the_same_from_the_cores() -> None:
-    mutants = all_mutants(ROOT)
-    assert draw(mutants, 7, 50) == draw(mutants, 7, 50) != draw(mutants, 8, 50)
-    assert {mutant.kind for mutant in mutants} == {"comparison", "constant", "deletion", "statement"}
+    drawn = draw(ROOT, 7, 50)
+    assert drawn == draw(ROOT, 7, 50) != draw(ROOT, 8, 50)
+    assert {mutant.kind for mutant in drawn} == {"comparison", "constant", "deletion", "statement"}
+    assert all(compiles(mutant, (ROOT / mutant.file).read_bytes()) for mutant in drawn)
 
 
-@pytest.fixture
-def tree(tmp_path: Path) -> Tree:
-    """A checkout with one module, and one test that looks at one of its values."""
-    checkout = tmp_path / "checkout"
-    (checkout / "manager").mkdir(parents=True)
-    (checkout / "manager" / "may.py").write_bytes(SOURCE)
-    (checkout / "test_may.py").write_text("from may import may\n\ndef test_two():\n    assert may(2)\n")
-    (checkout / "pytest.ini").write_text("[pytest]\n")
-    subprocess.run(["git", "init", "-q", checkout], check=True)
-    subprocess.run(["git", "-C", checkout, "add", "."], check=True)
-    return Tree(checkout, tmp_path / "copy")
+def test_every_module_is_a_core_codec_or_neither_and_cores_and_codec_meet_nobody_outside() -> None:
+    named = sorted(
+        f"{room}/{name}.py" for rooms in (CORES, CODEC, NEITHER) for room in rooms for name in rooms[room].split()
+    )
+    there = sorted(str(file.relative_to(ROOT)) for room in NEITHER for file in (ROOT / room).glob("*.py"))
+    assert named == there
+    for file in chain(core_files(), codec_files()):
+        assert not OUTSIDE & set(imported(ROOT / file)), file
 
 
-def test_what_a_test_notices_is_killed_and_what_none_looks_at_survives(tree: Tree) -> None:
-    assert tree.fails([("test_may.py",)], 60.0) is None
-    by_name = {m.describe(SOURCE): m for m in mutants_of(PurePath("manager/may.py"), SOURCE)}
-    killed = by_name["manager/may.py:7: constant: 3 -> 4"]
-    survivor = by_name["manager/may.py:5: constant: 5 -> 6"]
-    assert tree.judge(killed, [("test_may.py",)], 60.0).killed_by == "test_may.py::test_two"
-    assert tree.judge(survivor, [("test_may.py",)], 60.0).killed_by is None
-    assert tree.fails([("test_may.py",)], 60.0) is None
+def mutant_of(file: str, function: str) -> Mutant:
+    every = mutants_of(PurePath(file), (ROOT / file).read_bytes())
+    return next(mutant for mutant in every if mutant.function == function)
+
+
+def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
+    trials = Trials(ROOT, [SHORT], 1)
+    (baseline,) = trials.baselines()
+    assert baseline.landed.wrong is None
+    silenced = mutant_of("pe_agent/heronry_agent/reporting.py", "Reporting._page_0")
+    unrun = mutant_of("manager/heronry_manager/operator_orders.py", "OperatorOrders._unlock")
+    killed, survivor = sorted(trials.verdicts([silenced, unrun]), key=lambda verdict: not verdict.killed_by)
+    assert (killed.mutant, killed.killed_by) == (silenced, str(SHORT))
+    assert (survivor.mutant, reason(survivor)) == (unrun, "no flight runs it")
+
+
+def test_who_hangs_is_ended_by_the_kernel_and_who_dies_is_told_apart() -> None:
+    def spin(_task: str, tell: Callable[[object], None]) -> None:
+        tell("flying")
+        signal.setitimer(signal.ITIMER_PROF, 0.05)
+        while True:
+            pass
+
+    ((_, hung),) = forked(["one"], 1, spin)
+    assert (hung.told, hung.signal) == (["flying"], signal.SIGPROF)
+    ((_, dead),) = forked(["one"], 1, lambda _task, _tell: os._exit(3))
+    assert (dead.told, dead.signal) == ([], 0)
+
+
+def imported(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module.partition(".")[0]

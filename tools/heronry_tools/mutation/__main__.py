@@ -1,109 +1,101 @@
-"""Would the tests notice? Draws defects for the flight code from a seed and tries each one.
+"""Would the checkers notice? Draws defects for the flight code from a seed, and flies each one.
 
     tools/mutate --seed 7                    300 mutants of the cores, the rate of those killed, every survivor
     tools/mutate --seed 7 --count 20 --jobs 2
     tools/mutate --seed 7 --list             only say which
 
-Exit code 0 when at least the required share is killed, 1 when not or when the tests fail without any mutant, 2 usage.
+The killers are the simulator's checkers and the scenario files, and no unit test. Of each survivor it is said what is
+known of it: no flight runs it; no frame is another one for it; or the frames differ, and all judges are content.
+
+Exit code 0 when at least the required share is killed, 1 when not or when a flight fails without any mutant, 2 usage.
 """
 
 import argparse
 import json
 import random
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 
-from heronry_tools.mutation.mutants import Mutant, mutants_of
-from heronry_tools.mutation.trial import Stage, Tree, Verdict
-
-CORES = (  # what decides in flight, sans I/O
-    "manager/heronry_manager/*.py",
-    "pe_agent/heronry_agent/*.py",
-)
-NOT_CORES = frozenset(  # shells, and what only describes
-    (
-        *("__init__", "__main__", "cli", "control_socket", "driver", "events", "host", "incarnation"),
-        "journal",
-        *("module", "ports", "vocabulary"),
-    )
-)
-STAGES: tuple[Stage, ...] = (("tests/manager", "tests/agent", "-m", "not live and not vcan"), ("tests/scenarios",))
-_TIMEOUT_S = 900.0
+from heronry_tools.mutation.flight_code import core_files
+from heronry_tools.mutation.flights import flights
+from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
+from heronry_tools.mutation.survivors import reason
+from heronry_tools.mutation.trial import Trials, Verdict
+from heronry_tools.progress import Progress
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; gives its exit code."""
     arguments = _parser().parse_args(argv)
     checkout = Path(__file__).resolve().parents[3]
-    drawn = draw(all_mutants(checkout), arguments.seed, arguments.count)
+    drawn = draw(checkout, arguments.seed, arguments.count)
     if arguments.list:
         for mutant in drawn:
             print(mutant.describe((checkout / mutant.file).read_bytes()))
         return 0
-    verdicts = []
-    for verdict in _verdicts(checkout, drawn, arguments.jobs):
-        if isinstance(verdict, str):
-            print(f"tools/mutate: without any mutant, {verdict} fails; mend that first", file=sys.stderr)
-            return 1
-        verdicts.append(verdict)
-        if not arguments.json:
-            what = verdict.mutant.describe((checkout / verdict.mutant.file).read_bytes())
-            fate = "SURVIVED" if verdict.killed_by is None else f"killed by {verdict.killed_by}"
-            print(f"{len(verdicts)}/{len(drawn)} {fate}\n    {what}", flush=True)
-    return _report(checkout, verdicts, arguments)
+    sys.path.insert(0, str(checkout / "tests"))  # images of some scenarios
+    trials = Trials(checkout, flights(checkout), arguments.jobs)
+    broken = _first_flights(trials)
+    if broken is not None:
+        print(f"tools/mutate: without any mutant, {broken}; mend that first", file=sys.stderr)
+        return 1
+    return _report(checkout, list(_tried(checkout, trials, drawn, arguments)), arguments)
 
 
 def all_mutants(checkout: Path) -> list[Mutant]:
-    """Every mutant of the cores."""
-    files = sorted(file for pattern in CORES for file in checkout.glob(pattern) if file.stem not in NOT_CORES)
-    return [mutant for file in files for mutant in mutants_of(file.relative_to(checkout), file.read_bytes())]
+    """Every mutant of the cores; a few do not compile."""
+    return [mutant for file in core_files() for mutant in mutants_of(file, (checkout / file).read_bytes())]
 
 
-def draw(mutants: Sequence[Mutant], seed: int, count: int) -> list[Mutant]:
-    """Draw `count` of them, or all; the same seed and code draw the same."""
-    return random.Random(seed).sample(mutants, min(count, len(mutants)))
+def draw(checkout: Path, seed: int, count: int) -> list[Mutant]:
+    """Draw `count` of those that compile, or all; the same seed and code draw the same."""
+    mutants = all_mutants(checkout)
+    random.Random(seed).shuffle(mutants)
+    fit = (mutant for mutant in mutants if compiles(mutant, (checkout / mutant.file).read_bytes()))
+    return [mutant for _, mutant in zip(range(count), fit, strict=False)]
 
 
-def _verdicts(checkout: Path, drawn: Sequence[Mutant], jobs: int) -> Iterator[Verdict | str]:
-    with tempfile.TemporaryDirectory(prefix="heronry-mutate-") as folder:
-        trees: SimpleQueue[Tree] = SimpleQueue()
-        for number in range(jobs):
-            trees.put(Tree(checkout, Path(folder) / str(number)))
-        tree = trees.get()
-        broken = tree.fails(STAGES, _TIMEOUT_S)
-        trees.put(tree)
-        if broken is not None:
-            yield broken
-            return
+def _first_flights(trials: Trials) -> str | None:
+    """Fly without a mutant; gives what goes wrong."""
+    with Progress() as progress:
+        progress.begin("flights without a mutant", len(trials.flights))
+        for baseline in trials.baselines():
+            progress.step()
+            if baseline.landed.wrong is not None:
+                return f"'{baseline.flight}' fails ({baseline.landed.wrong})"
+    return None
 
-        def judge(mutant: Mutant) -> Verdict:
-            tree = trees.get()
-            try:
-                return tree.judge(mutant, STAGES, _TIMEOUT_S)
-            finally:
-                trees.put(tree)
 
-        pool = ThreadPoolExecutor(jobs)
-        try:
-            yield from pool.map(judge, drawn)
-        finally:
-            pool.shutdown(cancel_futures=True)
+def _tried(checkout: Path, trials: Trials, drawn: Sequence[Mutant], arguments: argparse.Namespace) -> Iterator[Verdict]:
+    """Try every mutant, and tell of each when its trial has ended."""
+    for number, verdict in enumerate(trials.verdicts(drawn), start=1):
+        if not arguments.json:
+            what = verdict.mutant.describe((checkout / verdict.mutant.file).read_bytes())
+            fate = "SURVIVED" if verdict.killed_by is None else f"killed by {verdict.killed_by}: {verdict.how}"
+            print(f"{number}/{len(drawn)} {fate}  ({verdict.cpu_s:.1f} s)\n    {what}", flush=True)
+        yield verdict
 
 
 def _report(checkout: Path, verdicts: Sequence[Verdict], arguments: argparse.Namespace) -> int:
-    survivors = [verdict.mutant for verdict in verdicts if verdict.killed_by is None]
-    told = [mutant.describe((checkout / mutant.file).read_bytes()) for mutant in survivors]
+    survivors = [verdict for verdict in verdicts if verdict.killed_by is None]
+    told = [_told(checkout, verdict) for verdict in survivors]
     rate = 1 - len(survivors) / len(verdicts) if verdicts else 1.0
+    cpu_s = round(sum(verdict.cpu_s for verdict in verdicts))
     if arguments.json:
-        print(json.dumps({"seed": arguments.seed, "tried": len(verdicts), "killed": rate, "survivors": told}, indent=2))
+        found = {"seed": arguments.seed, "tried": len(verdicts), "killed": rate, "cpu_s": cpu_s, "survivors": told}
+        print(json.dumps(found, indent=2))
     else:
-        print(f"{len(verdicts) - len(survivors)} of {len(verdicts)} killed, {rate:.1%}; survivors:")
-        print("".join(f"    {line}\n" for line in told), end="")
+        print(
+            f"{len(verdicts) - len(survivors)} of {len(verdicts)} killed, {rate:.1%}, in {cpu_s} s of CPU; survivors:"
+        )
+        print("".join(f"    {one['mutant']}\n        {one['reason']}\n" for one in told), end="")
     return 0 if rate >= arguments.require / 100 else 1
+
+
+def _told(checkout: Path, verdict: Verdict) -> dict[str, str]:
+    source = (checkout / verdict.mutant.file).read_bytes()
+    return {"mutant": verdict.mutant.describe(source), "reason": reason(verdict)}
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -7,13 +7,16 @@ Four kinds, of which every mutant has one:
 - *deletion*: a simple statement left out;
 - *statement*: a condition turned round, a sum for a difference, `break` for `continue`, a result that is not returned.
 
-Left alone is what no flight depends on: docstrings, annotations, texts, imports, decorators, and statements that raise
-an error of our own. A mutant may still behave like the original; a reviewer says so of a survivor, no program can.
+Left alone is what no flight depends on: docstrings, annotations, texts, imports, decorators, what an event says (but
+not that it is emitted), statements that raise an error of our own; and the invariants, which are judges and not judged.
+A mutant may still behave like the original; a reviewer says so of a survivor, no program can.
+
+Every mutant knows the lines of the statement it is in, so that one that nothing runs need not be tried.
 """
 
 import ast
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import PurePath
 
@@ -53,6 +56,13 @@ class Mutant:
     text: str
     kind: str
     line: int
+    first_line: int
+    last_line: int  # of the statement, or of the head of one that has others within
+    function: str  # in which it is, with its class; "" where it is run by the import
+
+    def is_run_by(self, lines: Container[int]) -> bool:
+        """Tell whether whoever runs these lines of the file meets it; what is run by the import, everybody does."""
+        return not self.function or any(line in lines for line in range(self.first_line, self.last_line + 1))
 
     def applied_to(self, source: bytes) -> bytes:
         """The file with the defect."""
@@ -65,17 +75,27 @@ class Mutant:
 
 
 def mutants_of(file: PurePath, source: bytes) -> list[Mutant]:
-    """Every mutant of a file, in the order of the text; each of them compiles."""
-    found = sorted(set(_Finder(file, source).all()))
-    return [mutant for mutant in found if _compiles(mutant.applied_to(source))]
+    """Every mutant of a file, in the order of the text; a few do not compile."""
+    return sorted(set(_Finder(file, source).all()))
 
 
-def _compiles(source: bytes) -> bool:
+def compiles(mutant: Mutant, source: bytes) -> bool:
+    """Tell whether a mutant of this file is a program at all."""
     try:
-        compile(source, "mutant", "exec")
+        compile(mutant.applied_to(source), "mutant", "exec")
     except SyntaxError:
         return False
     return True
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where the walk is: lines of the statement, and the function, as Class.function."""
+
+    first_line: int = 1
+    last_line: int = 1
+    class_name: str = ""
+    function: str = ""
 
 
 class _Finder:
@@ -83,22 +103,24 @@ class _Finder:
 
     def __init__(self, file: PurePath, source: bytes) -> None:
         self._file, self._source = file, source
+        self._place = _Place()
         self._line_starts = [0]
         for line in source.splitlines(keepends=True):
             self._line_starts.append(self._line_starts[-1] + len(line))
 
     def all(self) -> Iterator[Mutant]:
-        """Every mutant, also those that do not compile."""
-        yield from self._in(ast.parse(self._source))
+        yield from self._in(ast.parse(self._source), _Place())
 
-    def _in(self, node: ast.AST) -> Iterator[Mutant]:
+    def _in(self, node: ast.AST, around: _Place) -> Iterator[Mutant]:
+        self._place = place = _at(node, around)
         yield from self._of(node)
         for name, value in ast.iter_fields(node):
             if name in ("annotation", "returns", "decorator_list", "type_params"):
                 continue
+            within = _within(node, place) if name == "body" else place
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST) and not _is_left_alone(child):
-                    yield from self._in(child)
+                    yield from self._in(child, within)
 
     def _of(self, node: ast.AST) -> Iterator[Mutant]:
         match node:
@@ -146,21 +168,52 @@ class _Finder:
         )
 
     def _replaced(self, node: ast.expr | ast.stmt, text: str, kind: str) -> Mutant:
-        return Mutant(self._file, *self._span(node), text, kind, node.lineno)
+        return self._mutant(*self._span(node), text, kind, node.lineno)
 
     def _between(self, before: ast.expr, after: ast.expr, words: tuple[str, str], kind: str) -> Mutant:
         """Replace a word that stands between two expressions."""
         gap = slice(self._span(before)[1], self._span(after)[0])
         start = gap.start + self._source[gap].index(words[0].encode())
         line = self._source.count(b"\n", 0, start) + 1
-        return Mutant(self._file, start, start + len(words[0]), words[1], kind, line)
+        return self._mutant(start, start + len(words[0]), words[1], kind, line)
+
+    def _mutant(self, start: int, end: int, text: str, kind: str, line: int) -> Mutant:
+        place = self._place
+        return Mutant(self._file, start, end, text, kind, line, place.first_line, place.last_line, place.function)
+
+
+def _at(node: ast.AST, around: _Place) -> _Place:
+    """Place of a node: its own statement, or the one around it."""
+    body = getattr(node, "body", None)
+    match node:
+        case ast.match_case(pattern):
+            return replace(around, first_line=pattern.lineno, last_line=node.body[0].lineno)
+        case ast.stmt() if isinstance(body, list):
+            return replace(around, first_line=node.lineno, last_line=max(node.lineno, body[0].lineno - 1))
+        case ast.stmt():
+            return replace(around, first_line=node.lineno, last_line=node.end_lineno or node.lineno)
+    return around
+
+
+def _within(node: ast.AST, place: _Place) -> _Place:
+    """Place of what is in the body of a node."""
+    match node:
+        case ast.ClassDef(name):
+            return replace(place, class_name=f"{name}.")
+        case ast.FunctionDef(name):
+            return replace(place, function=place.function or f"{place.class_name}{name}")
+    return place
 
 
 def _is_left_alone(node: ast.AST) -> bool:
     match node:
         case ast.Expr(ast.Constant()) | ast.Import() | ast.ImportFrom() | ast.Raise() | ast.JoinedStr():
             return True
-        case ast.Expr(ast.Call(ast.Name("assert_never"))):
+        case ast.Expr(ast.Call(ast.Name("assert_never" | "require"))):
+            return True
+        case ast.FunctionDef(name) if name.lstrip("_").startswith(("validate", "emit_", "status")):
+            return True
+        case ast.Call(ast.Attribute(attr="emit")):
             return True
     return False
 

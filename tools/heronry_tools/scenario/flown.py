@@ -17,6 +17,7 @@ class Flown:
     violations: tuple[str, ...]
     trace: tuple[str, ...]
     differences: tuple[str, ...] = ()  # from the golden trace
+    digest: str = ""  # of all frames, in the simulator
 
     @property
     def holds(self) -> bool:

@@ -15,6 +15,7 @@ from heronry_tools.scenario.script import Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.scenario import KEY, lossy
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
@@ -37,6 +38,7 @@ class _Flight(Simulation):
             contingencies=script.contingencies,
             standby=script.has_standby,
             key=KEY if script.has_key or needs_key else None,
+            planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
         )
 
     def restore(self, pe: str) -> None:
@@ -90,6 +92,7 @@ def fly(script: Script) -> Flown:
         tuple(violations),
         lines,
         tuple(differences(script.file, lines)),
+        flight.digest(),
     )
 
 

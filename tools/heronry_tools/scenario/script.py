@@ -6,6 +6,8 @@
     loss 0.01                                              one frame in a hundred is destroyed (simulator)
     standby                                                there are two managers, 126 and 127
     keyed                                                  managers and PEs have a key
+    unforeseen                                             nothing was planned ahead: the greedy plan flies at once, and
+                                                           the best one follows at leisure (simulator)
     without pe:tail_pe                                     is not there from the start
     contingencies 1                                        plans for up to so many faults are made ahead, and on board
     at 2.0s kill pe:control_pe
@@ -103,6 +105,7 @@ class Script:
     contingencies: int | None
     has_standby: bool
     has_key: bool
+    is_unforeseen: bool
     deeds: tuple[Deed, ...]
     expectations: tuple[Expectation, ...]
     end_ns: int
@@ -131,6 +134,7 @@ class _Reader:
     contingencies: int | None = None
     has_standby: bool = False
     has_key: bool = False
+    is_unforeseen: bool = False
     deeds: list[Deed] = field(default_factory=list)
     expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
     end_ns: int | None = None
@@ -162,6 +166,7 @@ class _Reader:
             self.contingencies,
             self.has_standby,
             self.has_key,
+            self.is_unforeseen,
             tuple(self.deeds),
             tuple(self._bounded(one, self.end_ns) for one in self.expected),
             self.end_ns,
@@ -195,8 +200,8 @@ class _Reader:
             case _ if self.deeds or not self._prepared(words):
                 self._refuse(
                     f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'standby', 'keyed', 'contingencies 0|1|2', 'without pe:NAME' (before anything is done), "
-                    "'at TIME ...', 'expect ...' or 'end TIME'"
+                    "'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
+                    "(before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 
     def _prepared(self, words: list[str]) -> bool:
@@ -206,6 +211,8 @@ class _Reader:
                 self.has_standby = True
             case ["keyed"]:
                 self.has_key = True
+            case ["unforeseen"]:
+                self.is_unforeseen = True
             case ["without", pe]:
                 self.without.add(self._pe(pe))
             case ["contingencies", faults] if faults in ("0", "1", "2"):

@@ -85,6 +85,7 @@ KINDS: Mapping[str, Kind] = {
     "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors"),
     "bad_transmitter": Kind("pe", (1, 60), "a PE's controller destroys every frame it sends"),
     "late": Kind("gateway", (100, 2000), "what a gateway sends is up to 30 ms late, and out of order"),
+    "inspect": Kind("pe", (5000, 30000), "somebody reads and writes objects of a PE, and errs", drawn=False),
     "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
     "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
     "manager_cut": Kind(

@@ -70,6 +70,7 @@ class Checks:
         self._planned_load = PlannedLoadCheck(spec)
         self._radio = RadioCheck(spec)
         self._losses = Losses(spec)
+        self._inspections: list[Violation] = []
         self.witness = Witness(spec)
         self._node_of_state = {state_id(node): node for node in PE_NODES}
         self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in spec.pes.values()}
@@ -107,6 +108,17 @@ class Checks:
         self._phase = phase
         self._service.entered(t_ns, phase)
 
+    def wrong(self, t_ns: int, story: str) -> None:
+        """Who inspects a PE has found something that is not by the book."""
+        self._inspections.append(Violation(t_ns, "inspection", story))
+
+    def planned(self, pe: str) -> dict[str, str]:
+        """Modules that the epoch activated last lets run on a PE, with their modes."""
+        epoch = self._commands.current
+        configuration = None if epoch is None else epoch.configuration
+        running = {} if configuration is None else configuration.modules
+        return {name: one.mode for name, one in running.items() if one.pe == pe}
+
     def broken(self, truth: Situation, clashes: list[Clash]) -> list[Violation]:
         """Give what must never have been, so far; `clashes` are the buses' own."""
         stories = [
@@ -120,7 +132,7 @@ class Checks:
             *(self._freshness, self._publishing, self._load, self._radio),
         )
         found = [violation for check in checks for violation in check.violations]
-        return sorted([*found, *blamed, *stories])
+        return sorted([*found, *blamed, *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give what must not be once a run has settled."""

@@ -35,7 +35,7 @@ from heronry_wire.sansio import require
 _Key = tuple[
     str, frozenset[str], frozenset[tuple[str, Fraction]], str | None, frozenset[tuple[str, tuple[str, str]]] | None
 ]
-_KNOWN: dict[_Key, Plan] = {}
+KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
 _GREEDY: dict[str, Greedy] = {}  # by digest of the spec
 
 
@@ -48,15 +48,15 @@ class Prepared:
     numbers: ContingencyNumbers | None = None
 
 
-_PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec: they are the same in every run
+PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec: they are the same in every run
 
 
 def prepared(spec: Spec, faults: int | None) -> Prepared:
     """Compile the tables; with plans for up to so many faults on board, or none at all."""
-    known = _PREPARED.get((spec.digest, faults))
+    known = PREPARED.get((spec.digest, faults))
     if known is None:
         made = None if faults is None else plan_ahead(spec, faults)
-        known = _PREPARED[spec.digest, faults] = prepared_with(spec, made)
+        known = PREPARED[spec.digest, faults] = prepared_with(spec, made)
     return known
 
 
@@ -96,12 +96,12 @@ def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Give the best legal plan; raises InvariantError where the judge refuses the planner's own."""
     runs = None if running is None else frozenset(running.items())
     key = (spec.digest, now.down, frozenset(now.limits.items()), now.phase, runs)
-    known = _KNOWN.get(key)
+    known = KNOWN_PLANS.get(key)
     if known is None:
         known = plan(spec, now, running)
         refusals = verify(spec, now, known.configuration)
         require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
-        _KNOWN[key] = known
+        KNOWN_PLANS[key] = known
     return known
 
 
@@ -117,4 +117,4 @@ def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
 
 def plans_known() -> int:
     """Count the questions that have been answered in this process."""
-    return len(_KNOWN)
+    return len(KNOWN_PLANS)

@@ -17,6 +17,7 @@ from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench, Failure
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
+from heronry_manager.topology import uplink_bus
 from heronry_tools.simulator.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.simulator.check_end_state import unnoticed_ns
 from heronry_tools.simulator.check_queues import QueueCheck
@@ -27,6 +28,7 @@ from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.planning import Planners, prepared
 from heronry_tools.simulator.protocol_state import ProtocolState
+from heronry_tools.simulator.technician import Technician
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.authentication import Key
@@ -250,6 +252,17 @@ class Simulation:
         deaf = self.pes[pe]
         deaf.wire(deaf=True)
         self.at(self.now_ns + duration_ns, lambda: deaf.wire(deaf=False))
+
+    def inspect(self, pe: str) -> Technician:
+        """Let somebody inspect a PE with tools for CANopen and CANaerospace, on the bus on which it is commanded."""
+        table = self._prepared.tables[pe]
+        return Technician(
+            self.clock,
+            self.buses[uplink_bus(self.spec, pe)],
+            table,
+            lambda: self.checks.planned(pe),
+            lambda story: self.checks.wrong(self.now_ns, story),
+        )
 
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
         """Let a device fail; whether anybody notices is for the monitors."""

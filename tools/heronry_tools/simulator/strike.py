@@ -204,6 +204,19 @@ def _excuse(simulation: Simulation, module: str) -> None:
     simulation.excusable |= {f"module:{module}"} | ({f"device:{device}"} if device is not None else set())
 
 
+def _inspect(simulation: Simulation, act: Act, _random: Random) -> End | None:
+    if act.name not in simulation.pes:
+        return None
+    technician = simulation.inspect(act.name)
+
+    def end() -> None:
+        if not technician.is_done and act.lasts_ms >= KINDS[act.kind].lasts_ms[0]:
+            simulation.checks.wrong(simulation.now_ns, f"{act.name}: the inspection has not come to its end")
+        technician.leave()
+
+    return end
+
+
 def _clock_jump(pe: SimulatedPe, act: Act, _random: Random) -> End:
     pe.jump(act.level * MS)
     return _nothing
@@ -392,6 +405,7 @@ _DO: dict[str, _Do] = {
     "bus_off": _on_pe(_bus_off),
     "bad_transmitter": _on_pe(_bad_transmitter),
     "late": _on_pe(_late),
+    "inspect": _inspect,
     "manager_crash": _manager_crash,
     "manager_pause": _manager_pause,
     "manager_cut": _manager_cut,

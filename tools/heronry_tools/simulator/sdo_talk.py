@@ -1,0 +1,228 @@
+"""How an SDO client reads and writes objects of a node, as generators: each `yield` says a message and gets the answer.
+
+Written from CiA 301 (7.2.4), and not from the server: whatever is not as the standard says is a `WrongAnswerError`. An
+abort by the server is an answer like another.
+"""
+
+from collections.abc import Generator
+from typing import TypeVar
+
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.sdo import (
+    ABORT,
+    BLOCK_ACKNOWLEDGE,
+    BLOCK_CRC,
+    BLOCK_DOWNLOAD,
+    BLOCK_DOWNLOAD_ANSWER,
+    BLOCK_END,
+    BLOCK_INITIATE,
+    BLOCK_LAST_SEGMENT,
+    BLOCK_SIZE_GIVEN,
+    BLOCK_START,
+    BLOCK_UPLOAD,
+    BLOCK_UPLOAD_ANSWER,
+    COMMAND_BITS,
+    DOWNLOAD,
+    DOWNLOAD_ANSWER,
+    EXPEDITED,
+    LAST_SEGMENT,
+    MESSAGE_BYTES,
+    SEGMENT_BYTES,
+    SEGMENT_DOWNLOAD,
+    SEGMENT_DOWNLOAD_ANSWER,
+    SEGMENT_UPLOAD,
+    SEGMENT_UPLOAD_ANSWER,
+    SEQUENCE_BITS,
+    SIZE_GIVEN,
+    TOGGLE,
+    UPLOAD,
+    UPLOAD_ANSWER,
+    Abort,
+    block_checksum,
+    block_end,
+    crc,
+    read_head,
+    segment,
+    with_data,
+    with_number,
+)
+
+T = TypeVar("T")
+Asked = tuple[Frame | None, int, int]
+"""What is said, the identifier of the answer, and how long it is waited for."""
+Talk = Generator[Asked, bytes | None, T]
+
+PATIENCE_NS = 700_000_000
+_SILENCE_NS = 30_000_000
+_EXPEDITED_BYTES = 4
+
+
+class WrongAnswerError(Exception):
+    """A node does not answer as the standard says."""
+
+
+class SdoTalk:
+    """Talks to one node."""
+
+    def __init__(self, node: int) -> None:
+        self._request_id, self._response_id = sdo_request_id(node), sdo_response_id(node)
+
+    def ask(self, message: bytes) -> Talk[bytes]:
+        """Say a message that has an answer."""
+        answer = yield Frame(self._request_id, message), self._response_id, PATIENCE_NS
+        if answer is None or len(answer) != MESSAGE_BYTES:
+            raise WrongAnswerError(f"{message.hex(' ')} is answered with {_told(answer)}")
+        return answer
+
+    def hear(self) -> Talk[bytes]:
+        """Wait for the next message, which was not asked for one by one."""
+        answer = yield None, self._response_id, PATIENCE_NS
+        if answer is None:
+            raise WrongAnswerError("the next message does not come")
+        return answer
+
+    def say(self, message: bytes, silence_ns: int = _SILENCE_NS) -> Talk[None]:
+        """Say a message that has no answer."""
+        answer = yield Frame(self._request_id, message), self._response_id, silence_ns
+        _demand(answer is None, "an answer to %s that has none: %s", message, answer)
+
+    def refused(self, message: bytes, reason: Abort, index: int = 0, sub_index: int = 0) -> Talk[None]:
+        """Say a message that ends the transfer of an object with an abort."""
+        answer = yield from self.ask(message)
+        _demand(_abort(answer, index, sub_index) is reason, "%s is answered with %s", message, answer)
+
+    def upload(self, index: int, sub_index: int) -> Talk[bytes | Abort]:
+        """Read an object, expedited or by segments."""
+        answer = yield from self.ask(with_data(UPLOAD, index, sub_index))
+        abort = _abort(answer, index, sub_index)
+        if abort is not None:
+            return abort
+        command, place = answer[0], read_head(answer)
+        _demand(command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index), "it reads as %s", answer)
+        if command & EXPEDITED:
+            return place[2][: _EXPEDITED_BYTES - (command >> 2 & 3 if command & SIZE_GIVEN else 0)]
+        _demand(bool(command & SIZE_GIVEN), "the length is not said: %s", answer)
+        length, data, toggle = int.from_bytes(place[2], "little"), b"", 0
+        while True:
+            answer = yield from self.ask(segment(SEGMENT_UPLOAD | toggle, b""))
+            _demand(answer[0] & (COMMAND_BITS | TOGGLE) == SEGMENT_UPLOAD_ANSWER | toggle, "a segment is %s", answer)
+            data += answer[1 : MESSAGE_BYTES - (answer[0] >> 1 & 7)]
+            _demand(len(data) <= length, "%s bytes were said, and %s have come", length, len(data))
+            toggle ^= TOGGLE
+            if answer[0] & LAST_SEGMENT:
+                _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
+                return data
+
+    def upload_by_block(self, index: int, sub_index: int, size: int, lost: int = 0) -> Talk[bytes | Abort]:
+        """Read an object by blocks of so many segments; of the first block so many segments at its end get lost."""
+        answer = yield from self.ask(
+            with_data(BLOCK_UPLOAD | BLOCK_CRC | BLOCK_INITIATE, index, sub_index, bytes((size,)))
+        )
+        abort = _abort(answer, index, sub_index)
+        if abort is not None:
+            return abort
+        is_opened = answer[0] == BLOCK_UPLOAD_ANSWER | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
+        _demand(is_opened and read_head(answer)[:2] == (index, sub_index), "the block upload is opened with %s", answer)
+        length, data = int.from_bytes(read_head(answer)[2], "little"), b""
+        answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_START, b""))
+        while answer[0] & COMMAND_BITS != BLOCK_UPLOAD_ANSWER or answer[0] & 3 != BLOCK_END or len(data) < length:
+            block = yield from self._block(answer, size)
+            kept = block[: len(block) - lost] if lost else block
+            lost = 0
+            data += b"".join(kept)
+            _demand(len(data) < length + SEGMENT_BYTES, "%s bytes were said, and %s have come", length, len(data))
+            answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_ACKNOWLEDGE, bytes((len(kept), size))))
+        data = data[: len(data) - (answer[0] >> 2 & 7)]
+        _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
+        _demand(block_checksum(answer) == crc(data), "the checksum is wrong: %s", answer)
+        yield from self.say(segment(BLOCK_UPLOAD | BLOCK_END, b""))
+        return data
+
+    def _block(self, first: bytes, size: int) -> Talk[list[bytes]]:
+        """Hear the segments of a block, the first of which has come."""
+        parts: list[bytes] = []
+        answer = first
+        while True:
+            _demand(answer[0] & SEQUENCE_BITS == len(parts) + 1, "a segment of a block out of turn: %s", answer)
+            parts.append(answer[1:])
+            if answer[0] & BLOCK_LAST_SEGMENT or len(parts) == size:
+                return parts
+            answer = yield from self.hear()
+
+    def download(self, index: int, sub_index: int, data: bytes) -> Talk[Abort | None]:
+        """Write an object, expedited where that is possible, or by segments."""
+        is_short = 0 < len(data) <= _EXPEDITED_BYTES
+        command = EXPEDITED | (_EXPEDITED_BYTES - len(data)) << 2 if is_short else 0
+        content = data.ljust(4, b"\0") if is_short else len(data).to_bytes(4, "little")
+        answer = yield from self.ask(with_data(DOWNLOAD | SIZE_GIVEN | command, index, sub_index, content))
+        abort = _abort(answer, index, sub_index)
+        if abort is not None:
+            return abort
+        _demand(answer == with_data(DOWNLOAD_ANSWER, index, sub_index), "a download is answered with %s", answer)
+        toggle = 0
+        for at in range(0, 0 if is_short else len(data), SEGMENT_BYTES):
+            part = data[at : at + SEGMENT_BYTES]
+            last = LAST_SEGMENT if at + SEGMENT_BYTES >= len(data) else 0
+            command = SEGMENT_DOWNLOAD | toggle | SEGMENT_BYTES - len(part) << 1 | last
+            answer = yield from self.ask(segment(command, part))
+            abort = _abort(answer, index, sub_index)
+            if abort is not None:
+                return abort
+            _demand(answer == segment(SEGMENT_DOWNLOAD_ANSWER | toggle, b""), "a segment is answered with %s", answer)
+            toggle ^= TOGGLE
+        return None
+
+    def download_by_block(
+        self, index: int, sub_index: int, data: bytes, *, loses: int = 0, checksum: int | None = None
+    ) -> Talk[Abort | None]:
+        """Write an object by blocks; loses: segment of the first block that gets lost; checksum: not the true one."""
+        answer = yield from self.ask(
+            with_number(BLOCK_DOWNLOAD | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE, index, sub_index, len(data))
+        )
+        abort = _abort(answer, index, sub_index)
+        if abort is not None:
+            return abort
+        _demand(answer[0] == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE, "it is opened with %s", answer)
+        size, at = answer[4], 0
+        while at < len(data):
+            parts = [
+                data[i : i + SEGMENT_BYTES] for i in range(at, min(len(data), at + size * SEGMENT_BYTES), SEGMENT_BYTES)
+            ]
+            answer = yield from self._send_block(parts, loses, is_last=at + size * SEGMENT_BYTES >= len(data))
+            _demand(answer[0] == BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, "a block is answered with %s", answer)
+            _demand(answer[1] == (loses - 1 if loses else len(parts)), "so many have come in order: %s", answer)
+            at, size, loses = at + answer[1] * SEGMENT_BYTES, answer[2], 0
+        unused = -len(data) % SEGMENT_BYTES
+        end = block_end(BLOCK_DOWNLOAD | unused << 2 | BLOCK_END, crc(data) if checksum is None else checksum)
+        answer = yield from self.ask(end)
+        abort = _abort(answer, index, sub_index)
+        _demand(
+            abort is not None or answer == segment(BLOCK_DOWNLOAD_ANSWER | BLOCK_END, b""), "it ends with %s", answer
+        )
+        return abort
+
+    def _send_block(self, parts: list[bytes], loses: int, *, is_last: bool) -> Talk[bytes]:
+        for number, part in enumerate(parts[:-1], start=1):
+            if number != loses:
+                yield Frame(self._request_id, segment(number, part)), -1, 2_000_000
+        last = len(parts) | (BLOCK_LAST_SEGMENT if is_last else 0)
+        return (yield from self.ask(segment(last, parts[-1])))
+
+
+def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
+    """Reason of an abort of the transfer of this object; None where it is none."""
+    if answer[0] != ABORT:
+        return None
+    *place, reason = read_head(answer)
+    _demand(place == [index, sub_index], "an abort names another object: %s", answer)
+    return Abort(int.from_bytes(reason, "little"))
+
+
+def _demand(holds: bool, story: str, *told: bytes | int | None) -> None:
+    if not holds:
+        raise WrongAnswerError(story % tuple(map(_told, told)))
+
+
+def _told(what: bytes | int | None) -> str:
+    return what.hex(" ") if isinstance(what, bytes) else "nothing" if what is None else str(what)
