@@ -9,6 +9,7 @@ twice, a longer number) are none:
     number of remote sources read here, then for each: source, node-ID of its producer
     number of sources published, then for each: source, bit mask of this PE's buses
     number of sources forwarded (gateways), then for each: source, node-ID of its producer, bit mask of buses to
+    where there are any: number of expendable modules, then each: those that stop while no manager is heard
 
 The slice of a PE that has nothing to do is no bytes at all: its head says everything. The digest covers the spec's
 digest too: a PE that holds another spec's table stages nothing.
@@ -39,6 +40,7 @@ class Slice:
     remote: Mapping[int, int] = field(default_factory=dict)  # source -> node-ID of its producer
     publish: Mapping[int, int] = field(default_factory=dict)  # source -> bit mask of this PE's buses
     forward: Mapping[int, tuple[int, int]] = field(default_factory=dict)  # source -> (producer's node-ID, bus mask)
+    expendable: frozenset[int] = frozenset()  # modules that stop while no manager is heard (`safe_mode`)
 
     def encode(self) -> bytes:
         """Encode; equal slices give equal bytes, and the empty one gives none."""
@@ -53,6 +55,8 @@ class Slice:
             numbers += [number for pair in sorted(table.items()) for number in pair]
         numbers.append(len(self.forward))
         numbers += [n for source, (node, mask) in sorted(self.forward.items()) for n in (source, node, mask)]
+        if self.expendable:
+            numbers += [len(self.expendable), *sorted(self.expendable)]
         return pack(numbers)
 
     def restricted_to(self, before: "Slice") -> "Slice":
@@ -88,8 +92,11 @@ def decode_slice(body: bytes, leaves: Mapping[tuple[int, int], int]) -> Slice:
         raise SliceError(str(error)) from None
     if numbers.left():
         raise SliceError(f"{numbers.left()} bytes too many")
-    if decoded.encode() != body or len({module.module for module in decoded.modules}) != len(decoded.modules):
+    modules = {module.module for module in decoded.modules}
+    if decoded.encode() != body or len(modules) != len(decoded.modules):
         raise SliceError("an index is out of order or there twice, or the bytes are more than needed")
+    if not decoded.expendable <= modules:
+        raise SliceError(f"modules {sorted(decoded.expendable - modules)} are expendable, and are not to run")
     return decoded
 
 
@@ -105,7 +112,8 @@ def _read(numbers: Unpacker, leaves: Mapping[tuple[int, int], int]) -> Slice:
     remote = {number(): number() for _ in range(number())}
     publish = {number(): number() for _ in range(number())}
     forward = {number(): (number(), number()) for _ in range(number())}
-    return Slice(tuple(modules), remote, publish, forward)
+    expendable = frozenset(numbers.numbers()) if numbers.left() else frozenset[int]()
+    return Slice(tuple(modules), remote, publish, forward, expendable)
 
 
 def slice_digest(spec_digest: str, body: bytes) -> int:

@@ -189,7 +189,7 @@ class ManagerForm(Form):
     bus: str | None = Field(default=None, description="Their bus; the first wired one if left out.", examples=["can0"])
     without_manager: Literal["keep", "safe_mode"] = Field(
         default="keep",
-        description="What PEs do when no manager is heard: keep what runs, or run their safe-mode slice.",
+        description="What PEs do when no manager is heard: keep what runs, or stop what serves nothing critical.",
         examples=["keep"],
     )
 

@@ -96,14 +96,14 @@ def criticality_ranks(spec: Spec) -> dict[str, int]:
     ranks = dict.fromkeys(spec.modules, len(CRITICALITIES) - 1)
     feeders = _feeders(spec)
     for function in spec.functions.values():
-        rank = _best_rank(spec, function)
+        rank = best_rank(spec, function)
         for module in _contributors(function, feeders):
             ranks[module] = min(ranks[module], rank)
     return ranks
 
 
-def _best_rank(spec: Spec, function: Function) -> int:
-    """Best criticality of a function over the phases in which it is wanted; E where it never is."""
+def best_rank(spec: Spec, function: Function) -> int:
+    """Best criticality, 0 (A) to 4 (E), of a function over the phases in which it is wanted; E where it never is."""
     phases: Sequence[str | None] = tuple(spec.phases) or (None,)
     wanted = [phase for phase in phases if function.priority_in(phase) > 0]
     return min((CRITICALITIES.index(function.criticality_in(phase)) for phase in wanted), default=4)

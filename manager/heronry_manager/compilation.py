@@ -10,6 +10,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.expendable import expendable
 from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
@@ -88,7 +89,8 @@ class Compiler:
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
         """Slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
-        slices = {pe.node_id: self._slice(configuration, pe.name).encode() for pe in self._spec.pes.values()}
+        stops = self._without_manager(configuration)
+        slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
         return CompiledConfiguration(
             slices=slices,
             digest=configuration_digest(self._spec.digest, slices),
@@ -145,7 +147,12 @@ class Compiler:
             return False
         return any(module.name in function.outputs for function in self._spec.functions.values())
 
-    def _slice(self, configuration: Configuration, pe: str) -> Slice:
+    def _without_manager(self, configuration: Configuration) -> frozenset[str]:
+        """Modules that stop while no manager is heard, by the spec's policy."""
+        keeps = self._spec.manager.without_manager == "keep"
+        return frozenset() if keeps else expendable(self._spec, configuration)
+
+    def _slice(self, configuration: Configuration, pe: str, stops: frozenset[str]) -> Slice:
         running = {name: r for name, r in configuration.modules.items() if r.pe == pe}
         remote: dict[int, int] = {}
         modules = []
@@ -160,7 +167,8 @@ class Compiler:
             mode_index = self._spec.modules[name].mode_index(entry.mode)
             modules.append(ModuleSlice(self._module_index[name], mode_index, tuple(sources)))
         publish, forward = self._traffic(configuration, pe)
-        return Slice(tuple(modules), remote, publish, forward)
+        stops_here = frozenset(self._module_index[name] for name in running.keys() & stops)
+        return Slice(tuple(modules), remote, publish, forward, stops_here)
 
     def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
         """What this PE publishes itself, and what it forwards as a gateway."""

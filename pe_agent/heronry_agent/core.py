@@ -9,9 +9,9 @@ or an error frame reaches no part.
 Whatever comes in, in whatever order, nothing here raises: bad bytes are counted (`counts`, by what and identifier) and
 change nothing. Only a driver that lets time go back gets an exception, and so does a broken invariant.
 
-What a PE does when it hears nobody: it goes on with what it runs, without its exclusive outputs (rule 6), and says in
-its state that it hears no lease. `without_manager: safe_mode` is not told apart from `keep` yet; a note at the start
-says so. Another node with the same node-ID is noted and counted; it is the driver that refuses to start beside one.
+What a PE does when it hears nobody: it goes on with what it runs, without its exclusive outputs (rule 6) and, if the
+spec's policy is `safe_mode`, without what is not critical (`without_manager`); and says in its state that it hears no
+lease. Another node with the same node-ID is noted and counted; it is the driver that refuses to start beside one.
 """
 
 from collections import Counter, deque
@@ -49,6 +49,7 @@ from heronry_agent.vocabulary import (
     StepMeasured,
     Stepped,
 )
+from heronry_agent.without_manager import WithoutManager
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
@@ -89,6 +90,7 @@ class AgentCore:
         self.reconfiguration = Reconfiguration(index)
         self.staging = Staging(SliceReader(index, missing_images), table.ports[index.uplink].heartbeat_ns // 2)
         self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
+        self._without_manager = WithoutManager(turn, self.reign, self.reconfiguration, self.modules)
         self._gateway = Gateway(index)
         self._secret = secret
         authenticity = self.authenticity = self._make_authenticity(secret)
@@ -101,6 +103,7 @@ class AgentCore:
             self.reconfiguration,
             self.modules,
             self._gateway,
+            self._without_manager,
             authenticity,
         )
         self._radios = {
@@ -119,6 +122,7 @@ class AgentCore:
                 authenticity=authenticity,
             )
         )
+        self._keeps_what_is_critical = table.without_manager == "safe_mode"
         self._told: dict[str, bool] = {"output": True}
         self._proven_changes = 0
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
@@ -189,6 +193,7 @@ class AgentCore:
                 self.modules.faults.next_ns,
                 self.staging.ask_ns,
                 self._canopen.next_ns,
+                self._without_manager.next_ns,
             )
         return min(due_ns, *(radio.next_ns for radio in self._radios.values())) if self._radios else due_ns
 
@@ -263,6 +268,8 @@ class AgentCore:
         turn = self._turn
         if self.staging.tick(turn.now_ns):
             turn.wants_page_1 = True
+        if turn.now_ns >= self._without_manager.next_ns:
+            self._without_manager.tick()
         if turn.now_ns >= self._canopen.next_ns:
             if not self._canopen.booted:
                 self._note_start()
@@ -280,8 +287,6 @@ class AgentCore:
         secret = self._secret
         told = "no key: whoever can send on the bus can command it" if secret is None else f"{secret.key!r}"
         self._turn.note("start", told)
-        if table.without_manager == "safe_mode":
-            self._turn.note("start", "without_manager: safe_mode is not built yet; this PE keeps what it runs")
 
     def _make_authenticity(self, secret: Secret | None) -> Authenticity | None:
         if secret is None:
@@ -301,7 +306,8 @@ class AgentCore:
         now_ns = self._turn.now_ns
         hears_lease = self.reign.hears_lease(now_ns)
         held = self.modules.has_exclusive_output and not self.permission.allows(now_ns)
-        self._note_change("lease", hears_lease, "a manager is heard", "no manager is heard; going on as before")
+        goes_on = "with what is critical" if self._keeps_what_is_critical else "as before"
+        self._note_change("lease", hears_lease, "a manager is heard", f"no manager is heard; going on {goes_on}")
         self._note_change("output", not held, "exclusive outputs are free", "exclusive outputs are held back")
         flags = PeFlags.HEARS_LEASE if hears_lease else PeFlags(0)
         if self.modules.faults.pending:
@@ -389,6 +395,8 @@ class AgentCore:
 
     def _own_identifier(self, event: Received) -> None:
         self._turn.count("node-ID clash", event.frame.can_id)
+        if self.authenticity is None and event.frame.can_id == state_id(self._index.node):
+            self.permission.clashed(self._turn.arrived_ns)
         if not self.clashed:
             self.clashed = True
             self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")

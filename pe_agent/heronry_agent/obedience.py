@@ -24,6 +24,7 @@ from heronry_agent.running_modules import RunningModules
 from heronry_agent.staging import Staging
 from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
+from heronry_agent.without_manager import WithoutManager
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import FIRST_PE, MANAGER_NODES, Command, management_id
@@ -61,6 +62,7 @@ class Obedience:
     reconfiguration: Reconfiguration
     modules: RunningModules
     gateway: Gateway
+    without_manager: WithoutManager
     authenticity: Authenticity | None
     _settled_lease: bytes = b""  # of the reigning manager, with nothing in it that has not been done
     _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
@@ -95,7 +97,8 @@ class Obedience:
     def _lease(self, manager: int, event: Received) -> None:
         """LEASE: the manager reigns, and everybody should be at this step."""
         data = event.frame.data
-        if data == self._settled_lease and manager == self.reign.manager and event.port == self.index.uplink:
+        settled = data == self._settled_lease and not self.reconfiguration.resting
+        if settled and manager == self.reign.manager and event.port == self.index.uplink:
             self.permission.confirmed()
             self._leased(event)
             return
@@ -107,6 +110,7 @@ class Obedience:
             self._take(message)
             if self.reconfiguration.is_at(message.epoch, message.digest):
                 self._settled_lease = data
+                self.without_manager.named()
 
     def _leased(self, event: Received) -> None:
         self.reign.leased(self.turn.arrived_ns)

@@ -1,7 +1,7 @@
 """Whether this PE may drive what nobody else may drive at the same time (rule 6).
 
 Exclusive outputs are the steps of DEMUX branches and the frames of modules that may run elsewhere. They are allowed
-while all three hold, asked before every output with the time of that moment, so that a pause of the process counts:
+while all four hold, asked before every output with the time of that moment, so that a pause of the process counts:
 
     (a) the last ALIVE that was obeyed names this PE. Before the first one nothing is allowed: it follows every LEASE,
         so whoever was given a configuration has heard it. A new term does not cancel the word of the old one; its
@@ -13,6 +13,9 @@ while all three hold, asked before every output with the time of that moment, so
     (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
         that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
         does a LEASE that names the very one that runs here.
+
+    (d) nobody else was heard under this PE's own node-ID within T_lease: the manager may take that node for this one,
+        started anew, and give away what it holds here. With a key it does not, and neither does this PE.
 
 Hearing somebody again after a silence is no such proof. A PE that has restarted runs nothing, and one that was cut off
 as well runs what was given to it before: neither could tell. So after a silence that was too long for (b) this PE is in
@@ -33,7 +36,7 @@ IDENTIFIER_PERIODS = 2  # of T_lease's five
 
 
 class Permission:
-    """The three conditions, as last heard."""
+    """The four conditions, as last heard."""
 
     def __init__(self, lease_ns: int) -> None:
         """`lease_ns` is T_lease, the time within which another node must be heard."""
@@ -43,6 +46,7 @@ class Permission:
         self._heard_ns: int | None = None
         self._doubted_ns: int | None = None  # since when it hears others again, after a silence longer than T_lease
         self._identifiers_doubted_ns: int | None = None  # the same, longer than two periods
+        self._clashed_ns: int | None = None  # when another node was heard under this one's node-ID
         self._overtaken = False
 
     def allows(self, now_ns: int) -> bool:
@@ -51,7 +55,9 @@ class Permission:
 
     def until_ns(self, now_ns: int) -> int:
         """Until when one may be driven, as things stand now; a time before now: not at all."""
-        if not self._named or self._overtaken or self._heard_ns is None or not self._is_past(self._doubted_ns, now_ns):
+        if not self._named or self._overtaken or self._heard_ns is None:
+            return now_ns - 1
+        if not self._is_past(self._doubted_ns, now_ns) or not self._is_past(self._clashed_ns, now_ns):
             return now_ns - 1
         return self._heard_ns + self._lease_ns
 
@@ -82,6 +88,10 @@ class Permission:
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
         """Tell whether there is no doubt, or no more."""
         return doubted_ns is None or now_ns - doubted_ns >= self._lease_ns
+
+    def clashed(self, arrived_ns: int) -> None:
+        """Another node speaks under this one's node-ID."""
+        self._clashed_ns = arrived_ns
 
     def saw_epoch(self, epoch: int, running: int) -> None:
         """Another node runs, or a manager has activated, an epoch."""

@@ -13,7 +13,9 @@ A module whose mode changes is stopped at BREAK and started at GO, built anew un
 mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
 branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it.
 
-A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides.
+A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. One that
+*rests*, because no manager is heard, starts again where this configuration is named again (`without_manager`), or where
+a new one wants it.
 """
 
 from dataclasses import dataclass, field
@@ -48,6 +50,7 @@ class Reconfiguration:
     live: dict[int, int] = field(default_factory=dict)
     held: frozenset[int] = frozenset()
     failed: set[int] = field(default_factory=set)
+    resting: frozenset[int] = frozenset()  # ran, and stopped because no manager is heard
     _kept: frozenset[int] = frozenset()  # stopped, and wanted in another mode
     _wanted: dict[int, int] = field(default_factory=dict)
 
@@ -80,6 +83,25 @@ class Reconfiguration:
         self._kept = self._kept.difference(self.live)
         return Moves(stop, keep, drop if rewire else (), start, rewire)
 
+    def rest(self) -> Moves:
+        """Stop what runs and is expendable."""
+        stop = tuple(sorted(self.expendable_live()))
+        for module in stop:
+            del self.live[module]
+        self.resting |= frozenset(stop)
+        return Moves(stop)
+
+    def resume(self) -> Moves:
+        """Start what rests."""
+        start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
+        self.live.update(start)
+        self.resting = frozenset()
+        return Moves(start=start)
+
+    def expendable_live(self) -> frozenset[int]:
+        """Modules that run, and stop where no manager is heard."""
+        return self.running.slice.expendable.intersection(self.live)
+
     def drop(self, module: int) -> bool:
         """A module has failed; tells whether it ran."""
         if self.live.pop(module, None) is None:
@@ -89,7 +111,7 @@ class Reconfiguration:
 
     def validate(self) -> None:
         """Check that the parts agree; raises InvariantError."""
-        live, held, failed, wanted = self.live, self.held, self.failed, self._wanted
+        live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
         require(live.items() <= wanted.items(), "live {} goes beyond wanted {}", live, wanted)
         require(held.isdisjoint(live) and failed.isdisjoint(live), "held {}, failed {}, live {}", held, failed, live)
         configured = self.running.epoch != NO_EPOCH
@@ -108,9 +130,10 @@ class Reconfiguration:
             del self.live[module]
         self._kept = frozenset(self._wanted.keys() & (self._kept | set(stop)))
         self.failed.clear()
+        self.resting = frozenset()
         self.running = target
         return stop
 
     def _startable(self) -> tuple[tuple[int, int], ...]:
-        idle = self._wanted.keys() - self.live.keys() - self.held - self.failed
+        idle = self._wanted.keys() - self.live.keys() - self.held - self.failed - self.resting
         return tuple((module, self._wanted[module]) for module in sorted(idle))

@@ -35,6 +35,11 @@ class Reign:
         """A LEASE was obeyed."""
         self._leased_ns = arrived_ns
 
+    @property
+    def lease_ends_ns(self) -> int:
+        """From when on no manager is heard, unless another LEASE comes."""
+        return 0 if self._leased_ns is None else self._leased_ns + self._lease_ns + 1
+
     def hears_lease(self, now_ns: int) -> bool:
         """Tell whether the manager reigns, as far as can be heard here."""
-        return self._leased_ns is not None and now_ns - self._leased_ns <= self._lease_ns
+        return now_ns < self.lease_ends_ns

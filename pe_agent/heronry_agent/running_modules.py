@@ -83,22 +83,26 @@ class RunningModules:
         self.has_exclusive_output = False
         self.load_percent = 0
 
-    def carry_out(self, moves: Moves, wanted: Slice) -> None:
-        """Stop, rewire and start what a step of a configuration asks for."""
+    def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
+        """Stop, rewire and start what a step of a configuration asks for; `wanted` is None where wires stay."""
         for module in moves.stop:
             self._stop(module, keep=module in moves.keep)
         for module in moves.drop:
             self._turn.out.append(StopModule(module))
-        if moves.rewire:
+        if wanted is not None:
+            self._wire(wanted, rewire=moves.rewire)
+        for module, mode in moves.start:
+            self._start(module, mode)
+        self._take_stock()
+
+    def _wire(self, wanted: Slice, *, rewire: bool) -> None:
+        if rewire:
             self.mailboxes.rewire(wanted)
             self.schedule.chain(self._chains(wanted))
         self._publish = {
             source: tuple(port for port in self._index.ports if mask >> port & 1)
             for source, mask in wanted.publish.items()
         }
-        for module, mode in moves.start:
-            self._start(module, mode)
-        self._take_stock()
 
     @property
     def next_ns(self) -> int:

@@ -92,6 +92,14 @@ def test_alive_of_a_deposed_manager_says_nothing() -> None:
     assert not drives(pe.pass_time(50 * MS))
 
 
+def test_another_node_under_our_node_id_stops_us_for_t_lease() -> None:
+    pe = flying()
+    pe.hear(neighbour_state(0, node=NODE))
+    assert not drives(pe.fly(LEASE_NS - BEAT_NS, epoch=7, digest=1007))
+    pe.hear(Frame(heartbeat_id(NODE), bytes(1)))  # this alone deceives no manager
+    assert drives(pe.fly(2 * BEAT_NS, epoch=7, digest=1007))
+
+
 def test_a_pe_that_hears_nobody_stops_within_the_lease() -> None:
     pe = flying()
     assert steps(pe.pass_time(LEASE_NS - BEAT_NS))

@@ -1,8 +1,6 @@
 """What a PE says of itself, and how often."""
 
-from dataclasses import replace
-
-from agent.one_pe import BEAT_NS, FAR, FLYING, GATEWAY_TABLE, MS, NODE, TABLE, OnePe, neighbour_state, pages, sent
+from agent.one_pe import BEAT_NS, FAR, FLYING, GATEWAY_TABLE, MS, NODE, OnePe, neighbour_state, pages, sent
 from heronry_agent.vocabulary import Note
 from heronry_wire.canaerospace import DataType
 from heronry_wire.frame import Frame
@@ -93,12 +91,6 @@ def test_other_services_other_nodes_and_malformed_requests_are_not_answered() ->
     ):
         assert pe.hear(frame) == []
     assert sent(pe.pass_time(100 * MS), 129) == []
-
-
-def test_safe_mode_says_that_it_is_not_built_yet() -> None:
-    pe = OnePe(replace(TABLE, without_manager="safe_mode"))
-    notes = [action.text for action in pe.pass_time(0) if isinstance(action, Note)]
-    assert any("safe_mode" in note for note in notes)
 
 
 def test_29_bit_remote_and_error_frames_reach_no_part() -> None:

@@ -1,12 +1,13 @@
 """The bench of reaction times: its aircraft is one that may fly, and it measures what it says."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from heronry_dg.loader import load, loads
 from heronry_tools.simulator import reaction_bench
-from heronry_tools.simulator.reaction_bench import PES, Times, aircraft, main, measure_flight, report
+from heronry_tools.simulator.reaction_bench import PES, Times, aircraft, main, measure_deaths, report
 
 
 def test_the_aircraft_is_written_for_others_to_fly(tmp_path: Path) -> None:
@@ -21,7 +22,7 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec, times = loads(aircraft(20, 0.1), "reaction.dg.yaml"), Times()
-    measure_flight(spec, 3, times)
+    measure_deaths(spec, 3, times)
     assert min(times.reaction) > 45.0  # three heartbeats, less what has passed of the first
     assert min(times.held) > 100.0  # and T_lease
     for limit in ("ONE_STEP_MS", "SEVERAL_STEPS_MS"):
@@ -29,7 +30,7 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1000.0})
     assert report(spec, times)
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == "8 PEs, 1 Mbit/s, 50% load, 20 ms heartbeats, k = 3"
+    assert re.fullmatch(r"8 PEs, 1 Mbit/s, (49|50|51)% load, 20 ms heartbeats, k = 3", out[0])
     counts = {line[:32].strip(): int(line[32:39]) for line in out[2:]}
     assert counts["fault to active"] + counts["fault to active, DEMUX held"] == PES
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1.0})

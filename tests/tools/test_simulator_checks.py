@@ -206,8 +206,8 @@ def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
 def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
     outages = [Outage("elevator", 5, 9), Outage("parachute", 3, None)]
     alone = (Act(1, "manager_crash", MANAGER, 500), Act(2, "manager_pause", MANAGER, 5))
-    assert [v.story.split()[0] for v in stopped_by_silence(alone, outages, 4)] == ["elevator"]
-    assert stopped_by_silence((*alone, Act(1, "crash", "pe:tail_pe")), outages, 4) == []
+    assert [v.story.split()[0] for v in stopped_by_silence(SPEC, alone, outages, 4)] == ["elevator"]
+    assert stopped_by_silence(SPEC, (*alone, Act(1, "crash", "pe:tail_pe")), outages, 4) == []
 
 
 def drive(checks: Checks, *modules: str) -> None:

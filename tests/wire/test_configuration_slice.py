@@ -36,13 +36,19 @@ def module_slices(draw: st.DrawFn) -> tuple[ModuleSlice, ...]:
     )
 
 
-slices = st.builds(
-    Slice,
-    module_slices(),
-    st.dictionaries(indices, nodes, max_size=4),
-    st.dictionaries(indices, masks, max_size=4),
-    st.dictionaries(indices, st.tuples(nodes, masks), max_size=4),
-)
+@st.composite
+def whole_slices(draw: st.DrawFn) -> Slice:
+    modules = draw(module_slices())
+    return Slice(
+        modules,
+        draw(st.dictionaries(indices, nodes, max_size=4)),
+        draw(st.dictionaries(indices, masks, max_size=4)),
+        draw(st.dictionaries(indices, st.tuples(nodes, masks), max_size=4)),
+        frozenset(module.module for module in modules if draw(st.booleans())),
+    )
+
+
+slices = whole_slices()
 
 
 def test_a_slice_byte_for_byte() -> None:
@@ -75,6 +81,20 @@ def test_a_gateway_that_runs_nothing_may_still_forward() -> None:
     assert decode_slice(gateway.encode(), LEAVES) == gateway
 
 
+def test_what_rests_without_a_manager_stands_last_and_only_where_there_is_any() -> None:
+    modules = (ModuleSlice(0, 0, ()), ModuleSlice(300, 0, (None,)))
+    plain, marked = Slice(modules), Slice(modules, expendable=frozenset({300}))
+    assert marked.encode() == plain.encode() + bytes.fromhex("01 AC02")
+    assert decode_slice(marked.encode(), LEAVES) == marked
+
+
+@pytest.mark.parametrize("odd", ["00", "01 07", "02 AC02 AC02", "02 AC02 00"])
+def test_what_rests_is_told_in_one_way(odd: str) -> None:
+    plain = Slice((ModuleSlice(0, 0, ()), ModuleSlice(300, 0, (None,)))).encode()
+    with pytest.raises(SliceError, match="out of order|not to run"):
+        decode_slice(plain + bytes.fromhex(odd), LEAVES)
+
+
 @given(slices)
 def test_every_slice_survives_the_bus(wanted: Slice) -> None:
     assert decode_slice(wanted.encode(), LEAVES) == wanted
@@ -91,6 +111,7 @@ def test_the_order_in_which_a_slice_was_put_together_does_not_count(wanted: Slic
         dict(shuffled(rng, wanted.remote.items())),
         dict(shuffled(rng, wanted.publish.items())),
         dict(shuffled(rng, wanted.forward.items())),
+        frozenset(shuffled(rng, wanted.expendable)),
     )
     assert again.encode() == wanted.encode()
 
@@ -122,7 +143,8 @@ def test_any_bytes_are_the_one_way_to_write_a_slice_or_an_error(body: bytes) -> 
         ("01 07 00 01", "the bytes end"),
         ("01 02 00 00 00 00", "module 2 mode 0 is not in this table"),
         ("01 01 02 00 00 00", "module 1 mode 2 is not in this table"),
-        ("00 00 00 00 00", "1 bytes too many"),
+        ("00 00 00 00 00", "more than needed"),
+        ("00 00 00 00 00 00", "1 bytes too many"),
         ("00 00 00 00", "more than needed"),
         ("8080808080808080808000 00 00 00", "a number does not"),
         ("8000 00 00 00", "more than needed"),

@@ -20,6 +20,8 @@ What is not promised, and why:
   either, since nobody is heard, and that is promised.
 - `rogue`: a stranger that sends under an identifier of ours collides with its owner, down to bus-off. The clash with it
   is nobody's fault; the rest is promised.
+- `twin`: a second node under a PE's node-ID. The manager takes it for that PE, which has started anew; the PE itself
+  lets go of what is exclusive as soon as it hears the other one. They destroy each other's frames, down to bus-off.
 - `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
@@ -105,6 +107,7 @@ KINDS: Mapping[str, Kind] = {
     "link_down_only": Kind("far_bus", (50, 3000), "a gateway hears nothing of the bus beyond, and is heard"),
     "babble": Kind("bus", (5, 400), "a stranger sends without end (level: its identifier)", levels=(1, 291, 1999)),
     "rogue": Kind("bus", (5, 400), "a stranger sends under an identifier of ours"),
+    "twin": Kind("pe", (5, 1000), "a stranger has a PE's node-ID, and says that it has just started"),
     "corrupt": Kind(
         "bus", (100, 2000), "data are changed past the CRC", unpromised=frozenset(("foreign",)), excuses=True
     ),

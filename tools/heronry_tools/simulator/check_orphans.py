@@ -6,7 +6,7 @@ Once no manager has been on the bus for T_lease, and a little longer for that to
 - `keep`: everybody goes on with what it runs. State, epoch and digest stay as they are, until it restarts or some
   manager speaks again.
 
-`safe_mode` is another policy: what such a PE takes up then is not judged here.
+`safe_mode` is another policy, and judged by `check_safe_mode`.
 """
 
 from heronry_dg.model import Spec

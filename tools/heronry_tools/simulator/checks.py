@@ -18,6 +18,7 @@ from heronry_tools.simulator.check_orphans import OrphanCheck
 from heronry_tools.simulator.check_planned_load import PlannedLoadCheck
 from heronry_tools.simulator.check_publishing import PublishingCheck
 from heronry_tools.simulator.check_radio import RadioCheck
+from heronry_tools.simulator.check_safe_mode import SafeModeCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.check_terms import TermCheck
 from heronry_tools.simulator.commanded import Commanded
@@ -66,6 +67,7 @@ class Checks:
         self._service = ServiceCheck(spec)
         self._freshness = FreshnessCheck(spec, self._commands)
         self._publishing = PublishingCheck(spec, self._commands)
+        self._safe_mode = SafeModeCheck(spec, self._commands)
         self._load = LoadCheck(spec)
         self._planned_load = PlannedLoadCheck(spec)
         self._radio = RadioCheck(spec)
@@ -102,6 +104,7 @@ class Checks:
         """An output module drives what it drives."""
         self._exclusion.driven(driven)
         self._freshness.driven(driven)
+        self._safe_mode.driven(driven)
 
     def enter(self, t_ns: int, phase: str | None) -> None:
         """A mission phase has begun, as the manager tells."""
@@ -129,7 +132,7 @@ class Checks:
         blamed = self._blame.violations(truth)
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
-            *(self._freshness, self._publishing, self._load, self._radio),
+            *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode),
         )
         found = [violation for check in checks for violation in check.violations]
         return sorted([*found, *blamed, *stories, *self._inspections])
@@ -164,6 +167,7 @@ class Checks:
         self._exclusion.published(sent)
         self._freshness.published(sent)
         self._publishing.published(sent)
+        self._safe_mode.published(sent)
         self._load.published(sent)
         self._radio.published(sent)
         self._planned_load.published(sent)
@@ -182,6 +186,7 @@ class Checks:
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
             self._terms.state(node, sent.end_ns, page)
+            self._safe_mode.state(self._pe_of[node], sent.end_ns, page)
         else:
             read = page if self._proven is None else self._proven.read(node, page, self._commands.digests(page))
             self._commands.staged(node, read)
@@ -190,6 +195,8 @@ class Checks:
         identifier, data = sent.frame.can_id, sent.frame.data
         if sent.bus == self._spec.manager.bus:
             self._orphans.commanded(sent.end_ns)
+            if command is Command.LEASE:
+                self._safe_mode.leased(sent.end_ns)
         if sent.bus != self._spec.manager.bus or self._last_commands.get(identifier) == data:
             return
         if command is Command.LEASE:

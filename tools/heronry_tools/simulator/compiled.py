@@ -43,13 +43,14 @@ _COMPILED = {
     "table_index turn vocabulary bench.devices bench.flight bench.mechanism bench.noise bench.world images.actuators "
     "images.air_data images.altitude images.atmosphere images.attitude images.control images.guidance images.imaging "
     "images.mission images.pilot_view images.reading images.recovery images.sensors images.servo_monitor "
-    "images.telemetry images.wing",
+    "images.telemetry images.wing without_manager",
     "heronry_manager": "beacon core deployment exclusion health known_situation latched_faults planning radio_links "
     "reconfiguration turn vocabulary",
     "heronry_tools": "witness simulator.bus simulator.check_blame simulator.check_configurations "
     "simulator.check_end_state simulator.check_epochs simulator.check_exclusion simulator.check_freshness "
     "simulator.check_liveness simulator.check_load simulator.check_planned_load simulator.check_publishing "
-    "simulator.check_queues simulator.check_radio simulator.check_service simulator.check_silence simulator.checks "
+    "simulator.check_queues simulator.check_radio simulator.check_safe_mode simulator.check_service simulator.check_silence "
+    "simulator.checks "
     "simulator.clock simulator.commanded simulator.local_clock simulator.node simulator.nodes "
     "simulator.protocol_state simulator.station simulator.violation simulator.world",
 }

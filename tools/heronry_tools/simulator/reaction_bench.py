@@ -2,16 +2,18 @@
 
 The aircraft is made for this: eight PEs on one bus of 1 Mbit/s, data and management together half of what it carries;
 eight modules that talk and eight that listen from other PEs, each with a second PE to move to; and a DEMUX with
-branches on two PEs. In each flight every PE dies once, at a moment that the seed draws, and comes back.
-All of that is foreseen, so deciding is a look-up.
+branches on two PEs. In each flight one PE dies, at a moment that the seed draws. Every single fault is planned for
+ahead, and the plans are on board: deciding is a look-up, and the plan is called by its number.
 
     decide                CPU time of that look-up: from the question to a plan (`planner.foresight`)
-    decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO
-    fault to active       from the death of a PE to the same; apart where a silent PE held the DEMUX: then T_lease
-                          passes first
+    decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO; where a
+                          silent PE held the DEMUX, to the last word about all that does not wait for it
+    fault to active       from the death of a PE to the same; apart where a silent PE held the DEMUX: to the last word
+                          about that too, for which T_lease passes first
 
 Virtual times are exact, and those of messages alone: cores and modules compute in no time. Real processes on a software
-bus fly the same aircraft (`--write FILE`, then `python -m heronry_tools.demo.bench --spec FILE`).
+bus fly the same aircraft: `--write FILE`, `heronry contingencies FILE -o PLANS --faults 1`, then
+`python -m heronry_tools.demo.bench --spec FILE --contingencies PLANS`.
 
 Exit code 1 where a p99 is above its limit.
 """
@@ -33,8 +35,11 @@ from heronry_manager.planner.client import Failed, Planned
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.vocabulary import PlanReady, RequestPlan
 from heronry_tools.progress import Progress
-from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.planning import prepared
 from heronry_tools.simulator.simulation import MS, Simulation
+from heronry_wire.identifiers import Use, classify
+from heronry_wire.management import PeState, StatePage0, decode_state
 
 PES = 8
 TALKERS = 8
@@ -46,9 +51,13 @@ ONE_STEP_MS = 3.0
 SEVERAL_STEPS_MS = 5.0
 REACTION_MS = {20: 80.0, 5: 30.0}  # by heartbeat period
 
-_DECIDE_NS = 100_000  # what the look-up may take
-_START_NS = 3_000 * MS
-_BETWEEN_NS = 1_200 * MS  # hold-down included
+FORESEEN = 1  # faults at once
+
+_START_NS = 1_000 * MS
+_STEADY_NS = 500 * MS
+_AFTER_NS = 500 * MS
+_NS_PER_S = 1_000_000_000
+_HAVE_GONE = (PeState.PARTIAL, PeState.ACTIVE)
 _LOOK_UPS = 50  # of each question
 
 
@@ -127,24 +136,18 @@ class Times:
     several_steps: list[float] = field(default_factory=list)
     reaction: list[float] = field(default_factory=list)
     held: list[float] = field(default_factory=list)  # a silent PE held the DEMUX
-    load: float = 0.0  # of the bus
+    loads: list[float] = field(default_factory=list)  # of the bus, before each death
 
 
-class _InThisProcess:
-    """A planner that answers when it is polled; the questions are few, and answered once."""
+class _NoPlanner:
+    """Whatever was not foreseen gets no answer, and fails the bench."""
 
-    def __init__(self, spec: Spec) -> None:
-        self._spec = spec
-        self._answers: list[Planned | Failed] = []
-
-    def request(self, number: int, now: Situation, running: Placement | None) -> None:
-        """Answer."""
-        self._answers.append(Planned(number, best_plan(self._spec, now, running)))
+    def request(self, _number: int, _now: Situation, _running: Placement | None) -> None:
+        """Do nothing."""
 
     def poll(self) -> list[Planned | Failed]:
-        """Give what has been answered."""
-        answers, self._answers = self._answers, []
-        return answers
+        """Give nothing."""
+        return []
 
     def fileno(self) -> int:
         """Nobody waits for it."""
@@ -153,11 +156,11 @@ class _InThisProcess:
 
 def measure_decisions(spec: Spec, times: Times) -> None:
     """Look up each loss of a PE while all runs well, again and again."""
-    foresight = Foresight(spec, _InThisProcess(spec), lambda: _InThisProcess(spec))
-    running = placement(best_plan(spec, Situation(), None).configuration)
-    foresight.settled(frozenset(), None, running)
-    while foresight.is_thinking:
-        foresight.poll()
+    table = prepared(spec, FORESEEN).made
+    foresight = Foresight(spec, _NoPlanner(), _NoPlanner, table)
+    everything = foresight.request(RequestPlan(0, frozenset(), None, None))
+    assert isinstance(everything, PlanReady)
+    running = placement(everything.plan.configuration)
     for number in range(_LOOK_UPS):
         for pe in spec.pes:
             asked = RequestPlan(number, frozenset({f"pe:{pe}"}), None, dict(running))
@@ -168,39 +171,51 @@ def measure_decisions(spec: Spec, times: Times) -> None:
                 raise SystemExit(f"the loss of {pe} was not foreseen")
 
 
-def measure_flight(spec: Spec, seed: int, times: Times) -> None:
-    """Let every PE die once, and come back."""
+def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
+    """Let every PE die once, each in a flight of its own."""
     random = Random(f"deaths of {seed}")
-    simulation = Simulation(spec, seed, decide_ns=_DECIDE_NS)
+    for number, pe in enumerate(spec.pes):
+        measure_death(spec, pe, len(spec.pes) * seed + number, random, times)
+
+
+def measure_death(spec: Spec, pe: str, seed: int, random: Random, times: Times) -> None:
+    """Let one PE die in a flight in which all is well."""
+    simulation = Simulation(spec, seed, contingencies=FORESEEN)
+    bus = simulation.buses["can0"]
     simulation.run_for(_START_NS)
-    for pe in random.sample(list(spec.pes), len(spec.pes)):
-        simulation.run_for(_BETWEEN_NS + random.randrange(spec.buses["can0"].heartbeat_ns))
-        _die(simulation, pe, times)
-        simulation.run_for(_BETWEEN_NS)
-        simulation.restore(pe)
-        simulation.run_for(_BETWEEN_NS)
-    violations = simulation.settle()
+    busy_bits, since_ns = bus.busy_bits, simulation.now_ns
+    simulation.run_for(_STEADY_NS + random.randrange(spec.buses["can0"].heartbeat_ns))
+    times.loads.append((bus.busy_bits - busy_bits) * _NS_PER_S / bus.bitrate / (simulation.now_ns - since_ns))
+    _die(simulation, pe, times)
+    violations = simulation.broken()
     if violations:
         raise SystemExit(f"seed {seed}: {violations[0]}")
-    times.load = simulation.buses["can0"].busy_bits * 1e9 / spec.buses["can0"].bitrate / simulation.now_ns
 
 
 def _die(simulation: Simulation, pe: str, times: Times) -> None:
-    begun_ns, known = simulation.now_ns, len(simulation.events)
+    begun_ns, before = simulation.now_ns, simulation.checks.epoch
+    assert before is not None
+    simulation.events.clear()
     last = simulation.witness.last_output("surface")
     holds = last is not None and last.node == simulation.spec.pes[pe].node_id
+    gone: dict[str, int] = {}  # by PE: when it said first that it had taken GO
+    simulation.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
     simulation.kill(pe)
-    simulation.run_for(_BETWEEN_NS)
-    seen = simulation.events[known:]
-    done = next((event for event in seen if event["event"] == "reconfigured"), None)
-    if done is None:
-        return  # nothing ran there
-    ready = next(event for event in seen if event["event"] == "plan_ready")
-    steps = sum(event["event"] == "epoch_step" for event in seen)
-    reaction_ms = (done["t_ns"] - begun_ns) / MS
-    (times.held if holds else times.reaction).append(reaction_ms)
-    if not holds:
-        (times.one_step if steps == 1 else times.several_steps).append((done["t_ns"] - ready["t_ns"]) / MS)
+    simulation.run_for(_AFTER_NS)
+    (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
+    (opened,) = simulation.events_of("epoch_prepared")
+    if not opened["contingency"]:
+        raise SystemExit(f"the loss of {pe} has no number")
+    (times.held if holds else times.reaction).append((done["t_ns"] - begun_ns) / MS)
+    steps = len(simulation.events_of("epoch_step"))
+    (times.one_step if steps == 1 else times.several_steps).append((max(gone.values()) - ready["t_ns"]) / MS)
+
+
+def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:
+    """Take a state frame that may name another epoch than before."""
+    page = decode_state(sent.frame.data) if classify(sent.frame.can_id).use is Use.STATE else None
+    if isinstance(page, StatePage0) and page.epoch != before and page.state in _HAVE_GONE:
+        gone.setdefault(sent.sender, sent.end_ns)
 
 
 def report(spec: Spec, times: Times) -> bool:
@@ -215,7 +230,8 @@ def report(spec: Spec, times: Times) -> bool:
         ("fault to active", times.reaction, limit_ms),
         ("fault to active, DEMUX held", times.held, held_ms),
     ]
-    print(f"{len(spec.pes)} PEs, 1 Mbit/s, {times.load:.0%} load, {heartbeat_ms} ms heartbeats, k = 3")
+    load = sum(times.loads) / max(1, len(times.loads))
+    print(f"{len(spec.pes)} PEs, 1 Mbit/s, {load:.0%} load, {heartbeat_ms} ms heartbeats, k = 3")
     print(f"{'ms':32}{'count':>7}{'median':>9}{'p99':>9}{'longest':>9}{'limit':>9}")
     good = True
     for name, values, limit in rows:
@@ -233,7 +249,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog=f"python -m {HERE}", description="Measure how fast eight PEs on a half-loaded bus react to a loss."
     )
-    parser.add_argument("--flights", type=int, default=20, metavar="N", help="of eight deaths each (default: 20)")
+    parser.add_argument("--flights", type=int, default=20, metavar="N", help="times eight deaths (default: 20)")
     parser.add_argument("--heartbeat-ms", type=int, default=20, metavar="MS", help="default: 20")
     parser.add_argument("--reserve", type=float, default=0.1, metavar="SHARE", help="for management (default: 0.1)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first flight (default: 0)")
@@ -248,7 +264,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with Progress() as progress:
         progress.begin("flights", arguments.flights)
         for seed in range(arguments.seed, arguments.seed + arguments.flights):
-            measure_flight(spec, seed, times)
+            measure_deaths(spec, seed, times)
             progress.step()
     return 0 if report(spec, times) else 1
 

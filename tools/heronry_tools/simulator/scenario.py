@@ -94,4 +94,4 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
     violations = simulation.settle()
     outages = simulation.witness.outages(simulation.now_ns)
-    return violations + silences + stopped_by_silence(scenario.acts, outages, start_ns)
+    return violations + silences + stopped_by_silence(simulation.spec, scenario.acts, outages, start_ns)

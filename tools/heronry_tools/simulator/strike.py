@@ -22,7 +22,8 @@ from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Use, classify
+from heronry_wire.identifiers import Use, classify, state_id
+from heronry_wire.management import PeFlags, PeState, StatePage0
 
 End = Callable[[], None]
 
@@ -341,6 +342,24 @@ def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
     return stranger.leave
 
 
+def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
+    if act.name not in simulation.pes:
+        return None
+    pe = simulation.spec.pes[act.name]
+    page = StatePage0(PeState.UNCONFIGURED, PeFlags(0), random.randrange(256), 0, 0, 0)
+    said = Frame(state_id(pe.node_id), page.encode())
+    twins = [
+        Stranger(simulation.clock, simulation.buses[bus], said, simulation.spec.buses[bus].heartbeat_ns)
+        for bus in pe.buses
+    ]
+
+    def end() -> None:
+        for twin in twins:
+            twin.leave()
+
+    return end
+
+
 def _attack(simulation: Simulation, act: Act, random: Random) -> End:
     return Forger(simulation.clock, simulation.buses[act.name], random).leave
 
@@ -419,6 +438,7 @@ _DO: dict[str, _Do] = {
     "link_down_only": _link("deaf"),
     "babble": _babble,
     "rogue": _rogue,
+    "twin": _twin,
     "corrupt": _alter(_DATA, _CORRUPT_SHARE),
     "attack": _attack,
     "forge": _alter(_COMMANDS, _FORGE_SHARE),

@@ -1,0 +1,130 @@
+"""What a PE lets go of while no manager is heard, and how it comes back (`without_manager: safe_mode`)."""
+
+from dataclasses import replace
+
+from agent.one_pe import (
+    BEAT_NS,
+    CONTROL,
+    DEMAND,
+    FLYING,
+    LEASE_NS,
+    MONITOR,
+    NEIGHBOUR,
+    NODE,
+    RATE,
+    RUN_CONTROL,
+    RUN_MONITOR,
+    RUN_SERVO_1,
+    SERVO_1,
+    TABLE,
+    OnePe,
+    pages,
+    slice_messages,
+    started,
+    stopped,
+)
+from heronry_agent.vocabulary import Note, StartFailed
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, StatePage1, Step
+
+WATCHED = Slice(
+    (RUN_CONTROL, RUN_SERVO_1, RUN_MONITOR),
+    remote={RATE: NEIGHBOUR},
+    publish={DEMAND: 1},
+    expendable=frozenset({MONITOR}),
+)
+ALL = {CONTROL: 0, SERVO_1: 0, MONITOR: 0}
+CRITICAL = {CONTROL: 0, SERVO_1: 0}
+
+
+def flying(wanted: Slice = WATCHED, step: Step = Step.GO_ALL) -> OnePe:
+    pe = OnePe(replace(TABLE, without_manager="safe_mode"))
+    pe.configure(wanted, 7, step)
+    pe.fly(2 * BEAT_NS, epoch=7, digest=1007, step=step)
+    return pe
+
+
+def lease(step: Step = Step.GO_ALL, *, epoch: int = 7, term: int = 1) -> Lease:
+    return Lease(term, epoch, step, 1000 + epoch if epoch else 0)
+
+
+def alone(pe: OnePe) -> list:
+    return pe.pass_time(2 * LEASE_NS)
+
+
+def test_what_is_expendable_rests_when_the_lease_has_run_out_and_nothing_else() -> None:
+    pe = flying()
+    leased_ns = pe.now_ns - BEAT_NS
+    assert stopped(pe.pass_time(leased_ns + LEASE_NS - pe.now_ns)) == []
+    actions = pe.pass_time(BEAT_NS)
+    assert (stopped(actions), pe.running) == ([MONITOR], CRITICAL)
+    assert [page.load for page in pages(actions) if isinstance(page, StatePage1)][:1] == [40]
+    assert any(isinstance(a, Note) and a.text.endswith("going on with what is critical") for a in actions)
+    told = [page for page in pages(actions) if isinstance(page, StatePage0)]
+    assert {(page.state, page.epoch, page.digest) for page in told} == {(PeState.ACTIVE, 7, 1007)}
+    assert stopped(alone(pe)) == []
+
+
+def test_with_nothing_that_is_expendable_nothing_rests() -> None:
+    pe = flying(replace(WATCHED, expendable=frozenset()))
+    assert stopped(alone(pe)) == []
+    assert pe.running == ALL
+
+
+def test_a_lease_that_names_what_runs_starts_it_again_whoever_reigns() -> None:
+    pe = flying()
+    alone(pe)
+    assert started(pe.command(lease(epoch=0, term=2))) == []
+    assert started(pe.command(lease(term=2))) == [MONITOR]
+    assert pe.running == ALL
+    assert started(pe.command(lease(term=2))) == []
+
+
+def test_the_same_manager_is_heard_again_with_the_very_words_of_before() -> None:
+    pe = flying()
+    alone(pe)
+    assert started(pe.command(lease())) == [MONITOR]
+    assert stopped(alone(pe)) == [MONITOR]
+
+
+def test_a_command_that_is_no_lease_starts_nothing() -> None:
+    pe = flying()
+    alone(pe)
+    actions = pe.command(Alive(1, 0, frozenset({NODE})), Activate(1, 7, Step.GO_ALL, 1007))
+    assert started(actions) == []
+    assert pe.running == CRITICAL
+
+
+def test_a_new_configuration_starts_what_it_wants() -> None:
+    pe = flying()
+    alone(pe)
+    pe.command(lease(), *slice_messages(replace(WATCHED, publish={}), 8, 1008))
+    alone(pe)
+    assert started(pe.command(Activate(1, 8, Step.BREAK, 1008))) == []
+    assert pe.running == CRITICAL
+    pe.command(lease(Step.GO_ALL, epoch=8))
+    assert pe.running == ALL
+
+
+def test_one_that_does_not_want_it_forgets_it() -> None:
+    pe = flying()
+    alone(pe)
+    pe.command(lease(epoch=0), *slice_messages(FLYING, 8, 1008), Activate(1, 8, Step.GO_ALL, 1008))
+    assert started(pe.command(lease(epoch=8))) == []
+    assert pe.running == CRITICAL
+
+
+def test_what_has_failed_is_not_started_by_a_lease() -> None:
+    pe = flying()
+    pe.give(StartFailed(MONITOR, "broken"))
+    assert stopped(alone(pe)) == []
+    assert started(pe.command(lease())) == []
+
+
+def test_at_break_what_stays_rests_and_comes_back_at_break() -> None:
+    pe = flying()
+    pe.command(*slice_messages(replace(WATCHED, publish={}), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
+    assert stopped(alone(pe)) == [MONITOR]
+    assert started(pe.command(lease(Step.BREAK, epoch=8))) == [MONITOR]
+    pe.command(lease(Step.GO_ALL, epoch=8))
+    assert pe.running == ALL
