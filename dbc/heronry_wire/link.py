@@ -120,6 +120,10 @@ class Link:
         """Take back what waits under these identifiers; what is in flight stays there."""
         self.queue.withdraw(identifiers)
 
+    def stand_back(self, until_ns: int) -> None:
+        """Hand nothing over until then but what is more urgent than data."""
+        self.queue.stands_back_until_ns = until_ns
+
     def accept(self, identifiers: Collection[int]) -> None:
         """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
         self._wanted = frozenset(identifiers)
@@ -169,6 +173,8 @@ class Link:
 
     def next_deadline_ns(self) -> int | None:
         """When to call `pump` at the latest."""
+        if self._deadline_ns is None and len(self.queue):
+            return self.queue.stands_back_until_ns
         return self._deadline_ns
 
     def close(self) -> None:

@@ -51,6 +51,18 @@ class Withdraw:
     identifiers: frozenset[int]
 
 
+@dataclass(frozen=True, slots=True)
+class StandBack:
+    """Hand nothing to the controller of a port until then, on the core's clock, but what is more urgent than data.
+
+    A reconfiguration is on its way. A datum in the mailbox cannot be taken back: what this node has to answer would
+    wait behind it, and it behind the data of all others.
+    """
+
+    port: int
+    until_ns: int
+
+
 class InvariantError(AssertionError):
     """A core found itself in a state that must not be; the message tells what and the recent events."""
 

@@ -6,14 +6,18 @@ analysis would be void. So every sender keeps its frames here and hands over one
 Frames of one identifier stay in their order. The queue is bounded: what does not fit is dropped, the least urgent and
 newest first, and counted; a bus that carries nothing must not fill the memory. A frame may be given a time until which
 it is of use: later it is dropped too, so that what waited out a pause of its sender does not go out as if it were new.
+
+A sender may stand back for a moment: data, and what is less urgent, then stay here until it is over.
 """
 
 from bisect import insort
 
 from heronry_wire.frame import Frame, arbitration_key
+from heronry_wire.identifiers import STANDARD_DATA_IDS
 
 CAPACITY = 512
 _FOR_EVER_NS = 1 << 63
+FIRST_HELD_BACK = arbitration_key(Frame(STANDARD_DATA_IDS[0], b""))  # arbitration key
 
 
 class TransmitQueue:
@@ -25,6 +29,7 @@ class TransmitQueue:
         self._capacity = capacity
         self._frames: list[tuple[int, int, Frame, int]] = []  # the most urgent at the end; the last is when it expires
         self._count = 0
+        self.stands_back_until_ns = 0
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -50,11 +55,13 @@ class TransmitQueue:
         return count
 
     def first(self, now_ns: int) -> Frame | None:
-        """Look at the most urgent frame that is still of use; None where there is none."""
+        """Look at the most urgent frame that is still of use and may go now; None where there is none."""
         while self._frames and self._frames[-1][3] < now_ns:
             self._frames.pop()
             self.expired += 1
-        return self._frames[-1][2] if self._frames else None
+        if not self._frames or (now_ns < self.stands_back_until_ns and -self._frames[-1][0] >= FIRST_HELD_BACK):
+            return None
+        return self._frames[-1][2]
 
     def pop(self) -> Frame:
         """Take the most urgent frame; raises IndexError where there is none."""

@@ -40,7 +40,7 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Arrival, Link
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, Tick, Withdraw
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.service_manager import ServiceManager
 
 _NS_PER_S = 1_000_000_000
@@ -198,6 +198,8 @@ class AgentDriver:
             case Withdraw(identifiers):
                 for link in self._links:
                     link.withdraw(identifiers)
+            case StandBack(port, until_ns):
+                self._links[port].stand_back(until_ns)
             case Note():
                 self._tell(action)
             case _:

@@ -45,7 +45,7 @@ from heronry_wire.management import (
     Step,
     decode_command,
 )
-from heronry_wire.sansio import Received, Withdraw
+from heronry_wire.sansio import Received, StandBack, Withdraw
 
 _BROADCAST = 0
 
@@ -142,7 +142,7 @@ class Obedience:
         turn, running = self.turn, self.reconfiguration.running
         match message:
             case Prepare():
-                turn.wants_page_1 = self.staging.prepare(message, running)
+                self._prepare(message)
             case SliceHead() if message.node == self.index.node:
                 turn.wants_page_1 = self.staging.head(message, running, turn.now_ns)
             case SliceBody() if message.node == self.index.node:
@@ -160,6 +160,13 @@ class Obedience:
                     self.authenticity.obey(message)
             case SliceHead() | SliceBody() | Ping() | Control() | Lease() | Alive():
                 pass
+
+    def _prepare(self, command: Prepare) -> None:
+        """Stage an epoch. One that is on board runs everywhere within two answers: until then data stand back."""
+        before = self.staging.staged
+        self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
+        if self.staging.staged is not before and self.staging.staged.epoch == command.epoch:
+            self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
 
     def _take(self, order: Lease | Activate) -> None:
         """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""

@@ -7,7 +7,8 @@ from heronry_wire.canaerospace import DataType
 from heronry_wire.configuration_slice import SliceError, decode_slice
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.management import LEASE_PERIODS, ElementKind
-from heronry_wire.pe_table import ModuleEntry, PeTable, TableError
+from heronry_wire.pe_table import ModuleEntry, PeTable, Port, TableError
+from heronry_wire.timing import WORST_BLOCKING_BITS
 
 _REMEDY = "write the table anew with 'heronry table'"
 
@@ -22,6 +23,7 @@ class TableIndex:
         self.ports = range(len(table.ports))
         self.uplink = table.uplink
         self.lease_ns = LEASE_PERIODS * table.ports[table.uplink].heartbeat_ns
+        self.stand_back_ns = _stand_back_ns(table.ports[table.uplink])
         self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
         self.leaf_counts = table.leaf_counts()
         self.source_of = {(s.module, s.variable): index for index, s in enumerate(table.sources)}
@@ -56,6 +58,12 @@ class TableIndex:
         """Sources that a module gives in a mode, with their versions."""
         entry = self.modules[module]
         return {self.source_of[entry.name, variable]: v for variable, v in entry.modes[mode].gives.items()}
+
+
+def _stand_back_ns(port: Port) -> int:
+    """How long data stand back: what PREPARE, ACTIVATE, LEASE, ALIVE and three frames of each PE take on a bus."""
+    frames = 4 + 3 * (1 + len(port.nodes))
+    return frames * WORST_BLOCKING_BITS * 1_000_000_000 // port.bitrate
 
 
 def _data_type(table: PeTable, variable: str) -> DataType:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from heronry_agent.module import Datum, Value
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.sansio import NEVER_NS, Received, Send, Tick, Withdraw
+from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
 
 
 class Stepped(NamedTuple):
@@ -180,4 +180,16 @@ ModuleEvent = (
     Stepped | StepFailed | StartFailed | NotReady | StepMeasured | PartitionEnded | ImagesMissing | Driven | DriveFailed
 )
 Event = Received | Tick | Left | ModuleEvent
-Action = Send | Withdraw | StartModule | StopModule | StepModule | MeasureStep | EndPartition | Drive | Heard | Note
+Action = (
+    Send
+    | Withdraw
+    | StandBack
+    | StartModule
+    | StopModule
+    | StepModule
+    | MeasureStep
+    | EndPartition
+    | Drive
+    | Heard
+    | Note
+)

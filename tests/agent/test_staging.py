@@ -11,6 +11,7 @@ from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.management import Activate, PeState, Prepare, Reason, SliceBody, SliceHead, StatePage1, Step
 from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.sansio import StandBack
 
 EPOCH, DIGEST = 7, 1007
 
@@ -118,6 +119,16 @@ def test_a_contingency_on_board_is_staged_by_its_number_alone() -> None:
     assert (answer.staged_epoch, answer.staged_digest, answer.reason) == (EPOCH, 2, Reason.NONE)
     assert started(pe.command(Activate(1, EPOCH, Step.GO, 2))) == [CONTROL]
     assert pages(pe.command(Prepare(1, EPOCH, 2, contingency=2))) != []  # doubled: it is answered again
+
+
+def test_while_a_contingency_is_called_data_stand_back_once() -> None:
+    pe = OnePe(with_contingencies(Slice(), FLYING))
+    actions = pe.command(Prepare(1, EPOCH, 2, contingency=2))
+    (stands_back,) = [action for action in actions if isinstance(action, StandBack)]
+    answers_ns = 3 * 3 * 135 * 1000  # three frames of each of three PEs at 1 Mbit/s
+    assert answers_ns < stands_back.until_ns - pe.now_ns < 2 * answers_ns
+    again = pe.command(Prepare(1, EPOCH, 2, contingency=2), *slice_messages(FLYING, EPOCH + 1, DIGEST))
+    assert not [action for action in again if isinstance(action, StandBack)]
 
 
 def test_a_contingency_that_is_not_on_board_is_asked_for_and_comes_in_slices() -> None:

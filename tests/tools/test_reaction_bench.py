@@ -26,7 +26,7 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
     assert min(times.reaction) > 45.0  # three heartbeats, less what has passed of the first
     assert min(times.held) > 100.0  # and T_lease
     for limit in ("ONE_STEP_MS", "SEVERAL_STEPS_MS"):
-        monkeypatch.setattr(reaction_bench, limit, 1000.0)  # how fast it is is for the bench, not for a test
+        monkeypatch.setattr(reaction_bench, limit, {20: 1000.0})  # how fast it is is for the bench, not for a test
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1000.0})
     assert report(spec, times)
     out = capsys.readouterr().out.splitlines()

@@ -64,6 +64,25 @@ def test_a_frame_on_the_bus_is_not_interrupted_by_a_more_urgent_one() -> None:
     assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
 
 
+def test_who_stands_back_hands_over_nothing_but_what_is_more_urgent_than_data() -> None:
+    nodes = Nodes()
+    nodes.bus.stand_back(nodes.a, 5_000_000)
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.offer(nodes.a, HIGH)
+    nodes.bus.offer(nodes.b, MIDDLE)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [HIGH, MIDDLE, LOW]
+    assert nodes.sent[-1].end_ns == 5_000_000 + exact_bits(LOW) * 1000
+
+
+def test_what_is_in_the_mailbox_stands_back_no_more() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.bus.stand_back(nodes.a, 100_000)
+    nodes.run()
+    assert [sent.end_ns for sent in nodes.sent] == [exact_bits(LOW) * 1000]
+
+
 def test_everybody_hears_a_frame_but_its_sender() -> None:
     nodes = Nodes()
     nodes.bus.offer(nodes.a, LOW)

@@ -91,7 +91,7 @@ def test_what_rests_without_a_manager_stands_last_and_only_where_there_is_any() 
 @pytest.mark.parametrize("odd", ["00", "01 07", "02 AC02 AC02", "02 AC02 00"])
 def test_what_rests_is_told_in_one_way(odd: str) -> None:
     plain = Slice((ModuleSlice(0, 0, ()), ModuleSlice(300, 0, (None,)))).encode()
-    with pytest.raises(SliceError, match="out of order|not to run"):
+    with pytest.raises(SliceError, match=r"out of order|not to run"):
         decode_slice(plain + bytes.fromhex(odd), LEAVES)
 
 

@@ -340,3 +340,16 @@ def test_what_waited_out_a_pause_does_not_go_out(stubborn: Link) -> None:
     stubborn.receive(1_001)
     assert [message.arbitration_id for message in bus.sent] == [5]
     assert stubborn.queue.expired == 1
+
+
+def test_who_stands_back_hands_over_what_is_urgent_and_the_rest_afterwards(stubborn: Link) -> None:
+    bus = Stubborn.current
+    stubborn.stand_back(1_000)
+    stubborn.send(Frame(700, b""), 0)
+    assert (bus.sent, stubborn.next_deadline_ns()) == ([], 1_000)
+    stubborn.send(Frame(5, b""), 10)
+    bus.arrived = [*bus.sent]
+    stubborn.receive(20)
+    assert stubborn.next_deadline_ns() == 1_000
+    stubborn.pump(1_000)
+    assert [message.arbitration_id for message in bus.sent] == [5, 700]

@@ -64,3 +64,12 @@ def test_what_is_no_longer_of_use_does_not_leave() -> None:
     assert queue.expired == 2
     assert drain(queue) == [Frame(7, b"")]
     assert queue.first(0) is None
+
+
+def test_who_stands_back_lets_nothing_go_but_what_is_more_urgent_than_data() -> None:
+    queue = TransmitQueue()
+    queue.stands_back_until_ns = 10
+    queue.push(Frame(300, b""))
+    assert (queue.first(9), queue.first(10)) == (None, Frame(300, b""))
+    queue.push(Frame(299, b""))
+    assert queue.first(9) == queue.pop() == Frame(299, b"")

@@ -40,6 +40,7 @@ from heronry_tools.simulator.station import (
 from heronry_wire.frame import Frame, arbitration_key
 from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits
+from heronry_wire.transmit_queue import FIRST_HELD_BACK
 
 _ERROR_FRAME_BITS = 31
 _HEADER_BITS = 19
@@ -165,7 +166,7 @@ class SimulatedBus:
             return
         self._offers = offer = self._offers + 1
         waiting = Waiting(arbitration_key(frame), offer, station, frame, until_ns)
-        if station.mailbox is None and not station.stalled:
+        if station.mailbox is None and not station.stalled and not self._stands_back(waiting):
             station.mailbox = waiting
             if self._errors_count:
                 self._enter(station)
@@ -179,12 +180,20 @@ class SimulatedBus:
         station.queue = [waiting for waiting in station.queue if waiting.frame.can_id not in identifiers]
         heapify(station.queue)
 
+    def stand_back(self, station: Station, until_ns: int) -> None:
+        """Let data, and what is less urgent, wait at a station until then."""
+        station.stands_back_until_ns = until_ns
+        self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
+
     # Mailboxes
+
+    def _stands_back(self, waiting: Waiting) -> bool:
+        return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
 
     def _refill(self, station: Station) -> None:
         """Hand over the next frame that still serves."""
         queue, now_ns = station.queue, self._clock.now_ns
-        while queue and not station.stalled:
+        while queue and not station.stalled and not self._stands_back(queue[0]):
             waiting = heappop(queue)
             if waiting.until_ns >= now_ns:
                 station.mailbox = waiting

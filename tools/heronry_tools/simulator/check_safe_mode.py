@@ -1,4 +1,4 @@
-"""`without_manager: safe_mode`: a PE that hears no manager lets what is not critical rest, judged by frames and outputs.
+"""`without_manager: safe_mode`: a PE that hears no manager lets what is not critical rest, judged from outside.
 
 A PE is *orphaned* from its first state frame that says so, on the managers' bus, after no LEASE was on that bus for
 T_lease; every LEASE ends that for all. While it is, nothing goes out from it that serves nothing critical in the

@@ -59,7 +59,7 @@ from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, Tick, Withdraw
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
@@ -231,6 +231,10 @@ class SimulatedPe(Node):
         if isinstance(action, Withdraw):
             for bus, station in self.stations:
                 bus.withdraw(station, action.identifiers)
+            return None
+        if isinstance(action, StandBack):
+            bus, station = self.stations[action.port]
+            bus.stand_back(station, self.time.when_ns(action.until_ns))
             return None
         return self._host.carry_out(action, self.time.now_ns())
 

@@ -62,6 +62,7 @@ class Station:
     deaf: bool = False  # sends
     mute: bool = False  # hears
     off: bool = False  # bus-off
+    stands_back_until_ns: int = 0  # only what is more urgent than data moves there
     stalled: bool = False  # its processor stands still: nothing moves from the queue to the mailbox
     fails: bool = False  # its transmitter destroys every frame it sends
     transmit_errors: int = 0
