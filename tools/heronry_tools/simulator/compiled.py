@@ -50,8 +50,8 @@ _COMPILED = {
     "simulator.check_end_state simulator.check_epochs simulator.check_exclusion simulator.check_freshness "
     "simulator.check_liveness simulator.check_load simulator.check_planned_load simulator.check_publishing "
     "simulator.check_queues simulator.check_radio simulator.check_safe_mode simulator.check_service "
-    "simulator.check_silence simulator.checks simulator.clock simulator.commanded simulator.local_clock simulator.node simulator.nodes "
-    "simulator.protocol_state simulator.station simulator.violation simulator.world",
+    "simulator.check_silence simulator.checks simulator.clock simulator.commanded simulator.local_clock simulator.node "
+    "simulator.nodes simulator.protocol_state simulator.station simulator.violation simulator.world",
 }
 # Types of our own packages are what counts; those of others would take most of the time.
 _TYPE_SETTINGS = """\

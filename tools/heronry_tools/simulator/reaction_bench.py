@@ -3,8 +3,9 @@
 The aircraft is made for this: eight PEs on one bus of 1 Mbit/s, data and management together half of what it carries;
 eight modules that talk and eight that listen from other PEs, each with a second PE to move to; and a DEMUX with
 branches on two PEs. Rates differ by a few per cent, so that data meet at random, as clocks have them do after hours of
-flight; in the first seconds after a GO everybody's data come at once. In each flight one PE dies, at a moment that the seed draws. Every single fault is planned for
-ahead, and the plans are on board: deciding is a look-up, and the plan is called by its number.
+flight; in the first seconds after a GO everybody's data come at once. In each flight one PE dies, at a moment that the
+seed draws. Every single fault is planned for ahead, and the plans are on board: deciding is a look-up, and the plan is
+called by its number.
 
     decide                CPU time of that look-up: from the question to a plan (`planner.foresight`)
     decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO; where a
