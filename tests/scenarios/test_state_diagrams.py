@@ -40,8 +40,9 @@ def watched(owner: type, attribute: str, seen: Changes) -> Iterator[None]:
     """Note every change of a state that some object of a class keeps."""
 
     def change(self: Any, name: str, value: object) -> None:
-        before = getattr(self, attribute, None) if name == attribute else None
-        if isinstance(before, Enum) and isinstance(value, Enum) and before is not value:
+        held = getattr(self, "__dict__", None)  # a default of the class is no state that this object was in
+        before = getattr(self, attribute, None) if held is None or attribute in held else None
+        if name == attribute and isinstance(before, Enum) and isinstance(value, Enum) and before is not value:
             seen.add((before.name, value.name))
         object.__setattr__(self, name, value)
 
