@@ -205,6 +205,11 @@ def _faults(table: PeTable) -> Iterator[str]:
 
 
 def _port_faults(port: Port) -> Iterator[str]:
+    if port.bitrate <= 0:
+        yield f"bus {port.bus} has {port.bitrate} bit/s, which must be positive"
+    for node in port.nodes:
+        if node not in PE_NODES:
+            yield f"bus {port.bus} leads to node {node}, which is not a PE's"
     if not 0 < port.data_per_mille <= 1000:
         yield f"bus {port.bus} has {port.data_per_mille} thousandths for data, which must be 1 to 1000"
     if port.link_id is not None and port.link_id not in GATEWAY_IDS:

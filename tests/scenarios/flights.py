@@ -8,9 +8,11 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.identifiers import Use, classify
 
 MS = 1_000_000
+KEY = Key(bytes(KEY_BYTES))
 LONGEST_START_NS = 5_000 * MS
 
 
@@ -42,9 +44,10 @@ def flying(
     keep_trace: bool = False,
     decide_ns: int = DEFAULT_DECIDE_NS,
     planners: Planners = Planners.BEST,
+    key: Key | None = None,
 ) -> Simulation:
     """A flight after its start, as soon as all is well."""
-    simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns, planners=planners)
+    simulation = Simulation(spec, seed, keep_trace=keep_trace, decide_ns=decide_ns, planners=planners, key=key)
     while not simulation.events_of("reconfigured") or simulation.unsettled():
         simulation.run_for(50 * MS)
         assert simulation.now_ns < LONGEST_START_NS, simulation.unsettled()

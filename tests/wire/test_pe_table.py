@@ -178,6 +178,8 @@ def test_an_initial_value_may_be_whatever_a_variable_can_hold(initial: Json) -> 
         (("modules", 0, "index"), -1, "is not number -1 of module_names"),
         (("modules", 0, "index"), 10**9, "is not number 1000000000 of module_names"),
         (("modules", 0, "modes", 0, "rate_mhz"), 0, "has the rate 0 mHz"),
+        (("ports", 0, "bitrate"), 0, "has 0 bit/s"),
+        (("ports", 0, "nodes"), [91], "leads to node 91"),
         (("modules", 0, "modes", 0, "cpu_millis"), -1, "takes -1 thousandths"),
         (("modules", 0, "modes", 0, "gives"), {"ghost": 1}, "names the unknown variable ghost"),
         (("modules", 0), [], "table.modules[0] holds []"),

@@ -99,20 +99,22 @@ def read_request(line: bytes, spec: Spec) -> Request:
 def _situation(spec: Spec, down: list[str], limits: dict[str, str], phase: str | None) -> Situation:
     if phase is not None and phase not in spec.phases:
         raise MessageError(f"not a request: no phase is named '{phase}'")
+    if not all(isinstance(text, str) for text in (*down, *limits.values())):
+        raise MessageError("not a request: an element or a limit is no text")
     try:
         return Situation(
             down=frozenset(checked_element(spec, element) for element in down),
             limits={checked_element(spec, element): Fraction(share) for element, share in limits.items()},
             phase=phase,
         )
-    except (UnknownElementError, ValueError) as error:
+    except (UnknownElementError, ValueError, ZeroDivisionError) as error:
         raise MessageError(f"not a request: {error}") from error
 
 
 def _placement(running: dict[str, list[str]] | None) -> Placement | None:
     try:
         return None if running is None else {module: (mode, pe) for module, (mode, pe) in running.items()}
-    except ValueError as error:
+    except (ValueError, TypeError) as error:
         raise MessageError(f"not a request: running: {error}") from error
 
 
@@ -136,7 +138,7 @@ def _line(fields: Mapping[str, object]) -> bytes:
 def _fields(line: bytes) -> dict[str, object]:
     try:
         fields = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise MessageError(f"not a JSON object: {error}") from error
     if not isinstance(fields, dict):
         raise MessageError("not a JSON object")
