@@ -3,10 +3,14 @@
 python-can's own flags (`can.cli.add_bus_arguments`) name one bus; what no flag says is left to can.conf and CAN_*.
 `--bus NAME=[INTERFACE:]CHANNEL` names the bus of a spec. A channel may hold colons itself (a path, an address): only
 the name of an interface that python-can knows counts as one.
+
+A replicated bus has two channels, named with a comma between them wherever one is: `-c can0,can1`, `--bus
+main=can0,can1`, `channel = can0,can1` in can.conf. The second may be of another kind: `-c can0,slcan:/dev/ttyUSB0`.
+Where a bus has one channel, a comma is part of its name.
 """
 
 import argparse
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import can
@@ -41,6 +45,40 @@ def named_buses(texts: Sequence[str], owner: str, buses: Collection[str]) -> dic
             raise BusArgumentError(f"--bus {name}: {owner} has no such bus; it has {', '.join(buses)}")
         if name in named:
             raise BusArgumentError(f"--bus {name} is given twice; name one channel")
-        interface, colon, channel = place.partition(":")
-        named[name] = (interface, channel) if colon and interface in can.VALID_INTERFACES else (None, place)
+        named[name] = _placed(place)
     return named
+
+
+def channel_configs(config: Mapping[str, Any], channels: int, bus: str) -> list[dict[str, Any]]:
+    """Keyword arguments of `can.Bus` for each channel of a bus that has so many; raises BusArgumentError."""
+    if channels == 1:
+        return [dict(config)]
+    named = str(config.get("channel") or _default_channel(config))
+    names = [name.strip() for name in named.split(",")]
+    if len(set(names) - {""}) != channels:
+        say = "name both with a comma between them, for example -c can0,can1"
+        raise BusArgumentError(f"{bus} has {channels} channels, and '{named}' names {len(set(names) - {''})}; {say}")
+    return [{**config, **_channel(name)} for name in names]
+
+
+def channels_named(config: Mapping[str, Any]) -> int:
+    """How many channels are named, for whoever does not know how many there should be."""
+    return len(str(config.get("channel") or "").split(","))
+
+
+def _placed(place: str) -> tuple[str | None, str]:
+    interface, colon, channel = place.partition(":")
+    return (interface, channel) if colon and interface in can.VALID_INTERFACES else (None, place)
+
+
+def _channel(name: str) -> dict[str, str]:
+    interface, channel = _placed(name)
+    return {"channel": channel} if interface is None else {"interface": interface, "channel": channel}
+
+
+def _default_channel(config: Mapping[str, Any]) -> str:
+    """What can.conf or CAN_CHANNEL say, where no flag does."""
+    try:
+        return str(can.util.load_config(config=dict(config)).get("channel") or "")
+    except (can.CanError, ValueError):
+        return ""

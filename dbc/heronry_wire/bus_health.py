@@ -29,7 +29,7 @@ class BusHealth:
         self.name = name
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()
-        self._reason = ""
+        self.reason = ""  # why it is, or was, off
         self._news: list[str] = []
         self._told_ns: dict[str, int] = {}
 
@@ -43,9 +43,9 @@ class BusHealth:
         if self.off_since_ns is None:
             self.off_since_ns = now_ns
             self.counts["lost"] += 1
-            self._reason = ""
-        if reason != self._reason:
-            self._reason = reason
+            self.reason = ""
+        if reason != self.reason:
+            self.reason = reason
             self._news.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:

@@ -19,7 +19,7 @@ millisecond later; no error is ever the end of a link that was once open:
            (restart-ms); one at another bit rate than was asked for is left alone: speaking there would destroy frames
 
 `health` says since when it is lost, tells it in sentences, and counts. Only a bus that cannot be opened at the start
-raises LinkError, with one sentence.
+raises LinkError, with one sentence; one channel of a replicated bus (`replicated_link`) may begin lost.
 
 A node need not hear everything: `accept` has the kernel (or the hub of a software bus) keep back what means nothing to
 it. Filters keep back echoes as well, so an identifier that is sent for the first time is let in before it goes out.
@@ -33,7 +33,7 @@ import socket
 import struct
 import time
 from collections import deque
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
@@ -75,13 +75,17 @@ class Arrival(NamedTuple):
 class Link:
     """A python-can bus with a queue in front of it."""
 
-    def __init__(self, config: Mapping[str, Any]) -> None:
-        """Open the bus that python-can's keyword arguments `config` describe; raises LinkError."""
+    def __init__(self, config: Mapping[str, Any], *, may_begin_lost: bool = False) -> None:
+        """Open the bus that python-can's keyword arguments `config` describe; raises LinkError.
+
+        may_begin_lost: a bus that cannot be opened now is lost, and tried again.
+        """
         self.name = _name(config)
         self.health = BusHealth(self.name)
         self.echoes_lost = 0
         self.has_more = False  # the last `receive` took a whole burst
         self.queue = TransmitQueue()
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # frame, now_ns, and how long it took
         self._in_flight: Frame | None = None
         self._handed_ns = 0  # when it was handed over
         self._departed: deque[int] = deque(maxlen=_BURST)  # how long frames took to leave, since somebody last asked
@@ -96,12 +100,39 @@ class Link:
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
-        self._open()
+        if may_begin_lost:
+            self._open_again(time.monotonic_ns())
+        else:
+            self._open()
 
     @property
     def is_open(self) -> bool:
         """Tell whether there is a descriptor to wait on."""
         return self._bus is not None
+
+    @property
+    def readers(self) -> Sequence["Link"]:
+        """What to wait on until something has come."""
+        return (self,) if self._bus is not None else ()
+
+    @property
+    def off_since_ns(self) -> int | None:
+        """Since when nothing can be sent or heard; None while something can."""
+        return self.health.off_since_ns
+
+    def take_news(self) -> list[str]:
+        """Give what has befallen the bus since the last call, in sentences."""
+        return self.health.take_news()
+
+    @property
+    def nothing_waits(self) -> bool:
+        """Tell whether everything that was sent has been handed over."""
+        return not self.queue
+
+    @property
+    def all_left(self) -> bool:
+        """Tell whether everything that was sent is on the bus."""
+        return self._bus is not None and not self.queue and self._deadline_ns is None
 
     def fileno(self) -> int:
         """Descriptor that is readable when `receive` has something; only while `is_open`."""
@@ -109,12 +140,17 @@ class Link:
 
     def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
         """Queue a frame; it goes out when it is the most urgent one and the bus is free, if that is by `until_ns`."""
+        if self.put(frame, until_ns):
+            self.pump(now_ns)
+
+    def put(self, frame: Frame, until_ns: int | None) -> bool:
+        """Queue a frame for the next `pump`; tells whether the bus is there."""
         if self._bus is None:
             self.health.counts["not sent while lost"] += 1
             self._departed.append(0)  # gone, as far as anybody who waits for it goes
-            return
+            return False
         self.queue.push(frame, until_ns)
-        self.pump(now_ns)
+        return True
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Take back what waits under these identifiers; what is in flight stays there."""
@@ -244,7 +280,7 @@ class Link:
     def _is_echo(self, frame: Frame, now_ns: int, age_ns: int) -> bool:
         """Tell whether a frame is one of our own, and let the next one follow."""
         if frame == self._in_flight:
-            self._departed.append(max(1, now_ns - age_ns - self._handed_ns))
+            self._left(frame, now_ns, max(1, now_ns - age_ns - self._handed_ns))
             self._in_flight = self._deadline_ns = self._waiting_since_ns = None
             self.pump(now_ns)
             return True
@@ -253,6 +289,11 @@ class Link:
             self._waiting_since_ns = None
             return True
         return False
+
+    def _left(self, frame: Frame, now_ns: int, took_ns: int) -> None:
+        self._departed.append(took_ns)
+        if self.on_departure is not None:
+            self.on_departure(frame, now_ns, took_ns)
 
     def _take_error_frame(self, frame: Frame, now_ns: int) -> None:
         report = read_error_frame(frame)
@@ -297,7 +338,7 @@ class Link:
         if self._is_well_known:
             self._in_flight, self._deadline_ns, self._handed_ns = frame, now_ns + ECHO_TIMEOUT_NS, now_ns
         else:
-            self._departed.append(0)
+            self._left(frame, now_ns, 0)
             self._waiting_since_ns = None
         return not self._is_well_known
 

@@ -95,13 +95,18 @@ class Operation(IntEnum):
 
 
 class ElementKind(IntEnum):
-    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order. A phase is only asked for."""
+    """Kinds of elements in EMCY and CONTROL; the index counts in the spec's order.
+
+    A phase is only asked for. Of a channel the index is that of the bus among those of the PE that tells, and the
+    detail of the EMCY is the channel's number, from 1.
+    """
 
     PE = 0
     DEVICE = 1
     MODULE = 2
     BUS = 3
     PHASE = 4
+    CHANNEL = 5
 
 
 class FaultCode(IntEnum):
@@ -113,10 +118,13 @@ class FaultCode(IntEnum):
     REPORTED = 0xFF03  # a module says that an element has failed
     PARTITION_ENDED = 0xFF04  # the process of a module ended under it
     MODULE_RESTARTED = 0xFF08  # no fault yet: a module has failed, and was built anew; the detail counts
+    CHANNEL_LOST = 0xFF09  # no fault of this PE: a channel of a replicated bus carries nothing here
+    CHANNEL_BACK = 0xFF0A  # it does again
     PHASE_REQUEST = 0xFF10  # no fault: a module, or a phase's own rule, asks for a mission phase
 
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
+CHANNEL_REPORT_NS = 1_000_000_000  # so often is a lost channel told of again
 REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
 

@@ -44,6 +44,17 @@ class TransmitQueue:
             del self._frames[0]
             self.dropped += 1
 
+    def limit(self, frame: Frame, until_ns: int, now_ns: int) -> None:
+        """Shorten the time in which the first such frame is of use; what is of no use any more is dropped."""
+        kept = [one for one in self._frames if one[3] >= now_ns]
+        self.expired += len(self._frames) - len(kept)
+        self._frames = kept
+        for place in range(len(kept) - 1, -1, -1):
+            key, count, waiting, latest_ns = kept[place]
+            if waiting == frame and latest_ns > until_ns:
+                kept[place] = key, count, waiting, until_ns
+                return
+
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Take back every 11-bit frame with one of these identifiers."""
         self._frames = [one for one in self._frames if one[2].extended or one[2].can_id not in identifiers]

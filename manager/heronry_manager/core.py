@@ -58,6 +58,7 @@ from heronry_manager.status import status
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import (
     AskStatus,
+    ChannelsLost,
     JournalTold,
     ManagerAction,
     ManagerEvent,
@@ -221,6 +222,8 @@ class ManagerCore:
                 self._turn.ask(self._obey(event))
             case JournalTold(problem):
                 self._journal_told(problem)
+            case ChannelsLost(channels):
+                self._situation.channels.own(channels)
         if self._reign is Reign.STANDBY and self._following.is_orphaned():
             self._follow_up()
         if self.reigns:
@@ -348,6 +351,9 @@ class ManagerCore:
             return
         if not self.reigns:  # it will be said again until somebody acknowledges it
             return
+        if emergency.kind is ElementKind.CHANNEL:
+            self._situation.channels.reported(pe, emergency)
+            return
         is_request = emergency.kind is ElementKind.PHASE
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
@@ -443,6 +449,7 @@ class ManagerCore:
     def _beat(self) -> None:
         """LEASE, ALIVE, and PING for whoever is suspect."""
         now_ns = self._turn.now_ns
+        self._situation.channels.beat()
         counted_on = self._health.counted_on()
         suspects = [pe for pe in counted_on if self._health.standing(pe) is Standing.SUSPECT]
         lease = self._deployment.lease()

@@ -25,6 +25,7 @@ from heronry_manager.events import event
 from heronry_manager.journal import Journal
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.vocabulary import (
+    ChannelsLost,
     Emit,
     JournalTold,
     Keep,
@@ -37,7 +38,7 @@ from heronry_manager.vocabulary import (
 )
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
-from heronry_wire.link import Link
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.service_manager import ServiceManager
 
@@ -60,7 +61,7 @@ class ManagerDriver:
     def __init__(
         self,
         core: ManagerCore,
-        link: Link,
+        link: AnyLink,
         foresight: Foresight,
         control: ControlSocket,
         *,
@@ -74,6 +75,7 @@ class ManagerDriver:
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # so far is the core's clock behind
         self._frozen_ns: int | None = None  # what it says while the bus is lost
+        self._lost_channels: frozenset[int] = frozenset()  # as the core was told
         self._stop_reason: str | None = None
         self._stopping = False
 
@@ -84,7 +86,7 @@ class ManagerDriver:
     def run(self, *, until_eof: bool) -> str | None:
         """Reign until stopped; gives the reason when the core stopped by itself."""
         while not self._stopping and self._stop_reason is None:
-            readers: list[Any] = [*([self._link] if self._link.is_open else []), *([sys.stdin] if until_eof else [])]
+            readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
             readers += [*self._foresight.readers(), *self._control.readers()]
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
@@ -107,7 +109,7 @@ class ManagerDriver:
         """Bring what was written to the disk once every frame is out; tell the core what becomes of it."""
         if self._journal is None:
             return
-        if not self._link.queue:
+        if self._link.nothing_waits:
             self._journal.sync()
         if self._journal.problem != self._journal_problem:
             self._journal_problem = self._journal.problem
@@ -127,16 +129,23 @@ class ManagerDriver:
 
     def _look_at_link(self) -> None:
         """Tell what has befallen the bus; stop the core's clock while it is lost."""
-        for sentence in self._link.health.take_news():
+        for sentence in self._link.take_news():
             self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
             self._service.status(sentence)
-        is_lost = self._link.health.off_since_ns is not None
+        is_lost = self._link.off_since_ns is not None
         if is_lost and self._frozen_ns is None:
             self._frozen_ns = self._now_ns()
         elif not is_lost and self._frozen_ns is not None:
             self._stood_still_ns, self._frozen_ns = time.monotonic_ns() - self._frozen_ns, None
+        if isinstance(self._link, ReplicatedLink):
+            self._compare_channels(self._link.lost_channels(time.monotonic_ns()))
         if is_lost:
             self._service.lives(time.monotonic_ns())  # it speaks again with the bus
+
+    def _compare_channels(self, lost: frozenset[int]) -> None:
+        if lost != self._lost_channels:
+            self._lost_channels = lost
+            self._step(ChannelsLost(lost))
 
     def _take_frames(self) -> None:
         for _ in range(_BURSTS):

@@ -29,6 +29,8 @@ KINDS: Mapping[str, str] = {
     "link_limited": "bus, by, share: so much of a radio's bandwidth is planned with from now on, by its gateway's word",
     "link_gone": "bus, by: the gateway hears nothing from beyond; all PEs there are lost",
     "link_back": "bus, by: something is heard from beyond again",
+    "channel_lost": "channel, by: a channel of a replicated bus carries nothing there; the other one does",
+    "channel_back": "channel, by: it does again",
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
     "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
@@ -79,6 +81,7 @@ class Snapshot:
     pes: dict[str, str] = field(default_factory=dict)  # name -> up, suspect, down, returning
     failed: list[str] = field(default_factory=list)  # latched elements
     links: dict[str, str] = field(default_factory=dict)  # radios with less than all their bandwidth: share, or gone
+    lost_channels: dict[str, list[str]] = field(default_factory=dict)  # of replicated buses: who lacks which one
     plan: dict[str, Any] = field(default_factory=dict)
     stage: str = "starting"  # planning, preparing, activating, running
     reconfigurations: list[dict[str, Any]] = field(default_factory=list)
@@ -118,6 +121,7 @@ def _copy(view: Snapshot) -> Snapshot:
         pes=dict(view.pes),
         failed=list(view.failed),
         links=dict(view.links),
+        lost_channels={channel: list(by) for channel, by in view.lost_channels.items()},
         reconfigurations=list(view.reconfigurations),
         problems=list(view.problems),
     )
@@ -133,12 +137,10 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
             view.spec, view.phase = one["spec"], one.get("phase")
         case "fault_cleared":
             view.failed = [element for element in view.failed if element != one["element"]]
-        case "link_limited" if one["share"] == "100%":
-            view.links.pop(one["bus"], None)
-        case "link_back":
-            view.links.pop(one["bus"], None)
-        case "link_limited" | "link_gone":
-            view.links[one["bus"]] = one.get("share", "gone")
+        case "link_limited" | "link_gone" | "link_back":
+            _apply_link(view, one)
+        case "channel_lost" | "channel_back":
+            _apply_channel(view, one)
         case "phase_changed":
             view.phase = one["phase"]
         case "fault_reported" if one["element"] not in view.failed:
@@ -152,3 +154,15 @@ def _apply(view: Snapshot, one: Mapping[str, Any]) -> None:
             view.problems.append(to_line(one))
         case _:
             pass
+
+
+def _apply_link(view: Snapshot, one: Mapping[str, Any]) -> None:
+    share = one.get("share", "100%" if one["event"] == "link_back" else "gone")
+    view.links.pop(one["bus"], None)
+    view.links |= {one["bus"]: share} if share != "100%" else {}
+
+
+def _apply_channel(view: Snapshot, one: Mapping[str, Any]) -> None:
+    lacking = [by for by in view.lost_channels.pop(one["channel"], []) if by != one["by"]]
+    lacking += [one["by"]] if one["event"] == "channel_lost" else []
+    view.lost_channels |= {one["channel"]: lacking} if lacking else {}

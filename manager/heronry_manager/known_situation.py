@@ -1,8 +1,8 @@
 """The situation as the manager knows it: what is down, what has shrunk, and the phase. A change asks for a plan.
 
 Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
-`radio_links`'s to say, and the phase is `mission_phase`'s. What a lost, late, doubled or forged message does to any of
-them is written there.
+`radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` are told of, and are no part of a plan. What
+a lost, late, doubled or forged message does to any of them is written there.
 
 A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
 
@@ -16,6 +16,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.health import Health, HealthChange
 from heronry_manager.latched_faults import LatchedFault, LatchedFaults
+from heronry_manager.lost_channels import LostChannels
 from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
@@ -45,6 +46,7 @@ class KnownSituation:
         self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
+        self.channels = LostChannels(spec, turn)
         self._remember()
 
     @property

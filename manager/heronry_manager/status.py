@@ -11,6 +11,7 @@ A pure function of the parts of the core. The document is versioned; a later ver
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
+    channels        of replicated buses, by name (can0.1): who hears nothing on it
     functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch)
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
@@ -57,6 +58,7 @@ def status(
             for f in situation.failed.all()
         ],
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
+        "channels": situation.channels.lost_by(),
         "functions": {f.name: _function(f, phase, plan) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),

@@ -80,6 +80,13 @@ class JournalTold:
 
 
 @dataclass(frozen=True, slots=True)
+class ChannelsLost:
+    """Which channels of the manager's bus, from 1, carry nothing of what the other one carries; told on change."""
+
+    channels: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """The manager must end; `reason` is a sentence for the user."""
 
@@ -140,5 +147,5 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold | ChannelsLost
 ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop

@@ -23,15 +23,15 @@ from heronry_agent.in_process_host import InProcessHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
-from heronry_agent.table_waiting import Waiting, WaitingCore
+from heronry_agent.table_waiting import HEARTBEAT_NS, MISSES, Waiting, WaitingCore
 from heronry_agent.vocabulary import Note
 from heronry_wire.authentication import Key
-from heronry_wire.bus_arguments import BusArgumentError, flagged_bus
+from heronry_wire.bus_arguments import BusArgumentError, channel_configs, channels_named, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import KeyFileError, read_key
-from heronry_wire.link import Link
 from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
 _LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
@@ -45,6 +45,7 @@ examples:
   pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
   pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
   pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
+  pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
   pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
   pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes it from who has the key alone
 
@@ -125,9 +126,9 @@ def _run(arguments: argparse.Namespace) -> int:
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
     with ExitStack() as undo:
-        links = []
-        for config in configs:
-            links.append(Link(config))
+        links: list[AnyLink] = []
+        for port, config in zip(table.ports, configs, strict=True):
+            links.append(open_link(config, port.heartbeat_ns, port.misses))
             undo.callback(links[-1].close)
         if id_is_taken(links, table):
             sentence = f"another node on the bus has node-ID {table.node_id}; give one of them another in the spec"
@@ -160,7 +161,8 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
-    with closing(Link(flags)) as link:
+    channels = channel_configs(flags, channels_named(flags), "the bus")
+    with closing(open_link(channels, HEARTBEAT_NS, MISSES)) as link:
         if hears_own_id([link], arguments.node, _LISTEN_NS):
             raise HeronryError(f"another node on the bus has node-ID {arguments.node}; give one of them another")
         waiting = Waiting(core, link, tell)
@@ -185,12 +187,15 @@ def _read_table(file: Path) -> PeTable:
         raise TableError(f"{file}: {error}") from error
 
 
-def _print_counts(core: AgentCore, links: Sequence[Link], table: PeTable) -> None:
+def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> None:
     for (what, where), times in sorted(core.counts.items()):
         _print_note(Note("count", f"{what} ({where}): {times}"))
     for module, times in sorted(core.modules.schedule.overruns.items()):
         _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
-    for link in links:
+    for bus in links:
+        if isinstance(bus, ReplicatedLink):
+            _print_note(Note("count", f"{bus.name}: copies {bus.merge.copies}, withheld {bus.merge.stale}"))
+    for link in (link for bus in links for link in (bus.links if isinstance(bus, ReplicatedLink) else (bus,))):
         lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
         _print_note(Note("count", f"{link.name}: {lost}"))
         for what, times in sorted(link.health.counts.items()):

@@ -20,6 +20,7 @@ from functools import partial
 
 from heronry_agent.authenticity import Authenticity, Secret
 from heronry_agent.canopen_node import CanopenNode
+from heronry_agent.channel_reports import ChannelReports
 from heronry_agent.gateway import Gateway
 from heronry_agent.obedience import Obedience
 from heronry_agent.pe_objects import Parts
@@ -36,6 +37,7 @@ from heronry_agent.table_index import TableIndex
 from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import (
     Action,
+    ChannelsLost,
     DriveFailed,
     Driven,
     Event,
@@ -50,6 +52,7 @@ from heronry_agent.vocabulary import (
     Stepped,
 )
 from heronry_agent.without_manager import WithoutManager
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.management import PeFlags
 from heronry_wire.pe_table import PeTable
@@ -109,6 +112,7 @@ class AgentCore:
         self._radios = {
             port: RadioPort(port, index, now_ns) for port, entry in enumerate(table.ports) if entry.link_id is not None
         }
+        self._channels = ChannelReports(index.node)
         self._reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
         self._canopen = CanopenNode(
             Parts(
@@ -194,6 +198,7 @@ class AgentCore:
                 self.staging.ask_ns,
                 self._canopen.next_ns,
                 self._without_manager.next_ns,
+                self._channels.next_ns,
             )
         return min(due_ns, *(radio.next_ns for radio in self._radios.values())) if self._radios else due_ns
 
@@ -252,6 +257,8 @@ class AgentCore:
                 self._images_missing(event)
             case Left(port, took_ns):
                 self._radios[port].left(took_ns)
+            case ChannelsLost(port, channels):
+                self._channels_lost(port, channels)
             case Received():
                 raise AssertionError
         if self._turn.now_ns >= self.modules.next_ns:
@@ -263,6 +270,16 @@ class AgentCore:
         self.staging.reader.missing_images |= event.images
         for image in sorted(event.images):
             self._turn.note("image", f"{image} cannot be run here")
+
+    def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
+        """The driver has compared the channels of a bus: this is told, and nothing else happens."""
+        bus = self._index.table.ports[port].bus
+        names = ", ".join(f"{bus}.{channel}" for channel in sorted(lost))
+        self._turn.note("channel", f"{names} carries nothing here" if lost else f"{bus} has both its channels")
+        self._tell(self._channels.told(port, lost, self._turn.now_ns))
+
+    def _tell(self, frames: list[Frame]) -> None:
+        self._turn.out += [Send(self._index.uplink, frame) for frame in frames]
 
     def _tick(self) -> None:
         turn = self._turn
@@ -280,6 +297,8 @@ class AgentCore:
                 self.authenticity.beat()
         if turn.now_ns >= self.modules.faults.next_ns:
             self.modules.repeat_faults()
+        if turn.now_ns >= self._channels.next_ns:
+            self._tell(self._channels.tick(turn.now_ns))
 
     def _note_start(self) -> None:
         table = self._index.table

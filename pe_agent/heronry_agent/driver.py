@@ -35,11 +35,12 @@ from typing import Any
 from heronry_agent.core import AgentCore
 from heronry_agent.in_process_host import InProcessHost
 from heronry_agent.partition_host import PartitionHost
-from heronry_agent.vocabulary import Action, Event, Left, Note
+from heronry_agent.vocabulary import Action, ChannelsLost, Event, Left, Note
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, state_id
-from heronry_wire.link import Arrival, Link
+from heronry_wire.link import Arrival
 from heronry_wire.pe_table import PeTable
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink
 from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 from heronry_wire.service_manager import ServiceManager
 
@@ -48,12 +49,12 @@ _BURSTS = 8  # of 64 frames, taken in one turn; SocketCAN's default buffer holds
 _LISTEN_PERIODS = 2  # heartbeats of a node that runs
 
 
-def hears_own_id(links: Sequence[Link], node: int, listen_ns: int) -> bool:
+def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
     """Listen before speaking: tell whether another node already has this node-ID."""
     own = (state_id(node), heartbeat_id(node))
     end_ns = time.monotonic_ns() + listen_ns
     while (left_ns := end_ns - time.monotonic_ns()) > 0:
-        select.select([link for link in links if link.is_open], [], [], left_ns / _NS_PER_S)
+        select.select([reader for link in links for reader in link.readers], [], [], left_ns / _NS_PER_S)
         for link in links:
             if any(_is_plain(frame) and frame.can_id in own for _, frame in link.receive(time.monotonic_ns())):
                 return True
@@ -64,7 +65,7 @@ def _is_plain(frame: Frame) -> bool:
     return not (frame.extended or frame.remote or frame.error)
 
 
-def id_is_taken(links: Sequence[Link], table: PeTable) -> bool:
+def id_is_taken(links: Sequence[AnyLink], table: PeTable) -> bool:
     """Listen for as long as a PE with this table's node-ID could be silent: tell whether there is one."""
     return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
 
@@ -77,7 +78,7 @@ class AgentDriver:
         table: PeTable,
         new_core: Callable[[], AgentCore],
         host: PartitionHost | InProcessHost,
-        links: Sequence[Link],
+        links: Sequence[AnyLink],
         *,
         tell: Callable[[Note], None],
         service: ServiceManager,
@@ -87,6 +88,7 @@ class AgentDriver:
         self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
         self._service, self._own_state = service, state_id(table.node_id)
         self._off_since_ns: int | None = None  # the outage of the uplink that is not dealt with yet
+        self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as the core was told
         self._accepted: Collection[int] = ()  # what the links were last told to take in
         self._until_eof = False
         self._stopping = False
@@ -100,7 +102,8 @@ class AgentDriver:
         self._until_eof = until_eof
         always: list[Any] = [sys.stdin] if until_eof else []
         while not self._stopping:
-            readers: list[Any] = [*always, *self._host.readers(), *(link for link in self._links if link.is_open)]
+            readers: list[Any] = [*always, *self._host.readers()]
+            readers += [reader for link in self._links for reader in link.readers]
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and self._is_abandoned():
                 break
@@ -124,13 +127,20 @@ class AgentDriver:
 
     def _look_at_links(self, now_ns: int) -> None:
         """Tell what has befallen them, and begin anew after an outage in which this PE will have been replaced."""
-        for link in self._links:
-            for sentence in link.health.take_news():
+        for port, link in enumerate(self._links):
+            for sentence in link.take_news():
                 self._tell(Note("bus", sentence))
                 self._service.status(sentence)
-        before_ns, self._off_since_ns = self._off_since_ns, self._links[self._table.uplink].health.off_since_ns
+            if isinstance(link, ReplicatedLink):
+                self._compare_channels(port, link.lost_channels(now_ns))
+        before_ns, self._off_since_ns = self._off_since_ns, self._links[self._table.uplink].off_since_ns
         if before_ns is not None and self._off_since_ns is None and now_ns - before_ns > self.core.lease_ns:
             self._begin_anew()
+
+    def _compare_channels(self, port: int, lost: frozenset[int]) -> None:
+        if lost != self._lost_channels.get(port, frozenset()):
+            self._lost_channels[port] = lost
+            self._step(time.monotonic_ns(), ChannelsLost(port, lost))
 
     def _begin_anew(self) -> None:
         """Stop all modules, listen, and be a new incarnation of this PE."""
@@ -145,7 +155,7 @@ class AgentDriver:
             self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
             if self._stopping:
                 return
-        self.core, self._accepted = self._new_core(), ()
+        self.core, self._accepted, self._lost_channels = self._new_core(), (), {}
 
     def _accept(self, identifiers: Collection[int]) -> None:
         self._accepted = identifiers

@@ -3,19 +3,20 @@
 python-can's own flags (and can.conf, and CAN_*) name the uplink, the bus toward the manager. `--bus
 NAME=[INTERFACE:]CHANNEL` names any bus of the table; without an interface it is that of the flags. The bit rate is the
 table's, unless the flags give another for the uplink; that of a radio is what it carries through the air, which the
-adapter before it need not be told (an slcan modem takes the rates of CAN controllers alone).
+adapter before it need not be told (an slcan modem takes the rates of CAN controllers alone). Of a replicated bus both
+channels are named.
 """
 
 import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from heronry_wire.bus_arguments import BusArgumentError, flagged_bus, named_buses
+from heronry_wire.bus_arguments import BusArgumentError, channel_configs, flagged_bus, named_buses
 from heronry_wire.pe_table import PeTable
 
 
-def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[str]) -> list[dict[str, Any]]:
-    """Keyword arguments of `can.Bus` for each port; `named` are the values of `--bus`. Raises BusArgumentError."""
+def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[str]) -> list[list[dict[str, Any]]]:
+    """Keyword arguments of `can.Bus` by port and channel; `named` are values of `--bus`. Raises BusArgumentError."""
     flags = flagged_bus(arguments)
     places = named_buses(named, table.name, [port.bus for port in table.ports])
     configs = []
@@ -29,5 +30,6 @@ def bus_configs(table: PeTable, arguments: argparse.Namespace, named: Sequence[s
             remedy = f"add --bus {port.bus}=INTERFACE:CHANNEL"
             raise BusArgumentError(f"bus {port.bus} of {table.name} has no channel; {remedy}")
         rate = {} if "timing" in config or port.wireless else {"bitrate": port.bitrate}
-        configs.append({**rate, **{key: value for key, value in config.items() if value is not None}})
+        config = {**rate, **{key: value for key, value in config.items() if value is not None}}
+        configs.append(channel_configs(config, port.channels, f"bus {port.bus} of {table.name}"))
     return configs

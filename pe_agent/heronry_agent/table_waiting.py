@@ -37,7 +37,6 @@ from heronry_agent.turn import Turn
 from heronry_agent.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
-from heronry_wire.link import Link
 from heronry_wire.management import (
     Control,
     Lease,
@@ -50,11 +49,12 @@ from heronry_wire.management import (
     decode_command,
 )
 from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
+from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
 
-_HEARTBEAT_NS = 20_000_000  # of a bus, where a spec says nothing
-_MISSES = 3
+HEARTBEAT_NS = 20_000_000  # of a bus, where a spec says nothing
+MISSES = 3
 _WAITING = Facts(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0, Reason.NONE, 0)
 _NS_PER_S = 1_000_000_000
 _LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
@@ -140,7 +140,7 @@ class WaitingCore:
 
 def _empty_table(node: int, bitrate: int) -> PeTable:
     """Table of a PE that can run nothing."""
-    port = Port("uplink", bitrate, _HEARTBEAT_NS, _MISSES, wireless=False, channels=1, nodes=())
+    port = Port("uplink", bitrate, HEARTBEAT_NS, MISSES, wireless=False, channels=1, nodes=())
     table = PeTable(
         format=FORMAT,
         spec="",
@@ -163,7 +163,7 @@ def _empty_table(node: int, bitrate: int) -> PeTable:
 class Waiting:
     """The thin shell of a WaitingCore: one bus, one select loop."""
 
-    def __init__(self, core: WaitingCore, link: Link, tell: Callable[[Note], None]) -> None:
+    def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
         """`tell` gets every note as it happens."""
         self._core, self._link, self._tell = core, link, tell
         link.accept(core.identifiers)
@@ -177,7 +177,7 @@ class Waiting:
         """Wait until there is a table and the answer to it is on the bus; None when stopped."""
         core, link = self._core, self._link
         while not self._stopping:
-            readers: list[Any] = [*([link] if link.is_open else []), *([sys.stdin] if until_eof else [])]
+            readers: list[Any] = [*link.readers, *([sys.stdin] if until_eof else [])]
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
@@ -187,9 +187,9 @@ class Waiting:
             if now_ns >= core.next_deadline_ns():
                 self._carry_out(core.step(now_ns, Tick()), now_ns)
             link.pump(now_ns)
-            for sentence in link.health.take_news():
+            for sentence in link.take_news():
                 self._tell(Note("bus", sentence))
-            if core.table is not None and not link.queue and link.next_deadline_ns() is None:
+            if core.table is not None and link.all_left:
                 return core.table
         return None
 

@@ -176,10 +176,17 @@ class Left(NamedTuple):
     took_ns: int
 
 
+class ChannelsLost(NamedTuple):
+    """Which channels of a port's bus, from 1, carry nothing of what the other one carries; told on change."""
+
+    port: int
+    channels: frozenset[int]
+
+
 ModuleEvent = (
     Stepped | StepFailed | StartFailed | NotReady | StepMeasured | PartitionEnded | ImagesMissing | Driven | DriveFailed
 )
-Event = Received | Tick | Left | ModuleEvent
+Event = Received | Tick | Left | ChannelsLost | ModuleEvent
 Action = (
     Send
     | Withdraw

@@ -5,9 +5,10 @@ Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot
 
 import argparse
 import json
+import select
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
+_USUAL_HEARTBEAT_NS = 20_000_000
 _DIGEST_SUB = 3  # of object SPEC
 _EPILOG = """\
 examples:
@@ -26,6 +28,7 @@ examples:
   heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether they are those of this spec
   heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has its table alone
   heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
+  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and who is on one of them only
   heronry doctor -i socketcan -c can0 --json | jq .findings
 
 It listens, and asks every PE that it hears by SDO which spec its table is of; it commands nothing. In flight leave that
@@ -77,8 +80,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     from heronry_tools.doctor.computer import judge_computer, knows_can  # noqa: PLC0415
     from heronry_tools.doctor.finding import Finding  # noqa: PLC0415
     from heronry_tools.doctor.interface import judge_interface  # noqa: PLC0415
-    from heronry_tools.doctor.listening import judge_digests, judge_hearing  # noqa: PLC0415
-    from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
+    from heronry_tools.doctor.listening import judge_channels, judge_digests, judge_hearing  # noqa: PLC0415
+    from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
     from heronry_wire.can_interface import read_interface  # noqa: PLC0415
     from heronry_wire.link import LinkError, open_bus  # noqa: PLC0415
 
@@ -86,22 +89,29 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     is_socketcan = flags.get("interface") == "socketcan"
     yield from judge_computer(needs_can=is_socketcan)
-    if is_socketcan and knows_can():
-        name = str(flags.get("channel", "can0"))
-        found = list(judge_interface(name, read_interface(name), None if expected is None else expected.bitrate))
-        yield from found
-        if not found[0].is_right:
+    channels = channels_named(flags) if expected is None else expected.channels
+    buses: dict[str, can.BusABC] = {}
+    with ExitStack() as stack:
+        for config in channel_configs(flags, channels, "the bus"):
+            name = str(config.get("channel", "can0"))
+            if config.get("interface") == "socketcan" and knows_can():
+                bitrate = None if expected is None else expected.bitrate
+                found = list(judge_interface(name, read_interface(name), bitrate))
+                yield from found
+                if not found[0].is_right:
+                    continue
+            try:
+                buses[name] = stack.enter_context(open_bus(config)[0])
+            except LinkError as error:
+                if not (is_socketcan and not knows_can()):
+                    yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
+        if not buses:
             return
-    try:
-        bus, _ = open_bus(flags)
-    except LinkError as error:
-        if not (is_socketcan and not knows_can()):
-            yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
-        return
-    with bus:
-        heard = _listen(bus, arguments.seconds)
-        digests = _digests(bus, sorted(heard.incarnations))
+        heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
+        digests = _digests(next(iter(buses.values())), sorted(heard.incarnations))
     yield from judge_hearing(heard, expected, arguments.seconds)
+    if len(buses) > 1:
+        yield judge_channels(heard, expected)
     yield from judge_digests(digests, expected)
 
 
@@ -114,24 +124,38 @@ def _expected(text: str) -> "Expected":
         table = PeTable.from_json(Path(text).read_text(encoding="utf-8"))
         port = table.ports[table.uplink]
         return Expected(
-            table.spec, table.spec_digest, port.bitrate, {n: f"node {n}" for n in (*port.nodes, table.node_id)}
+            table.spec,
+            table.spec_digest,
+            port.bitrate,
+            {n: f"node {n}" for n in (*port.nodes, table.node_id)},
+            port.channels,
+            port.heartbeat_ns,
         )
     spec = load_spec(text)
     bus = spec.buses[spec.manager.bus]
     pes = {pe.node_id: pe.name for pe in spec.pes.values() if bus.name in pe.buses}
-    return Expected(spec.name, spec.digest, bus.bitrate, pes)
+    return Expected(spec.name, spec.digest, bus.bitrate, pes, bus.channels, bus.heartbeat_ns)
 
 
-def _listen(bus: "can.BusABC", seconds: float) -> "Hearing":
+def _listen(buses: dict[str, "can.BusABC"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
+    """Listen to a bus, given by its channels: each frame once, and who is on which channel."""
     from heronry_tools.doctor.listening import Hearing  # noqa: PLC0415
+    from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
     from heronry_wire.link import frame_of  # noqa: PLC0415
 
-    heard, end_s = Hearing(), time.monotonic() + seconds
+    heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
+    merge = ChannelMerge(heartbeat_ns or _USUAL_HEARTBEAT_NS)
     while (left_s := end_s - time.monotonic()) > 0:
-        message = bus.recv(min(left_s, 0.1))
+        ready, _, _ = select.select(list(buses.values()), [], [], min(left_s, 0.1))
         heard.clocks(time.time_ns(), time.monotonic_ns())
-        if message is not None:
-            heard.take(frame_of(message))
+        for number, (name, bus) in enumerate(buses.items()):
+            message = bus.recv(0) if bus in ready else None
+            if message is None:
+                continue
+            frame = frame_of(message)
+            heard.take_copy(name, frame)
+            if len(buses) == 1 or frame.error or merge.take(number, frame, int(message.timestamp * 1e9)):
+                heard.take(frame)
     return heard
 
 

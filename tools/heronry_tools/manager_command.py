@@ -10,6 +10,7 @@ examples:
   heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
   heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
   heronry manager big_blue -i socketcan -c can0 --advise
+  heronry manager twin.dg.yaml -i socketcan -c can0,can1           the manager's bus has 'channels: 2'
   heronry manager big_blue -i socketcan -c can0 --key fleet.key
   heronry manager big_blue -i socketcan -c can0 --standby          the second one, node 127, on another computer
   heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first one, where there is a second

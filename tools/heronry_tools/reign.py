@@ -28,10 +28,10 @@ from heronry_tools.bus_flags import what_it_models
 from heronry_tools.event_printer import print_event
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
-from heronry_wire.bus_arguments import flagged_bus
+from heronry_wire.bus_arguments import channel_configs, flagged_bus
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.key_file import read_key
-from heronry_wire.link import Link
+from heronry_wire.replicated_link import open_link
 from heronry_wire.service_manager import ServiceManager
 
 THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
@@ -46,8 +46,11 @@ def reign(arguments: argparse.Namespace) -> int:
     table = None if made is None else ContingencyTable(spec, made)
     numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
     tell = print_event if arguments.json else screen(spec)
-    rate = {"bitrate": spec.buses[spec.manager.bus].bitrate}
-    link = Link({**rate, **flagged_bus(arguments), "can_filters": FILTERS})
+    bus = spec.buses[spec.manager.bus]
+    config = {"bitrate": bus.bitrate, **flagged_bus(arguments), "can_filters": FILTERS}
+    link = open_link(
+        channel_configs(config, bus.channels, f"bus {bus.name} of {spec.name}"), bus.heartbeat_ns, bus.misses
+    )
     service = ServiceManager()
     file = spec_path(arguments.spec)
     try:

@@ -37,6 +37,9 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
             yield f"! bus:{bus} is gone: nothing is heard from beyond"
         elif link["limit"] < 1000:
             yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of its frames come"
+    for channel, lacking in status["channels"].items():
+        if lacking:
+            yield f"! channel:{channel} carries nothing, say {', '.join(lacking)}; its bus goes on with the other one"
     for phase in status["unwatched"]:
         yield f"! nobody watches for phase {phase}: no module that gives its variable runs"
 

@@ -29,6 +29,8 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "link_limited": ("the link {bus} has {share} of its bandwidth, says {by}", "fault"),
     "link_gone": ("the link {bus} is gone, says {by}", "fault"),
     "link_back": ("the link {bus} is back, says {by}", "plain"),
+    "channel_lost": ("channel {channel} carries nothing, says {by}; the bus goes on with the other one", "fault"),
+    "channel_back": ("channel {channel} is back, says {by}", "plain"),
     "plan_failed": ("no plan: {reason}; what runs goes on", "bad"),
     "pe_refused": ("{pe} cannot stage epoch {epoch}: {reason}", "bad"),
     "second_manager": ("manager {node} reigns too", "bad"),

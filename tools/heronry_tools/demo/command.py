@@ -14,6 +14,7 @@ examples:
   heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
   heronry demo --key fleet.key                        every command and every state is proven
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
+  heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
   heronry demo --kill manager@5                       a second manager stands by, and takes over
   heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
 

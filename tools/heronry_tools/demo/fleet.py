@@ -98,8 +98,8 @@ class Fleet:
         """Start the software buses among them."""
         self._buses = choices
         for choice in choices.values():
-            if choice.is_ours:
-                hub = start_hub(choice.channel, choice.bitrate or self._spec.buses[choice.name].bitrate)
+            for config in choice.configs() if choice.is_ours else ():
+                hub = start_hub(config["channel"], choice.bitrate or self._spec.buses[choice.name].bitrate)
                 self._hubs.append(hub)
                 _prefer(hub.pid, _HUB_PRIORITY)
 

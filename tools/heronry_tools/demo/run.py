@@ -14,18 +14,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
-import can
-
 from heronry_dg.model import Spec
 from heronry_manager.events import event as make_event
 from heronry_tools.demo.buses import BusChoice
+from heronry_tools.demo.ear import Ear
 from heronry_tools.demo.fleet import Fleet
 from heronry_tools.demo.script import MANAGER, Act, PhaseAct, default_acts
 from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
-from heronry_wire.frame import Frame, LoggedFrame, format_log_line
+from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import LAST_MANAGER
-from heronry_wire.link import open_bus
 
 LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
 GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
@@ -57,7 +55,7 @@ class Show:
         """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
         self._acts, self._seconds = list(acts), seconds
         with ExitStack() as stack:
-            buses = {name: stack.enter_context(_open(choice)) for name, choice in self._choices.items()}
+            ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
             for choice in self._choices.values():
                 self._emit(
                     "bus",
@@ -71,19 +69,19 @@ class Show:
             self._standby = self._fleet.start_manager(LAST_MANAGER, standby=True) if has_standby else None
             for pe in self._spec.pes:
                 self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
-            self._loop(stream, buses, record)
+            self._loop(stream, ears, record)
         return self._summary()
 
-    def _loop(self, stream: IO[bytes], buses: Mapping[str, can.BusABC], record: IO[str] | None) -> None:
+    def _loop(self, stream: IO[bytes], ears: Mapping[str, Ear], record: IO[str] | None) -> None:
         begun = time.monotonic()
         self._stream = stream
         while not self._over():
-            readers: list[IO[bytes] | can.BusABC] = [self._stream, *buses.values()]
+            readers: list[Any] = [self._stream, *(reader for ear in ears.values() for reader in ear.readers)]
             select.select(readers, [], [], self._wait_s())
             for one in self._events(self._stream):
                 self._follow(one)
-            for name, bus in buses.items():
-                self._watch(name, bus, record)
+            for name, ear in ears.items():
+                self._watch(name, ear, record)
             self._act()
             self._look()
             words = self._fleet.ended()
@@ -140,14 +138,12 @@ class Show:
             case _:
                 pass
 
-    def _watch(self, name: str, bus: can.BusABC, record: IO[str] | None) -> None:
-        while (message := bus.recv(0)) is not None:
-            frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame)
-            t_ns = int(message.timestamp * 1e9) + self._wall_to_monotonic_ns
+    def _watch(self, name: str, ear: Ear, record: IO[str] | None) -> None:
+        for seconds, frame in ear.hear():
             if name == self._spec.manager.bus:
-                self._witness.see(t_ns, frame)
+                self._witness.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
             if record is not None:
-                record.write(format_log_line(LoggedFrame(int(message.timestamp * 1e6) * 1000, name, frame)) + "\n")
+                record.write(format_log_line(LoggedFrame(int(seconds * 1e6) * 1000, name, frame)) + "\n")
 
     def _act(self) -> None:
         while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
@@ -196,8 +192,3 @@ class Show:
 
     def _emit(self, kind: str, **data: Any) -> None:
         self._tell(make_event(kind, time.monotonic_ns(), **data))
-
-
-def _open(choice: BusChoice) -> can.BusABC:
-    config = {"interface": choice.interface, "channel": choice.channel}
-    return open_bus(config if choice.bitrate is None else {**config, "bitrate": choice.bitrate})[0]

@@ -27,6 +27,8 @@ class Expected:
     digest: str
     bitrate: int
     pes: dict[int, str]  # node-ID -> name, on this bus
+    channels: int = 1
+    heartbeat_ns: int = 20_000_000
 
 
 @dataclass(slots=True)
@@ -38,6 +40,7 @@ class Hearing:
     is_bus_off: bool = False
     terms: dict[int, int] = field(default_factory=dict)  # manager -> term
     incarnations: dict[int, list[int]] = field(default_factory=dict)  # PE -> each time another one than before
+    on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: who is heard there
     clock_step_ns: int = 0  # the largest step of the wall clock
     _offset_ns: int | None = None
 
@@ -62,6 +65,12 @@ class Hearing:
                 if seen[-1:] != [page.incarnation]:
                     seen.append(page.incarnation)
 
+    def take_copy(self, channel: str, frame: Frame) -> None:
+        """Take note of who is heard on a channel of a replicated bus; what is said is taken once, by `take`."""
+        speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
+        if speaker is not None and not (frame.extended or frame.remote or frame.error):
+            self.on_channel[channel].add(speaker)
+
     def clocks(self, wall_ns: int, monotonic_ns: int) -> None:
         """Take a reading of both clocks, made at one moment."""
         offset_ns = wall_ns - monotonic_ns
@@ -80,6 +89,21 @@ def judge_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> 
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
     else:
         yield Finding("clock", "the clock of this computer was not set meanwhile")
+
+
+def judge_channels(heard: Hearing, expected: Expected | None) -> Finding:
+    """Finding about a replicated bus: whether everybody who is heard is heard on both channels."""
+    names = {} if expected is None else expected.pes
+    everybody = set().union(*heard.on_channel.values())
+    lacking = [
+        f"{', '.join(names.get(node, str(node)) for node in sorted(everybody - there))} on {channel}"
+        for channel, there in heard.on_channel.items()
+        if everybody - there
+    ]
+    if lacking:
+        remedy = "look at the wire of that channel: everybody's, where nobody is heard on it, else that node's own"
+        return Finding("channels", f"not heard: {'; '.join(lacking)}", remedy)
+    return Finding("channels", f"everybody is heard on {' and on '.join(heard.on_channel)}")
 
 
 def _judge_traffic(heard: Hearing, seconds: float) -> Finding:

@@ -1,8 +1,9 @@
-"""Faults of radios in a flight of real processes: what the simulator does to a bus, done to the hub of a software bus.
+"""Faults of radios and channels in flights of real processes: what the simulator does to a bus, done to its hub.
 
     omission bus:B level N      receivers miss N frames in a thousand
     collapse bus:B level N      bits take N times longer
     link_cut bus:B              nothing passes any more
+    channel_loss channel:B.N    the same, of one channel of a replicated bus
 
 What is done to a bus at a moment follows from the script and the time alone. Where several faults overlap, the worst
 counts; with the last one the radio is a good one again.
@@ -17,7 +18,7 @@ from can.typechecking import CanFilters
 from heronry_tools.scenario.script import Deed
 from heronry_tools.softbus.client import SoftBus
 
-KINDS = ("omission", "collapse", "link_cut")
+KINDS = ("omission", "collapse", "link_cut", "channel_loss")
 _NS_PER_MS = 1_000_000
 _NOTHING: CanFilters = [{"can_id": 0x7FF, "can_mask": 0x7FF, "extended": False}]
 
@@ -31,20 +32,20 @@ class Disturbance(NamedTuple):
 
 def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
     """What one bus is like at a time of the script."""
-    levels = {"omission": 0, "collapse": 1, "link_cut": 0}
+    levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
         act = deed.fault
         assert act is not None
         if deed.at_ns <= elapsed_ns and (not act.lasts_ms or elapsed_ns < deed.at_ns + act.lasts_ms * _NS_PER_MS):
             levels[act.kind] = max(levels[act.kind], act.level or 1)
-    return Disturbance(levels["collapse"], 1000 if levels["link_cut"] else levels["omission"])
+    return Disturbance(levels["collapse"], 1000 if levels["link_cut"] or levels["channel_loss"] else levels["omission"])
 
 
 class BadRadios:
     """The radios of one flight; as a context manager it leaves them at the end."""
 
     def __init__(self, deeds: Iterable[Deed], channels: Mapping[str, str]) -> None:
-        """`channels` are the paths of the software buses, by name; those that no fault strikes are left alone."""
+        """`channels` are the paths of hubs, by the name of the bus or of its channel; others are left alone."""
         self._faults: dict[str, list[Deed]] = {}
         for deed in deeds:
             if deed.fault is not None:

@@ -69,7 +69,7 @@ def fly(script: Script) -> Flown:
     flight = _Flight(script)
     heard = Observations(script.spec)
     manager_bus = script.spec.manager.bus
-    flight.buses[manager_bus].taps.append(lambda sent: _see(heard, sent))
+    flight.tap(manager_bus, lambda sent: _see(heard, sent))
     start_ns = _begin(flight, script)
     trace: list[tuple[int, str]] = []  # how many events there were before, line
     strikes = Strikes(flight, tuple(deed.fault for deed in script.deeds if deed.fault is not None), start_ns)

@@ -16,10 +16,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
-import can
-
 from heronry_manager.contingency.file_format import to_bytes
 from heronry_tools.demo.buses import BusChoice, choose
+from heronry_tools.demo.ear import Ear
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import UserError
 from heronry_tools.scenario.bad_radios import KINDS, BadRadios
@@ -30,9 +29,7 @@ from heronry_tools.scenario.script import EXAMPLE, Deed, Script
 from heronry_tools.scenario.trace import deed_line, event_line
 from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.planning import plan_ahead
-from heronry_wire.frame import Frame
 from heronry_wire.key_file import make_key
-from heronry_wire.link import open_bus
 
 SLACK_NS = 100_000_000
 _LONGEST_START_S = 60.0
@@ -67,10 +64,14 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         fleet.start_buses(choices)
-        bus = stack.enter_context(_open(choices[spec.manager.bus]))
-        paths = {name: choice.channel for name, choice in choices.items() if choice.is_ours}
-        radios = stack.enter_context(BadRadios(script.deeds, paths))
-        return _Show(script, fleet, bus, radios).run(choices[spec.manager.bus].describe())
+        ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
+        hubs = _hubs(choices)
+        for deed in script.deeds:
+            if deed.fault is not None and deed.fault.name not in hubs:
+                where = "on software buses of its own"
+                raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done {where} alone; leave -c out")
+        radios = stack.enter_context(BadRadios(script.deeds, hubs))
+        return _Show(script, fleet, ear, radios).run(choices[spec.manager.bus].describe())
 
 
 def _made_ahead(script: Script, folder: Path) -> Path | None:
@@ -101,11 +102,21 @@ def _named(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
     return None
 
 
+def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
+    """Paths of the hubs that this flight has started, by the name of what they carry: radio, can0.1."""
+    return {
+        name if choice.channels == 1 else f"{name}.{number}": config["channel"]
+        for name, choice in choices.items()
+        if choice.is_ours
+        for number, config in enumerate(choice.configs(), start=1)
+    }
+
+
 class _Show:
     """One flight in real time."""
 
-    def __init__(self, script: Script, fleet: Fleet, bus: can.BusABC, radios: BadRadios) -> None:
-        self._script, self._fleet, self._bus, self._radios = script, fleet, bus, radios
+    def __init__(self, script: Script, fleet: Fleet, ear: Ear, radios: BadRadios) -> None:
+        self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
         self._heard = Observations(script.spec)
         self._deeds = list(script.deeds)
         self._start_ns: int | None = None
@@ -119,9 +130,9 @@ class _Show:
         for pe in self._script.spec.pes:
             if f"pe:{pe}" not in self._script.without:
                 self._fleet.start_pe(pe)
-        readers: list[IO[bytes] | can.BusABC] = [stream, self._bus]
         begun_s = time.monotonic()
         while self._elapsed_ns() < self._script.end_ns:
+            readers: list[Any] = [stream, *self._ear.readers]
             select.select(readers, [], [], self._wait_s())
             self._take_events(stream)
             self._take_frames()
@@ -170,9 +181,8 @@ class _Show:
             self._start_ns = event["t_ns"]
 
     def _take_frames(self) -> None:
-        while (message := self._bus.recv(0)) is not None:
-            frame = Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame)
-            self._heard.see(int(message.timestamp * 1e9) + self._wall_to_monotonic_ns, frame)
+        for seconds, frame in self._ear.hear():
+            self._heard.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
 
     def _act(self) -> None:
         while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():
@@ -193,8 +203,3 @@ class _Show:
                 self._fleet.start_pe(deed.target.removeprefix("pe:"))
             case _:
                 self._fleet.enter_phase(deed.target)
-
-
-def _open(choice: BusChoice) -> can.BusABC:
-    config = {"interface": choice.interface, "channel": choice.channel}
-    return open_bus(config if choice.bitrate is None else {**config, "bitrate": choice.bitrate})[0]

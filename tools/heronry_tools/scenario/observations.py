@@ -20,7 +20,7 @@ from heronry_wire.management import (
     decode_state,
 )
 
-_ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED)
+_ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED, FaultCode.CHANNEL_BACK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Observations:
     witness: Witness = field(init=False)
     _variables: dict[int, str] = field(init=False)
     _pe_of_state: dict[int, str] = field(init=False)
-    _emergencies: frozenset[int] = field(init=False)
+    _pe_of_emergency: dict[int, str] = field(init=False)
     _names: dict[ElementKind, tuple[str, ...]] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -53,7 +53,7 @@ class Observations:
         self.witness = Witness(spec)
         self._variables = {number: variable for (_, variable), number in identifiers(spec).items()}
         self._pe_of_state = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
-        self._emergencies = frozenset(emcy_id(pe.node_id) for pe in spec.pes.values())
+        self._pe_of_emergency = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._names = {
             ElementKind.PE: tuple(spec.pes),
             ElementKind.DEVICE: tuple(spec.devices),
@@ -76,7 +76,7 @@ class Observations:
             page = decode_state(frame.data)
             if isinstance(page, StatePage0):
                 self.states.append(Heard(t_ns, self._pe_of_state[frame.can_id], page))
-        elif frame.can_id in self._emergencies:
+        elif frame.can_id in self._pe_of_emergency:
             self._report(t_ns, frame)
         elif frame.can_id in _LEASES:
             self.leases.append(t_ns)
@@ -84,6 +84,10 @@ class Observations:
     def _report(self, t_ns: int, frame: Frame) -> None:
         emergency = decode_emergency(frame.data)
         if isinstance(emergency, Malformed) or emergency.code in _ACCUSES_NOBODY:
+            return
+        if emergency.kind is ElementKind.CHANNEL:
+            buses = self.spec.pes[self._pe_of_emergency[frame.can_id]].buses
+            self.reports += [(t_ns, f"channel:{bus}.{emergency.detail}") for bus in buses[emergency.index :][:1]]
             return
         names = self._names.get(emergency.kind, ())
         if emergency.index < len(names):

@@ -24,6 +24,8 @@ _LINES: Mapping[str, str] = {
     "link_limited": "{bus} has {share} of its bandwidth, says {by}",
     "link_gone": "{bus} is gone, says {by}",
     "link_back": "{bus} is back, says {by}",
+    "channel_lost": "channel {channel} carries nothing, says {by}",
+    "channel_back": "channel {channel} is back, says {by}",
     "phase_changed": "phase {phase}, asked for by {by}",
     "adopted": "epoch {epoch} is adopted as it runs",
     "plan_failed": "no plan: {reason}",

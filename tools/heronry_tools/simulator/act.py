@@ -27,6 +27,8 @@ What is not promised, and why:
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
 - `manager_cut`: a manager alone on its side of a broken wire takes everybody for dead, and starts everybody anew when
   it is mended. Where another one stands by, that one reigns by then, and nobody notices.
+- `channel_loss` and `half_cut` take one channel of a replicated bus, from everybody or from one PE. Everything is
+  promised as long as all are left a channel that all others have.
 - `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
   up if it lasts.
 """
@@ -55,7 +57,7 @@ _TEXT = re.compile(
 class Kind:
     """A kind of fault."""
 
-    strikes: str  # pe, gateway, module, device, bus, far_bus (not the manager's), manager
+    strikes: str  # pe, gateway, module, device, bus, far_bus (not the manager's), channel, twin_pe, manager
     lasts_ms: tuple[int, int]
     tells: str
     for_good: float = 0.0  # how often it does not end
@@ -86,6 +88,9 @@ KINDS: Mapping[str, Kind] = {
     "clock_jump": Kind("pe", (0, 0), "a PE's clock jumps ahead", levels=(1, 10, 70, 300)),
     "bus_off": Kind("pe", (0, 0), "a PE's controller has counted too many errors"),
     "bad_transmitter": Kind("pe", (1, 60), "a PE's controller destroys every frame it sends"),
+    "half_cut": Kind(
+        "twin_pe", (20, 3000), "a PE's wire to one channel of its bus breaks (level: which)", levels=(1, 2)
+    ),
     "late": Kind("gateway", (100, 2000), "what a gateway sends is up to 30 ms late, and out of order"),
     "inspect": Kind("pe", (5000, 30000), "somebody reads and writes objects of a PE, and errs", drawn=False),
     "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
@@ -105,6 +110,7 @@ KINDS: Mapping[str, Kind] = {
     "link_cut": Kind("far_bus", (50, 3000), "nothing passes between a gateway and the bus beyond"),
     "link_up_only": Kind("far_bus", (50, 3000), "a gateway is not heard on the bus beyond, and hears"),
     "link_down_only": Kind("far_bus", (50, 3000), "a gateway hears nothing of the bus beyond, and is heard"),
+    "channel_loss": Kind("channel", (100, 3000), "a channel of a replicated bus carries nothing"),
     "babble": Kind("bus", (5, 400), "a stranger sends without end (level: its identifier)", levels=(1, 291, 1999)),
     "rogue": Kind("bus", (5, 400), "a stranger sends under an identifier of ours"),
     "twin": Kind("pe", (5, 1000), "a stranger has a PE's node-ID, and says that it has just started"),
@@ -130,7 +136,7 @@ class Act:
 
     at_ms: int
     kind: str
-    target: str  # pe:NAME, bus:NAME, module:NAME, device:NAME, manager, primary or standby
+    target: str  # pe:NAME, bus:NAME, channel:BUS.N, module:NAME, device:NAME, manager, primary or standby
     lasts_ms: int = 0
     during: str = ""  # one of STATES; empty: whatever the state
     level: int = 0
@@ -181,10 +187,20 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
             return [f"device:{d.name}" for d in spec.devices.values() if d.kind == "sensor"]
         case "bus":
             return [f"bus:{bus}" for bus in spec.buses]
+        case "channel":
+            twins = (bus for bus in spec.buses.values() if bus.channels > 1)
+            return [f"channel:{bus.name}.{number}" for bus in twins for number in range(1, bus.channels + 1)]
+        case "twin_pe":
+            return [f"pe:{pe}" for pe in spec.pes if replicated_bus(spec, pe) is not None]
         case "far_bus":
             return [f"bus:{bus}" for bus in spec.buses if bus != manager_bus]
         case _:
             return [MANAGER]
+
+
+def replicated_bus(spec: Spec, pe: str) -> str | None:
+    """Give the first bus of a PE that has two channels."""
+    return next((bus for bus in spec.pes[pe].buses if spec.buses[bus].channels > 1), None)
 
 
 def _no_target(spec: Spec, kind: str, target: str, targets: list[str]) -> str:

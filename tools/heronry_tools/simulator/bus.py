@@ -14,9 +14,10 @@ What gets through may still be missed by one receiver, or come twice (CAN is not
 one decides for a receiver, the last one for the sender), or, once in an age, be another frame than the one sent
 (`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
 
-A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home.
+A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home. A wire that
+is `broken` carries nothing to anybody, and costs nobody an error; what is sent then waits for it to be mended.
 
-Not modelled: single bits (a frame fails or it does not), the other channel of a replicated bus.
+A replicated bus is two of these (`replicated_port`). Not modelled: single bits (a frame fails or it does not).
 """
 
 from collections.abc import Callable, Container
@@ -90,6 +91,7 @@ class SimulatedBus:
         """`random` is drawn from only where faults ask for it."""
         self.name, self.bitrate, self.faults = name, bitrate, faults
         self.slowdown = 1
+        self.broken = 0  # how many breaks there are in it now
         self.noisy = 0  # how many bursts are destroying every frame now
         self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
         self.tamper: Callable[[Sent], Tampering | None] | None = None
@@ -155,6 +157,17 @@ class SimulatedBus:
         station.stalled = stalled
         self._wake(station)
 
+    def break_wire(self) -> None:
+        """Break the wire for everybody; breaks add up."""
+        self.broken += 1
+
+    def mend_wire(self) -> None:
+        """Mend one break."""
+        self.broken -= 1
+        if not self.broken:
+            for station in self._stations:
+                self._wake(station)
+
     def turn_off(self, station: Station) -> None:
         """Put a station bus-off, as 32 failed frames in a row would."""
         station.transmit_errors = BUS_OFF_ABOVE + 1
@@ -174,6 +187,19 @@ class SimulatedBus:
                 self._wait_for_bus(station)
         else:
             heappush(station.queue, waiting)
+
+    def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
+        """Shorten the time until which a frame, this very object, may start at a station."""
+        mailbox = station.mailbox
+        if mailbox is not None and mailbox.frame is frame:
+            station.mailbox = mailbox._replace(until_ns=min(mailbox.until_ns, until_ns))
+            if self._on_air is None or self._on_air[0] is not mailbox:
+                self._wait_for_bus(station)
+            return
+        for place, waiting in enumerate(station.queue):
+            if waiting.frame is frame:
+                station.queue[place] = waiting._replace(until_ns=min(waiting.until_ns, until_ns))
+                return
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
         """Take back what waits at a station under these identifiers; what it has handed over is sent."""
@@ -226,7 +252,7 @@ class SimulatedBus:
 
     def _arbitrate(self) -> None:
         self._arbitration_due = False
-        head = self._head() if self._on_air is None else None
+        head = self._head() if self._on_air is None and not self.broken else None
         if head is None:
             return
         heappop(self._waiting)
@@ -287,6 +313,8 @@ class SimulatedBus:
         head, destroyed = self._on_air
         rival, self._rival, self._on_air = self._rival, None, None
         sender, frame = head.station, head.frame
+        if self.broken:
+            return
         if destroyed or not sender.can_send:
             self._fail(head, rival)
         else:
@@ -301,7 +329,7 @@ class SimulatedBus:
             self.frames += 1
             self._hand_out(sender, frame)
             if sender.left is not None:
-                sender.left()
+                sender.left(frame)
         if self._waiting and not self._arbitration_due:
             if self._clock.is_last_now():
                 self._arbitrate()

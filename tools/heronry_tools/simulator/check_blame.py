@@ -11,7 +11,7 @@ from heronry_tools.simulator.violation import Violation
 from heronry_wire.frame import Malformed
 from heronry_wire.management import ElementKind, decode_emergency
 
-_ACCUSES_NOBODY = ("RESET", "PHASE_REQUEST", "MODULE_RESTARTED")
+_ACCUSES_NOBODY = ("RESET", "PHASE_REQUEST", "MODULE_RESTARTED", "CHANNEL_LOST", "CHANNEL_BACK")
 
 
 class BlameCheck:

@@ -7,6 +7,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_tools.simulator.bus import Clash, Sent
 from heronry_tools.simulator.check_blame import BlameCheck
+from heronry_tools.simulator.check_channels import ChannelCheck
 from heronry_tools.simulator.check_configurations import ConfigurationCheck
 from heronry_tools.simulator.check_end_state import Seen, end_state
 from heronry_tools.simulator.check_epochs import EpochCheck
@@ -41,7 +42,7 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import Alive, Control, StatePage0, decode_command
+from heronry_wire.management import Alive, Control, StatePage0, decode_command, decode_emergency
 from heronry_wire.pe_table import PeTable
 
 
@@ -63,6 +64,7 @@ class Checks:
         self._orphans = OrphanCheck(spec, has_digests=key is None)
         self._epochs = EpochCheck(spec, has_digests=key is None)
         self._blame = BlameCheck(spec)
+        self.channels = ChannelCheck(spec)
         self._configurations = ConfigurationCheck(spec)
         self._service = ServiceCheck(spec)
         self._freshness = FreshnessCheck(spec, self._commands)
@@ -76,12 +78,13 @@ class Checks:
         self.witness = Witness(spec)
         self._node_of_state = {state_id(node): node for node in PE_NODES}
         self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._pe_of_emcy = {emcy_id(node): pe for node, pe in self._pe_of.items()}
         self._last_commands: dict[int, bytes] = {}
         self._watchers: dict[int, Callable[[Sent], object]] = dict.fromkeys(
             (*STANDARD_DATA_IDS, *ALLOCATED_DATA_IDS), self._datum
         )
         self._watchers |= dict.fromkeys(self._node_of_state, self._state)
-        self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._blame.emergency)
+        self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._emergency)
         self._watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
         self._watchers |= dict.fromkeys(GATEWAY_IDS, self._link)
         for manager in MANAGER_NODES:
@@ -132,7 +135,7 @@ class Checks:
         blamed = self._blame.violations(truth)
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
-            *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode),
+            *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode, self.channels),
         )
         found = [violation for check in checks for violation in check.violations]
         return sorted([*found, *blamed, *stories, *self._inspections])
@@ -190,6 +193,12 @@ class Checks:
         else:
             read = page if self._proven is None else self._proven.read(node, page, self._commands.digests(page))
             self._commands.staged(node, read)
+
+    def _emergency(self, sent: Sent) -> None:
+        self._blame.emergency(sent)
+        pe = self._pe_of_emcy[sent.frame.can_id]
+        if sent.sender == pe:
+            self.channels.emergency(sent, pe, decode_emergency(sent.frame.data))
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data

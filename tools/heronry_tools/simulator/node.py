@@ -5,10 +5,17 @@ processor stands still its controllers go on: what is in a mailbox is sent, and 
 holds, and handed over afterwards with its age, before any deadline passes.
 """
 
+from collections.abc import Callable, Container, Sequence
+from functools import partial
+
+from heronry_dg.model import Bus
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.local_clock import LocalClock
+from heronry_tools.simulator.replicated_port import Copy, ReplicatedPort
 from heronry_tools.simulator.station import Station
+from heronry_wire.frame import Frame
+from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS, Received, require
 
 RECEIVE_BUFFER = 300  # frames; a socket with Linux's default buffer holds about as many, and drops what comes later
@@ -21,12 +28,38 @@ class Node:
     def __init__(self, clock: Clock, time: LocalClock) -> None:
         self.time = time
         self.running = True
-        self.stations: list[tuple[SimulatedBus, Station]] = []
+        self.stations: list[tuple[SimulatedBus, Station]] = []  # two on a replicated bus
+        self._ears: list[Station | ReplicatedPort] = []  # by port: what hands frames on, one for both channels of a bus
+        self._offers: list[Callable[[Frame, int], None]] = []  # by port
         self._clock = clock
         self._armed_ns = NEVER_NS  # on its own clock
         self._last_ring_ns, self._rings = -1, 0  # at one instant
         self._paused_until_ns: int | None = None
         self._kept: list[tuple[int, Received]] = []
+
+    def _join(
+        self,
+        name: str,
+        wires: Sequence[SimulatedBus],
+        entry: Port | Bus,
+        witness: Callable[[Copy], None],
+        wants: Container[int] | None = None,
+    ) -> None:
+        """Join the next bus, on each of its channels; `entry` is what table or spec say of it."""
+        port = len(self._offers)
+        joined = [(wire, wire.join(name, port, self._take, wants)) for wire in wires]
+        self.stations += joined
+        if len(joined) == 1:
+            bus, station = joined[0]
+            self._ears.append(station)
+            self._offers.append(partial(bus.offer, station))
+            return
+        told = partial(self._channels_lost, port)
+        twin = ReplicatedPort(
+            self._clock, joined, entry.heartbeat_ns, entry.misses, listener=self._take, told=told, witness=witness
+        )
+        self._ears.append(twin)
+        self._offers.append(twin.offer)
 
     def stop(self) -> None:
         """Die: silent at once, whatever was queued."""
@@ -47,7 +80,8 @@ class Node:
         if self._paused_until_ns is None:
             for bus, station in self.stations:
                 bus.stall(station, stalled=True)
-                station.listener = self._keep
+            for ear in self._ears:
+                ear.listener = self._keep
         self._paused_until_ns = until_ns
         self._clock.at(until_ns, self._go_on)
 
@@ -62,7 +96,8 @@ class Node:
         self._paused_until_ns = None
         for bus, station in self.stations:
             bus.stall(station, stalled=False)
-            station.listener = self._take
+        for ear in self._ears:
+            ear.listener = self._take
         self._resume()
         while self._kept and self.is_awake:
             arrived_ns, event = self._kept.pop(0)
@@ -100,6 +135,10 @@ class Node:
 
     def _take(self, event: Received) -> None:
         """Hand a frame to the core."""
+        raise NotImplementedError
+
+    def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
+        """Hand over which channels of a port's bus, from 1, carry nothing here."""
         raise NotImplementedError
 
     def _wake(self) -> None:

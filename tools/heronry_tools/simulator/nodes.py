@@ -11,7 +11,7 @@ sixteenth deadline, and a manager at every sixteenth call.
 Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from random import Random
 from typing import Any, NamedTuple
@@ -23,8 +23,10 @@ from heronry_agent.host import ModuleHost
 from heronry_agent.module import Datum, Value
 from heronry_agent.vocabulary import (
     Action,
+    ChannelsLost,
     Drive,
     EndPartition,
+    Event,
     Left,
     MeasureStep,
     ModuleEvent,
@@ -36,6 +38,7 @@ from heronry_agent.vocabulary import (
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
+from heronry_manager.vocabulary import ChannelsLost as OwnChannelsLost
 from heronry_manager.vocabulary import (
     Emit,
     Keep,
@@ -54,6 +57,8 @@ from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import Planners, Prepared, best_plan, plan_at_once
+from heronry_tools.simulator.replicated_port import Copy
+from heronry_tools.simulator.station import FOR_EVER_NS
 from heronry_tools.simulator.world import Window
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
@@ -88,7 +93,7 @@ class SimulatedPe(Node):
         clock: Clock,
         time: LocalClock,
         table: PeTable,
-        buses: Mapping[str, SimulatedBus],
+        buses: Mapping[str, Sequence[SimulatedBus]],
         *,
         incarnation: int,
         secret: Secret | None,
@@ -96,11 +101,13 @@ class SimulatedPe(Node):
         drive: Callable[[Driven], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
+        witness: Callable[[Copy], None],
     ) -> None:
-        """Join the buses and start.
+        """Join the buses, given by name and each with its channels, and start.
 
         drive: is told of every step of what drives.
         broken: how a module fails at its next step, by name; broke: is told that it has.
+        witness: sees every copy of a frame on a replicated bus.
         """
         super().__init__(clock, time)
         self.name = table.name
@@ -122,16 +129,15 @@ class SimulatedPe(Node):
         self.delays: Random | None = None  # draws how long what it passes on is under way; a gateway's disease
         self._passing: Frame | None = None  # what it has just received, and may pass on
         self._unfinished: list[Action] = []
-        self._answers: list[ModuleEvent] = []  # given while the processor stood still
+        self._answers: list[Event] = []  # given while the processor stood still
         self._partitions = {module.index: module.partition for module in table.modules}
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
         self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
-        self.stations = [
-            (buses[port.bus], buses[port.bus].join(table.name, i, self._take)) for i, port in enumerate(table.ports)
-        ]
+        for entry in table.ports:
+            self._join(table.name, buses[entry.bus], entry, witness)
         self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
         for port in self.core.radio_ports:
-            self.stations[port][1].left = partial(self._left, port)
+            self._ears[port].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
 
@@ -154,11 +160,11 @@ class SimulatedPe(Node):
         """Let the controllers filter out what means nothing here now."""
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
-        for port, (bus, station) in enumerate(self.stations):
-            if port not in self.core.radio_ports:
+        for bus, station in self.stations:
+            if station.port not in self.core.radio_ports:
                 bus.wants(station, wanted)
 
-    def _left(self, port: int) -> None:
+    def _left(self, port: int, _: Frame) -> None:
         """A frame has left for a radio; while the processor stands still nobody is told."""
         if self.is_awake and port in self._handed_ns:
             took_ns = self.time.now_ns() - self._handed_ns.pop(port)
@@ -212,12 +218,11 @@ class SimulatedPe(Node):
         port, frame, until_ns = action.port, action.frame, action.until_ns
         if port in self.core.radio_ports:
             self._handed_ns[port] = self.time.now_ns()
-        bus, station = self.stations[port]
         latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
         if self.delays is None or frame is not self._passing:
-            bus.offer(station, frame, latest_ns)
+            self._offers[port](frame, latest_ns)
         else:
-            offer = partial(bus.offer, station, frame, latest_ns)
+            offer = partial(self._offers[port], frame, latest_ns)
             self._clock.at(self._clock.now_ns + self.delays.randrange(30_000_000), offer)
 
     def _do(self, action: Action) -> ModuleEvent | None:
@@ -265,8 +270,11 @@ class SimulatedPe(Node):
         spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
         return StepMeasured(action.module, action.release, spent_ns)
 
-    def _give(self, answer: ModuleEvent) -> None:
-        """Give the core an answer that comes later than it was asked for."""
+    def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
+        self._give(ChannelsLost(port, lost))
+
+    def _give(self, answer: Event) -> None:
+        """Give the core an answer that comes later than it was asked for, or what nobody asked for."""
         if not self.is_awake:
             self._answers.append(answer)
         else:
@@ -331,7 +339,7 @@ class SimulatedManager(Node):
         clock: Clock,
         time: LocalClock,
         spec: Spec,
-        bus: SimulatedBus,
+        bus: Sequence[SimulatedBus],
         *,
         node: int,
         disk: Disk,
@@ -342,16 +350,17 @@ class SimulatedManager(Node):
         key: Key | None = None,
         planners: Planners = Planners.BEST,
         ahead: Prepared,
+        witness: Callable[[Copy], None],
     ) -> None:
-        """Join the bus and start.
+        """Join the bus, on each of its channels, and start.
 
         decide_ns: gives how long the next plan takes. tell: is told every event. ahead: the plans made ahead.
         disk: where its journal is kept.
         """
         super().__init__(clock, time)
-        self._spec, self._bus, self._planners, self._made = spec, bus, planners, ahead.made
+        self._spec, self._planners, self._made = spec, planners, ahead.made
         self._decide_ns, self._tell = decide_ns, tell
-        self._ready: list[PlanReady] = []
+        self._ready: list[ManagerEvent] = []
         self._replies: list[Reply] = []
         self._handed = 0
         self.stopped: str | None = None  # why the core wanted to end
@@ -360,8 +369,7 @@ class SimulatedManager(Node):
             spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key, standby=standby
         )
         self._disk = disk
-        self._station = bus.join(f"manager {node}", 0, self._take, _Heard(self.core))
-        self.stations = [(bus, self._station)]
+        self._join(f"manager {node}", bus, spec.buses[spec.manager.bus], witness, _Heard(self.core))
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
@@ -401,7 +409,7 @@ class SimulatedManager(Node):
     def _do(self, action: ManagerAction) -> None:
         match action:
             case Send(_, frame):
-                self._bus.offer(self._station, frame)
+                self._offers[0](frame, FOR_EVER_NS)
             case RequestPlan():
                 self._plan(action)
             case Emit(event):
@@ -419,15 +427,18 @@ class SimulatedManager(Node):
         known = None if self._made is None or asked.limits else self._made.plan(asked.down, asked.phase, asked.running)
         if known is not None:
             ready = PlanReady(asked.request, known)
-            self._clock.at(self._clock.now_ns + _LOOKED_UP_NS, lambda: self._planned(ready))
+            self._clock.at(self._clock.now_ns + _LOOKED_UP_NS, lambda: self._told(ready))
             return
         plan = plan_at_once if at_once else best_plan
         ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
         after_ns = _AT_ONCE_NS if at_once else self._decide_ns()
-        self._clock.at(self._clock.now_ns + after_ns, lambda: self._planned(ready))
+        self._clock.at(self._clock.now_ns + after_ns, lambda: self._told(ready))
 
-    def _planned(self, ready: PlanReady) -> None:
-        """The planner, a process of its own, has answered."""
+    def _channels_lost(self, _: int, lost: frozenset[int]) -> None:
+        self._told(OwnChannelsLost(lost))
+
+    def _told(self, ready: ManagerEvent) -> None:
+        """The planner, a process of its own, has answered, or the driver has something to tell."""
         if not self.is_awake:
             self._ready.append(ready)
         else:

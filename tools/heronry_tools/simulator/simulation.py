@@ -10,6 +10,7 @@ find it out. Whoever judges the run (`checks`) is told the truth, and sees the f
 import hashlib
 import struct
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -24,6 +25,7 @@ from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.disk import Disk
+from heronry_tools.simulator.first_copies import FirstCopies
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.planning import Planners, prepared
@@ -96,10 +98,15 @@ class Simulation:
         self._hash = hashlib.sha256()
         self._unhashed = bytearray()
         self._numbers: dict[str, int] = {}  # of buses and nodes, for the digest
-        self.buses = {
-            name: SimulatedBus(name, bus.bitrate, self.clock, Random(f"{seed}/{name}"), faults)
-            for name, bus in spec.buses.items()
+        self.wires = {
+            bus.name: tuple(
+                SimulatedBus(bus.name, bus.bitrate, self.clock, Random(f"{seed}/{channel}"), faults)
+                for channel in (bus.name, f"{bus.name}.2")[: bus.channels]
+            )
+            for bus in spec.buses.values()
         }
+        self.buses = {name: wires[0] for name, wires in self.wires.items()}
+        self._both = {name: FirstCopies() for name, wires in self.wires.items() if len(wires) > 1}
         self._tap(keep_trace=keep_trace)
         self._switch_on()
 
@@ -139,11 +146,16 @@ class Simulation:
             if sent == frame:
                 what()
 
-        self.buses[frame.bus].taps.append(tap)
+        self.tap(frame.bus, tap)
+
+    def tap(self, bus: str, tap: Callable[[Sent], None]) -> None:
+        """Let somebody watch a bus, of a replicated one the first copies; the nodes cannot see them."""
+        (self._both[bus].taps if bus in self._both else self.buses[bus].taps).append(tap)
 
     def tamper(self, frame: Sent, tampering: Tampering) -> None:
         """Let one frame of a run that is replayed be lost or doubled."""
-        self.buses[frame.bus].tamper = lambda sent: tampering if sent == frame else None
+        for wire in self.wires[frame.bus]:
+            wire.tamper = lambda sent: tampering if sent == frame else None
 
     def run_until(self, end_ns: int) -> None:
         """Let time pass up to and including `end_ns`."""
@@ -171,7 +183,16 @@ class Simulation:
 
     def broken(self) -> list[Violation]:
         """Give what must never have been, so far."""
-        return self.checks.broken(self.truth, [clash for bus in self.buses.values() for clash in bus.clashes])
+        wires = self.every_wire().values()
+        return self.checks.broken(self.truth, [clash for wire in wires for clash in wire.clashes])
+
+    def every_wire(self) -> dict[str, SimulatedBus]:
+        """Every wire by the name of its bus, or of its channel where the bus is replicated."""
+        return {
+            name if len(wires) == 1 else f"{name}.{number}": wire
+            for name, wires in self.wires.items()
+            for number, wire in enumerate(wires, start=1)
+        }
 
     def unsettled(self) -> list[Violation]:
         """Give what must not be once the aircraft has been left alone for a while."""
@@ -184,10 +205,11 @@ class Simulation:
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
-        queues, epoch = QueueCheck(self.now_ns, self.buses), self.checks.epoch
+        wires = self.every_wire()
+        queues, epoch = QueueCheck(self.now_ns, wires), self.checks.epoch
         while True:
             self.run_for(_LOOK_NS)
-            unwell = self.unsettled() + queues.look(self.now_ns, self.buses)
+            unwell = self.unsettled() + queues.look(self.now_ns, wires)
             epoch_before, epoch = epoch, self.checks.epoch
             if epoch != epoch_before:
                 unwell.append(Violation(self.now_ns, "active", f"epoch {epoch} has just been activated"))
@@ -226,13 +248,14 @@ class Simulation:
             self.clock,
             self._drawn_clock(self._random.randrange(_CLOCKS_APART_NS)),
             self._prepared.tables[pe],
-            self.buses,
+            self.wires,
             incarnation=self._incarnations[pe] % 256,
             secret=self._secret(pe),
             world=self.world,
             drive=self.checks.driven,
             broken=self.broken_modules,
             broke=lambda module: self.failed(f"module:{module}"),
+            witness=self.checks.channels.copy,
         )
 
     def cut(self, pe: str) -> None:
@@ -264,6 +287,20 @@ class Simulation:
             lambda story: self.checks.wrong(self.now_ns, story),
         )
 
+    def break_channel(self, channel: str) -> None:
+        """Break a channel of a replicated bus for everybody (`can0.1`)."""
+        bus, _, number = channel.rpartition(".")
+        self.wires[bus][int(number) - 1].break_wire()
+        self._down.add(f"channel:{channel}")
+
+    def mend_channel(self, channel: str) -> None:
+        """Mend it, if nothing else has broken it meanwhile."""
+        bus, _, number = channel.rpartition(".")
+        wire = self.wires[bus][int(number) - 1]
+        wire.mend_wire()
+        if not wire.broken:
+            self._down.discard(f"channel:{channel}")
+
     def fail_device(self, device: str, how: Failure, offset: float = 0.0) -> None:
         """Let a device fail; whether anybody notices is for the monitors."""
         self.world.fail(device, how, self.clock.now_ns, offset)
@@ -279,7 +316,7 @@ class Simulation:
             self.clock,
             self._drawn_clock(0),
             self.spec,
-            self.buses[self.spec.manager.bus],
+            self.wires[self.spec.manager.bus],
             node=node,
             disk=self._disks[node],
             advise=advise,
@@ -289,6 +326,7 @@ class Simulation:
             ahead=self._prepared,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
             tell=lambda told: self._tell(node, told),
+            witness=self.checks.channels.copy,
         )
 
     def _secret(self, pe: str) -> Secret | None:
@@ -331,11 +369,15 @@ class Simulation:
             self.at(self._random.randrange(_LATEST_START_NS), lambda pe=pe: self.restore(pe))  # type: ignore[misc]
 
     def _tap(self, *, keep_trace: bool) -> None:
-        for bus in self.buses.values():
-            bus.taps.append(self._hash_frame)
-            bus.taps.append(self.checks.see)
+        for name, wires in self.wires.items():
+            for channel, wire in enumerate(wires):
+                wire.taps.append(self._hash_frame)
+                if name in self._both:
+                    wire.taps.append(partial(self.checks.channels.sent, channel))
+                    wire.taps.append(self._both[name].see)
+            self.tap(name, self.checks.see)
             if keep_trace:
-                bus.taps.append(self.trace.append)
+                self.tap(name, self.trace.append)
 
     def _hash_frame(self, sent: Sent) -> None:
         end_ns, bus, sender, frame = sent

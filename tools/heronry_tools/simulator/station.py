@@ -54,7 +54,7 @@ class Station:
     number: int  # among all stations there ever were on this bus
     listener: Callable[[Received], None]
     wants: Container[int] = field(default_factory=_Everything)  # identifiers; what else comes is filtered out
-    left: Callable[[], None] | None = None  # is told whenever a frame has left
+    left: Callable[[Frame], None] | None = None  # is told whenever a frame has left
     can_send: bool = True  # what is in the mailbox takes part in arbitration; follows from the next five
     can_hear: bool = True  # so does this
     present: bool = True

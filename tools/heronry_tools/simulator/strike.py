@@ -10,11 +10,11 @@ is not ended again; what a fault had done to a PE that has died since died with 
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from random import Random
 
-from heronry_tools.simulator.act import KINDS, MANAGERS, Act
+from heronry_tools.simulator.act import KINDS, MANAGERS, Act, replicated_bus
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.forger import Forger
@@ -27,7 +27,7 @@ from heronry_wire.management import PeFlags, PeState, StatePage0
 
 End = Callable[[], None]
 
-_OF_ONE_ELEMENT = ("pe", "gateway", "module", "device")
+_OF_ONE_ELEMENT = ("pe", "gateway", "module", "device", "channel", "twin_pe")
 _PATIENCE_NS = 3_000 * MS  # for a state that does not come
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
@@ -96,7 +96,12 @@ class Strikes:
         from_ns = self._begun[act]
         if to_ns is None and not kind.for_good:
             to_ns = from_ns
-        self.struck.append(Struck(act.target if of_one else None, from_ns, to_ns))
+        self.struck.append(Struck(self._element(act) if of_one else None, from_ns, to_ns))
+
+    def _element(self, act: Act) -> str:
+        """What is as good as down; who has one channel alone is as well served as everybody would be with that one."""
+        bus = replicated_bus(self._simulation.spec, act.name) if KINDS[act.kind].strikes == "twin_pe" else None
+        return act.target if bus is None else f"channel:{bus}.{act.level}"
 
     def _random(self, act: Act) -> Random:
         return Random(f"{self._simulation.seed} {act}")
@@ -164,6 +169,21 @@ def _cut(simulation: Simulation, act: Act, _: Random) -> End | None:
         return None
     simulation.cut(act.name)
     return lambda: simulation.mend(act.name)
+
+
+def _half_cut(simulation: Simulation, act: Act, _: Random) -> End | None:
+    pe, name = simulation.pes.get(act.name), replicated_bus(simulation.spec, act.name)
+    if pe is None or name is None:
+        return None
+    wire = simulation.wires[name][act.level - 1]
+    station = next(station for bus, station in pe.stations if bus is wire)
+    wire.wire(station, cut_off=True)
+    return lambda: wire.wire(station, cut_off=False) if station.present else None
+
+
+def _channel_loss(simulation: Simulation, act: Act, _: Random) -> End:
+    simulation.break_channel(act.name)
+    return lambda: simulation.mend_channel(act.name)
 
 
 def _pause(pe: SimulatedPe, act: Act, _random: Random) -> End:
@@ -280,12 +300,13 @@ def _share(field: str) -> "_Do":
     """Set one of the probabilities of a bus."""
 
     def strike(simulation: Simulation, act: Act, _: Random) -> End:
-        bus = simulation.buses[act.name]
-        before = getattr(simulation.faults, field)
-        bus.faults = replace(bus.faults, **{field: act.level / 1000})
+        wires, before = simulation.wires[act.name], getattr(simulation.faults, field)
+        for wire in wires:
+            wire.faults = replace(wire.faults, **{field: act.level / 1000})
 
         def end() -> None:
-            bus.faults = replace(bus.faults, **{field: before})
+            for wire in wires:
+                wire.faults = replace(wire.faults, **{field: before})
 
         return end
 
@@ -293,21 +314,25 @@ def _share(field: str) -> "_Do":
 
 
 def _burst(simulation: Simulation, act: Act, _: Random) -> End:
-    bus = simulation.buses[act.name]
-    bus.noisy += 1
+    wires = simulation.wires[act.name]
+    for wire in wires:
+        wire.noisy += 1
 
     def end() -> None:
-        bus.noisy -= 1
+        for wire in wires:
+            wire.noisy -= 1
 
     return end
 
 
 def _collapse(simulation: Simulation, act: Act, _: Random) -> End:
-    bus = simulation.buses[act.name]
-    bus.slowdown = act.level
+    wires = simulation.wires[act.name]
+    for wire in wires:
+        wire.slowdown = act.level
 
     def end() -> None:
-        bus.slowdown = 1
+        for wire in wires:
+            wire.slowdown = 1
 
     return end
 
@@ -316,7 +341,7 @@ def _link(direction: str) -> "_Do":
     """Break the link of every gateway of a far bus, in one direction or in both."""
 
     def strike(simulation: Simulation, act: Act, _: Random) -> End | None:
-        gateways = [pe for pe in simulation.pes.values() if len(pe.stations) > 1]
+        gateways = [pe for pe in simulation.pes.values() if len({bus.name for bus, _ in pe.stations}) > 1]
         wires = [wire for pe in gateways for wire in pe.stations if wire[0].name == act.name]
         for bus, station in wires:
             bus.wire(station, **{direction: True})
@@ -331,15 +356,14 @@ def _link(direction: str) -> "_Do":
 
 
 def _babble(simulation: Simulation, act: Act, _: Random) -> End:
-    stranger = Stranger(simulation.clock, simulation.buses[act.name], Frame(act.level, bytes(8)))
-    return stranger.leave
+    return _leaving([Stranger(simulation.clock, w, Frame(act.level, bytes(8))) for w in simulation.wires[act.name]])
 
 
 def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
     identifier = random.choice(simulation.data_identifiers)
     every_ns = random.randint(1, 20) * MS
-    stranger = Stranger(simulation.clock, simulation.buses[act.name], Frame(identifier, bytes(8)), every_ns)
-    return stranger.leave
+    frame, wires = Frame(identifier, bytes(8)), simulation.wires[act.name]
+    return _leaving([Stranger(simulation.clock, wire, frame, every_ns) for wire in wires])
 
 
 def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
@@ -361,14 +385,22 @@ def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
 
 
 def _attack(simulation: Simulation, act: Act, random: Random) -> End:
-    return Forger(simulation.clock, simulation.buses[act.name], random).leave
+    return _leaving([Forger(simulation.clock, wire, random) for wire in simulation.wires[act.name]])
+
+
+def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
+    def leave() -> None:
+        for one in uninvited:
+            one.leave()
+
+    return leave
 
 
 def _alter(uses: frozenset[Use], share: float) -> "_Do":
     """Change what is received, one frame in so many."""
 
     def strike(simulation: Simulation, act: Act, random: Random) -> End:
-        bus = simulation.buses[act.name]
+        wires = simulation.wires[act.name]
 
         def alter(sent: Sent) -> Frame | None:
             frame = sent.frame
@@ -378,14 +410,16 @@ def _alter(uses: frozenset[Use], share: float) -> "_Do":
             data[random.randrange(len(data))] ^= random.randint(1, 255)
             return frame._replace(data=bytes(data))
 
-        bus.corrupt = alter
-        return lambda: _stop_altering(bus)
+        for wire in wires:
+            wire.corrupt = alter
+        return lambda: _stop_altering(wires)
 
     return strike
 
 
-def _stop_altering(bus: SimulatedBus) -> None:
-    bus.corrupt = None
+def _stop_altering(wires: Sequence[SimulatedBus]) -> None:
+    for wire in wires:
+        wire.corrupt = None
 
 
 def _module(simulation: Simulation, act: Act, _: Random) -> End:
@@ -417,6 +451,8 @@ _DO: dict[str, _Do] = {
     "mute": _on_pe(_mute),
     "deaf": _on_pe(_deaf),
     "cut": _cut,
+    "half_cut": _half_cut,
+    "channel_loss": _channel_loss,
     "pause": _on_pe(_pause),
     "slow": _on_pe(_slow),
     "stuck": _stuck,

@@ -1,0 +1,60 @@
+"""Which channel of a replicated bus carries nothing of what the other one carries, as one node sees it.
+
+    well    both channels give signs of life, or neither does: where nobody speaks nothing can be said
+    lost    for more than `misses` heartbeat periods and a quarter one channel has given no sign where the other did.
+            Every node speaks in every period, so this is no chance
+    well    again once it has kept up for ten periods without such a gap: what flaps stays lost
+
+Signs of two kinds are kept apart: that a frame of another node came, and that one of this node's own got out. A channel
+that lacks either is lost here, so a wire that is broken in one direction counts as well. Which wire it is, the
+channel's or this node's own, nobody can tell alone: the manager is told who has lost it.
+
+Only differences between two moments of the same kind count. So a pause of the process loses no channel, nor does a
+silent bus. Lost, doubled or late frames move a sign by that much.
+"""
+
+_HOLD_DOWN_PERIODS = 10
+
+
+class ChannelWatch:
+    """Signs of life of two channels; they are 0 and 1 here, and 1 and 2 in what is told."""
+
+    def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
+        """`heartbeat_ns` and `misses` are those of the bus."""
+        self._patience_ns = misses * heartbeat_ns + heartbeat_ns // 4
+        self._hold_down_ns = _HOLD_DOWN_PERIODS * heartbeat_ns
+        self._heard_ns = [now_ns, now_ns]
+        self._left_ns = [now_ns, now_ns]
+        self._kept_up_ns = [now_ns, now_ns]  # since when
+        self._lost: frozenset[int] = frozenset()
+
+    def heard(self, channel: int, at_ns: int) -> None:
+        """A channel has brought a frame of another node."""
+        self._sign(self._heard_ns, channel, at_ns)
+
+    def left(self, channel: int, at_ns: int) -> None:
+        """A frame of this node has got out on a channel."""
+        self._sign(self._left_ns, channel, at_ns)
+
+    def lost(self, now_ns: int) -> frozenset[int]:
+        """Channels that are lost here, as numbers from 1."""
+        if self._lost or self._lags(0) or self._lags(1):
+            self._lost = frozenset(channel + 1 for channel in (0, 1) if self._is_lost(channel, now_ns))
+        return self._lost
+
+    def _is_lost(self, channel: int, now_ns: int) -> bool:
+        if self._lags(channel):
+            return True
+        return channel + 1 in self._lost and now_ns - self._kept_up_ns[channel] < self._hold_down_ns
+
+    def _lags(self, channel: int) -> bool:
+        other, most_ns = 1 - channel, self._patience_ns
+        return (
+            self._heard_ns[other] - self._heard_ns[channel] > most_ns
+            or self._left_ns[other] - self._left_ns[channel] > most_ns
+        )
+
+    def _sign(self, last_ns: list[int], channel: int, at_ns: int) -> None:
+        if last_ns[1 - channel] - last_ns[channel] > self._patience_ns:
+            self._kept_up_ns[channel] = at_ns
+        last_ns[channel] = max(last_ns[channel], at_ns)

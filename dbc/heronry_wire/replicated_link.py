@@ -1,0 +1,155 @@
+"""A replicated bus of one node: every frame goes out on both channels, and what comes in on either is taken once.
+
+Above this file there is one bus (`AnyLink`): whoever drives a node sends a frame once and receives it once, whichever
+channel brings it. Which copy is taken is `channel_merge`'s to say, and which channel is lost `channel_watch`'s. Each
+channel is a `Link` with a queue of its own, and none waits for the other:
+
+    both well      each sends the most urgent frame first. When a frame has left one channel, its copy on the other has
+                   a quarter of a heartbeat period left to start, and is then dropped: late copies serve nobody
+    one lags       (noise, a queue that is full, an error-passive controller) its copies are dropped as they grow old.
+                   A frame that its controller already has cannot be taken back; who gets it too late withholds it
+    one is lost    (the interface is gone, bus-off, the wire is cut) nothing changes but what is told: `lost_channels`
+                   names it after `misses` heartbeats, and the link tells of what it knows. It is opened again and again
+    both are lost  the bus is lost since the second one went: `off_since_ns`. One of them coming back ends that
+    one returns    it sends and hears at once, and what is late on it is withheld (`channel_merge`). It counts as lost
+                   until it has kept up for ten periods
+    one's own wire or the sender's own wire is as good as the channel, for this node or for that sender
+
+At the start one channel may be missing, since a node must come up in flight when a wire has failed: only if neither can
+be opened is that a LinkError.
+
+What is not seen: two nodes that have each lost another channel do not hear each other, while a third hears both. Each
+is told of by its own node, and somebody has to decide.
+
+A bus with one channel is a plain `Link` (`open_link`), and none of this runs.
+"""
+
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
+from time import monotonic_ns
+from typing import Any
+
+from heronry_wire.channel_merge import ChannelMerge, latest_copy_ns
+from heronry_wire.channel_watch import ChannelWatch
+from heronry_wire.frame import Frame
+from heronry_wire.link import Arrival, Link, LinkError
+
+_DEPARTURES_KEPT = 64
+
+
+class ReplicatedLink:
+    """Two links that are one bus."""
+
+    def __init__(self, configs: Sequence[Mapping[str, Any]], heartbeat_ns: int, misses: int) -> None:
+        """Open both channels; raises LinkError where neither can be opened. Heartbeat and misses are the bus's."""
+        self.links = tuple(Link(config, may_begin_lost=True) for config in configs)
+        self.merge = ChannelMerge(heartbeat_ns)
+        self.name = " and ".join(link.name for link in self.links)
+        if not any(link.is_open for link in self.links):
+            raise LinkError("; ".join(f"{link.name} cannot be opened: {link.health.reason}" for link in self.links))
+        self._watch = ChannelWatch(heartbeat_ns, misses, monotonic_ns())
+        self._latest_copy_ns = latest_copy_ns(heartbeat_ns)
+        self._leaving = ChannelMerge(heartbeat_ns)  # which of two copies is the first to leave
+        self._departed: deque[int] = deque(maxlen=_DEPARTURES_KEPT)
+        for channel, link in enumerate(self.links):
+            link.on_departure = partial(self._left, channel)
+
+    @property
+    def is_open(self) -> bool:
+        """Tell whether some channel is open."""
+        return any(link.is_open for link in self.links)
+
+    @property
+    def readers(self) -> Sequence[Link]:
+        """What to wait on until something has come."""
+        return [link for link in self.links if link.is_open]
+
+    @property
+    def off_since_ns(self) -> int | None:
+        """Since when nothing can be sent or heard; None while something can."""
+        since_ns = [link.off_since_ns for link in self.links]
+        known_ns = [one_ns for one_ns in since_ns if one_ns is not None]
+        return max(known_ns) if len(known_ns) == len(since_ns) else None
+
+    @property
+    def nothing_waits(self) -> bool:
+        """Tell whether everything that was sent has been handed over, on a channel that is open."""
+        return any(link.nothing_waits for link in self.links if link.is_open) or not self.is_open
+
+    @property
+    def all_left(self) -> bool:
+        """Tell whether everything that was sent is on some channel."""
+        return any(link.all_left for link in self.links)
+
+    def take_news(self) -> list[str]:
+        """Give what has befallen the channels since the last call, in sentences."""
+        return [sentence for link in self.links for sentence in link.take_news()]
+
+    def lost_channels(self, now_ns: int) -> frozenset[int]:
+        """Channels, counted from 1, that carry nothing of what the other one carries."""
+        return self._watch.lost(now_ns)
+
+    def send(self, frame: Frame, now_ns: int, until_ns: int | None = None) -> None:
+        """Queue a frame on both channels; a copy that cannot start by `until_ns` is not sent."""
+        there = [link for link in self.links if link.put(frame, until_ns)]
+        if not there:
+            self._departed.append(0)  # gone, as far as anybody who waits for it goes
+        for link in there:
+            link.pump(now_ns)
+
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back what waits under these identifiers; what a controller has stays there."""
+        for link in self.links:
+            link.withdraw(identifiers)
+
+    def accept(self, identifiers: Collection[int]) -> None:
+        """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
+        for link in self.links:
+            link.accept(identifiers)
+
+    def receive(self, now_ns: int) -> list[Arrival]:
+        """Take what has arrived on either channel, without waiting, each frame once."""
+        arrived = [(arrival, channel) for channel, link in enumerate(self.links) for arrival in link.receive(now_ns)]
+        arrived.sort(key=lambda one: one[0].time_ns)
+        taken = []
+        for arrival, channel in arrived:
+            self._watch.heard(channel, arrival.time_ns)
+            if self.merge.take(channel, arrival.frame, arrival.time_ns):
+                taken.append(arrival)
+        return taken
+
+    def pump(self, now_ns: int) -> None:
+        """Hand over what is next; also to be called when `next_deadline_ns` has come."""
+        for link in self.links:
+            link.pump(now_ns)
+
+    def next_deadline_ns(self) -> int | None:
+        """When to call `pump` at the latest."""
+        return min((at_ns for link in self.links if (at_ns := link.next_deadline_ns()) is not None), default=None)
+
+    def departures_ns(self) -> list[int]:
+        """How long each frame that has left since the last call was in the controller that was first to send it."""
+        departed = list(self._departed)
+        self._departed.clear()
+        return departed
+
+    def close(self) -> None:
+        """Close both channels."""
+        for link in self.links:
+            link.close()
+
+    def _left(self, channel: int, frame: Frame, now_ns: int, took_ns: int) -> None:
+        """A frame has left on one channel."""
+        self._watch.left(channel, now_ns)
+        self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
+        if self._leaving.take(channel, frame, now_ns):
+            self._departed.append(took_ns)
+
+
+AnyLink = Link | ReplicatedLink
+
+
+def open_link(configs: Sequence[Mapping[str, Any]], heartbeat_ns: int, misses: int) -> AnyLink:
+    """Open a bus on the channels that python-can's keyword arguments describe, one or two; raises LinkError."""
+    return Link(configs[0]) if len(configs) == 1 else ReplicatedLink(configs, heartbeat_ns, misses)

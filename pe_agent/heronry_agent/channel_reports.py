@@ -1,0 +1,47 @@
+"""What this PE tells of the channels of its replicated buses: which one carries nothing here (protocol rule 8).
+
+The driver compares the channels (`ChannelsLost`); here it is told to the manager, as EMCY:
+
+    lost    CHANNEL_LOST at once, and again every second for as long as it lasts
+    back    CHANNEL_BACK, once
+
+Nothing is acknowledged: a manager takes for well what has not been told for a while. So a lost report costs a second, a
+lost end of it three, a manager that restarts or takes over knows within one, and a PE that dies accuses nobody any
+more. It is a report: no plan changes for it, since the bus is there.
+"""
+
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import emcy_id
+from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
+from heronry_wire.sansio import NEVER_NS
+
+_NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 generic, bit 4 communication
+
+
+class ChannelReports:
+    """Reports of one PE."""
+
+    def __init__(self, node: int) -> None:
+        """`node` is the PE's."""
+        self.next_ns = NEVER_NS
+        self._emcy_id = emcy_id(node)
+        self._lost: set[tuple[int, int]] = set()  # port, channel
+
+    def told(self, port: int, lost: frozenset[int], now_ns: int) -> list[Frame]:
+        """The driver says which channels of a port are lost: what to send now."""
+        now_lost = {(port, channel) for channel in lost}
+        back = sorted(one for one in self._lost - now_lost if one[0] == port)
+        found = sorted(now_lost - self._lost)
+        self._lost.difference_update(back)
+        self._lost.update(found)
+        self.next_ns = now_ns + CHANNEL_REPORT_NS if self._lost else NEVER_NS
+        frames = [self._frame(FaultCode.CHANNEL_BACK, _NO_ERROR, *one) for one in back]
+        return frames + [self._frame(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one) for one in found]
+
+    def tick(self, now_ns: int) -> list[Frame]:
+        """Tell of what is still lost."""
+        self.next_ns = now_ns + CHANNEL_REPORT_NS
+        return [self._frame(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one) for one in sorted(self._lost)]
+
+    def _frame(self, code: FaultCode, register: int, port: int, channel: int) -> Frame:
+        return Frame(self._emcy_id, Emergency(code, register, ElementKind.CHANNEL, port, channel).encode())
