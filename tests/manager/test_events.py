@@ -195,3 +195,15 @@ def test_every_documented_event_is_emitted_by_somebody() -> None:
 def test_the_flight_above_is_made_of_such_events() -> None:
     for one in ALL:
         assert one.keys() - {"v", "t_ns", "event"} == documented(KINDS[one["event"]])
+
+
+def test_who_lacks_a_channel_is_known_until_it_is_back() -> None:
+    lost = [event("channel_lost", 1, channel="can0.2", by=by) for by in ("nav", "the manager", "nav")]
+    view = reduce(lost)
+    assert view.lost_channels == {"can0.2": ["the manager", "nav"]}
+    assert reduce([event("channel_back", 2, channel="can0.2", by="nav")], view).lost_channels == {
+        "can0.2": ["the manager"]
+    }
+    both = [event("channel_back", 2, channel="can0.2", by=by) for by in ("nav", "the manager")]
+    assert reduce(both, view).lost_channels == {}
+    assert view.lost_channels == {"can0.2": ["the manager", "nav"]}

@@ -1,6 +1,7 @@
 """What the scenarios share: the aircraft that fly in them, and how a flight is begun, disturbed and looked back on."""
 
 from functools import cache
+from pathlib import Path
 
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
@@ -35,6 +36,12 @@ def two_tails() -> Spec:
     )
     assert apart != text
     return loads(apart, "two_tails.dg.yaml")
+
+
+@cache
+def twin_wires() -> Spec:
+    """Replicated buses, one of them behind a gateway."""
+    return load(Path(__file__).parent / "twin_wires.dg.yaml")
 
 
 def flying(

@@ -310,3 +310,42 @@ def test_one_frame_is_tampered_with_and_no_other() -> None:
     nodes.bus.offer(nodes.a, HIGH)
     nodes.run()
     assert nodes.heard == {"a": [], "b": [HIGH, HIGH], "c": [LOW, HIGH, HIGH]}
+
+
+def test_a_broken_wire_carries_nothing_costs_no_errors_and_what_still_serves_goes_out_when_it_is_mended() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.clock.run_until(1_000)  # it is on the wire
+    nodes.bus.break_wire()
+    nodes.bus.break_wire()
+    nodes.bus.offer(nodes.b, HIGH, until_ns=2_000)
+    nodes.run()
+    nodes.bus.mend_wire()
+    nodes.run()
+    assert (nodes.sent, nodes.bus.destroyed) == ([], 0)
+    nodes.bus.mend_wire()
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [LOW]
+    assert (nodes.a.transmit_errors, nodes.heard["b"]) == (0, [LOW])
+
+
+def test_the_time_of_one_frame_that_waits_can_be_cut_short() -> None:
+    nodes, copies = Nodes(), [Frame(0x300 + number, bytes([number])) for number in range(3)]
+    nodes.bus.offer(nodes.b, HIGH)
+    for frame in copies:
+        nodes.bus.offer(nodes.a, frame)
+    nodes.clock.run_until(1_000)
+    for frame in (copies[0], copies[2], Frame(*copies[1])):
+        nodes.bus.limit(nodes.a, frame, 2_000)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [HIGH, copies[1]], "an equal frame is another one"
+
+
+def test_what_is_on_the_wire_is_sent_to_its_end_and_not_again() -> None:
+    nodes = Nodes()
+    nodes.bus.offer(nodes.a, LOW)
+    nodes.clock.run_until(1_000)
+    nodes.bus.limit(nodes.a, LOW, 2_000)
+    nodes.run()
+    assert [sent.frame for sent in nodes.sent] == [LOW]
+    assert nodes.a.mailbox is None

@@ -11,7 +11,7 @@ from heronry_tools.simulator.protocol_state import STATES, ProtocolState
 from heronry_tools.simulator.scenario import Outcome, Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
-from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
+from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
 
 
 def struck(simulation: Simulation, *texts: str) -> Strikes:
@@ -22,7 +22,8 @@ def struck(simulation: Simulation, *texts: str) -> Strikes:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_fault_strikes_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
-    spec = big_blue() if KINDS[kind].strikes in ("gateway", "far_bus") else two_tails()
+    specs = {"gateway": big_blue, "far_bus": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
+    spec = specs.get(KINDS[kind].strikes, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
     level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""

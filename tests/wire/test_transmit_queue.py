@@ -13,6 +13,20 @@ def drain(queue: TransmitQueue) -> list[Frame]:
     return [queue.pop() for _ in range(len(queue))]
 
 
+def test_the_time_of_one_frame_can_be_cut_short_and_what_is_over_goes() -> None:
+    queue = TransmitQueue()
+    for _ in range(2):
+        queue.push(Frame(5, b"twice"))
+    queue.push(Frame(4, b"urgent"), 100)
+    queue.limit(Frame(5, b"twice"), 200, 0)
+    queue.limit(Frame(9, b"is not there"), 200, 0)
+    assert queue.first(201) == Frame(5, b"twice")
+    assert (len(queue), queue.expired) == (1, 2)
+    queue.limit(Frame(5, b"twice"), 300, 201)
+    queue.limit(Frame(5, b"twice"), 400, 301)
+    assert (len(queue), queue.expired) == (0, 3)
+
+
 @given(st.lists(frames, max_size=40))
 def test_frames_leave_as_the_bus_would_take_them_and_in_order_within_an_identifier(pushed: list[Frame]) -> None:
     queue = TransmitQueue()

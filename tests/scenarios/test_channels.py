@@ -1,0 +1,103 @@
+"""Pulling one channel of a replicated bus changes nothing but the report, at whatever moment and whoever is hit."""
+
+from typing import Any
+
+import pytest
+
+from heronry_tools.simulator.act import read_act
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
+from heronry_wire.identifiers import emcy_id
+from scenarios.flights import MS, flying, twin_wires
+
+REPORT = ("channel_lost", "channel_back")
+LOSS = "1 crash pe:rear for 2"
+PULLED = [
+    "0.5 channel_loss channel:can0.1 for 5",
+    "0.5 channel_loss channel:can0.2 for 5",
+    "0.5 channel_loss channel:can1.1 for 5",
+    "1.07 channel_loss channel:can0.1 for 1",
+    "3 channel_loss channel:can0.2 for 0.3",
+    "0.5 half_cut pe:front for 3 level 1",
+    "0.5 half_cut pe:tail for 3 level 2",
+]
+
+
+def flight(*acts: str) -> Simulation:
+    simulation = flying(twin_wires(), keep_trace=True)
+    Strikes(simulation, tuple(read_act(twin_wires(), act) for act in (LOSS, *acts)), simulation.now_ns)
+    simulation.run_for(8_000 * MS)
+    return simulation
+
+
+def story(simulation: Simulation) -> list[dict[str, Any]]:
+    """All that the manager told but the report, without times."""
+    timeless = ("t_ns", "times_ns", "decide_ns", "last_heard_ns", "silent_ns", "plan")
+    return [
+        {key: value for key, value in event.items() if key not in timeless}
+        for event in simulation.events
+        if event["event"] not in REPORT
+    ]
+
+
+@pytest.fixture(scope="module")
+def untouched() -> Simulation:
+    return flight()
+
+
+@pytest.mark.parametrize("pull", PULLED)
+def test_a_flight_with_a_channel_pulled_is_the_same_flight(untouched: Simulation, pull: str) -> None:
+    pulled = flight(pull)
+    assert story(pulled) == story(untouched)
+    assert {e["event"] for e in pulled.events} - {e["event"] for e in untouched.events} == set(REPORT)
+    assert pulled.broken() == []
+    assert pulled.settle() == []
+
+
+def test_without_a_fault_both_channels_carry_the_same_and_nobody_tells_anything(untouched: Simulation) -> None:
+    for first, second in untouched.wires.values():
+        assert (first.frames, first.busy_bits) == (second.frames, second.busy_bits)
+    emergencies = {emcy_id(pe.node_id) for pe in untouched.spec.pes.values()}
+    assert not any(sent.frame.can_id in emergencies for sent in untouched.trace)
+    assert len(untouched.trace) == sum(bus.frames for bus in untouched.buses.values())
+
+
+def test_the_same_seed_gives_the_same_frames_on_both_channels() -> None:
+    assert flight(PULLED[0]).digest() == flight(PULLED[0]).digest()
+
+
+def test_a_manager_that_is_new_knows_within_a_second_what_is_lost() -> None:
+    simulation = flying(twin_wires())
+    simulation.break_channel("can0.2")
+    simulation.run_for(500 * MS)
+    simulation.kill_manager()
+    simulation.start_manager()
+    simulation.run_for(1_500 * MS)
+    manager = simulation.manager
+    assert manager is not None
+    assert manager.core.status()["channels"]["can0.2"] == ["the manager", "front", "rear", "tail"]
+
+
+def test_a_node_that_starts_on_one_channel_is_counted_on_and_tells() -> None:
+    simulation = flying(twin_wires())
+    simulation.break_channel("can0.1")
+    simulation.kill("rear")
+    simulation.run_for(500 * MS)
+    simulation.restore("rear")
+    simulation.run_for(2_000 * MS)
+    assert simulation.events_of("pe_joined")[-1]["pe"] == "rear"
+    assert [e["by"] for e in simulation.events_of("channel_lost")].count("rear") >= 1
+    assert simulation.unsettled() == []
+
+
+def test_a_paused_pe_takes_what_came_meanwhile_once() -> None:
+    simulation = flying(twin_wires())
+    for pe in simulation.pes.values():
+        pe.pause(300 * MS)
+    manager = simulation.manager
+    assert manager is not None
+    manager.pause(120 * MS)
+    simulation.break_channel("can0.1")
+    simulation.run_for(2_000 * MS)
+    simulation.mend_channel("can0.1")
+    assert simulation.settle() == []
