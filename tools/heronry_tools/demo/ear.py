@@ -1,30 +1,34 @@
 """One bus of the spec as whoever watches a flight hears it: each frame once, of a replicated bus from either channel.
 
-A channel that fails is heard no more, and the other one is. A bus that has no channel left is an error of the flight.
+Of a bus with one channel its end is an error of the flight. A replicated one is heard as the nodes hear it: a channel
+that fails is waited for.
 """
 
+import time
 from collections.abc import Iterator, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import can
 
 from heronry_dg.model import Bus
 from heronry_tools.demo.buses import BusChoice
-from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.frame import Frame
 from heronry_wire.link import open_bus
+from heronry_wire.replicated_link import ReplicatedLink
+
+_NS_PER_S = 1_000_000_000
 
 
 class Ear:
     """Listens to one bus; as a context manager it leaves it at the end."""
 
     def __init__(self, choice: BusChoice, bus: Bus) -> None:
-        """Open every channel; raises LinkError."""
-        self._merge = ChannelMerge(bus.heartbeat_ns) if bus.channels > 1 else None
-        self._channels: dict[int, can.BusABC] = {}
-        for number, config in enumerate(choice.configs()):
-            self._channels[number] = open_bus(config)[0]
+        """Open it; raises LinkError."""
+        configs = choice.configs()
+        self._bus: can.BusABC | ReplicatedLink = (
+            open_bus(configs[0])[0] if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -32,39 +36,29 @@ class Ear:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for bus in self._channels.values():
-            bus.shutdown()
+        if isinstance(self._bus, ReplicatedLink):
+            self._bus.close()
+        else:
+            self._bus.shutdown()
 
     @property
-    def readers(self) -> Sequence[can.BusABC]:
+    def readers(self) -> Sequence[Any]:
         """What to wait on until something has come."""
-        return list(self._channels.values())
+        return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
 
     def hear(self) -> Iterator[tuple[float, Frame]]:
         """Give what has come: the time in seconds of the wall clock, and the frame."""
-        if self._merge is None:
-            for bus in self._channels.values():
-                yield from _heard(bus)
+        if isinstance(self._bus, ReplicatedLink):
+            yield from _both(self._bus)
             return
-        heard = [(*one, channel) for channel in list(self._channels) for one in self._of_channel(channel)]
-        for seconds, frame, channel in sorted(heard, key=lambda one: one[0]):
-            if self._merge.take(channel, frame, int(seconds * 1e9)):
-                yield seconds, frame
-
-    def _of_channel(self, channel: int) -> list[tuple[float, Frame]]:
-        heard: list[tuple[float, Frame]] = []
-        try:
-            heard.extend(_heard(self._channels[channel]))
-        except (can.CanError, OSError):
-            if len(self._channels) == 1:
-                raise
-            self._channels.pop(channel).shutdown()
-        return heard
+        while (message := self._bus.recv(0)) is not None:
+            data, is_remote = bytes(message.data), message.is_remote_frame
+            yield message.timestamp, Frame(message.arbitration_id, data, message.is_extended_id, is_remote)
 
 
-def _heard(bus: can.BusABC) -> Iterator[tuple[float, Frame]]:
-    while (message := bus.recv(0)) is not None:
-        yield (
-            message.timestamp,
-            Frame(message.arbitration_id, bytes(message.data), message.is_extended_id, message.is_remote_frame),
-        )
+def _both(link: ReplicatedLink) -> Iterator[tuple[float, Frame]]:
+    now_ns = time.monotonic_ns()
+    wall_ns = time.time_ns() - now_ns
+    link.pump(now_ns)
+    while arrivals := link.receive(time.monotonic_ns()):
+        yield from (((time_ns + wall_ns) / _NS_PER_S, frame) for time_ns, frame in arrivals)
