@@ -14,7 +14,14 @@ from heronry_tools.doctor import computer
 from heronry_tools.doctor.computer import judge_computer
 from heronry_tools.doctor.finding import Finding
 from heronry_tools.doctor.interface import judge_interface
-from heronry_tools.doctor.listening import CLOCK_STEP_NS, Expected, Hearing, judge_digests, judge_hearing
+from heronry_tools.doctor.listening import (
+    CLOCK_STEP_NS,
+    Expected,
+    Hearing,
+    judge_channels,
+    judge_digests,
+    judge_hearing,
+)
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.can_interface import CanInterface
@@ -211,6 +218,33 @@ def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest
     assert main(["doctor", "-i", "socketcan", "-c", "no_such_can"]) == 1
     out = capsys.readouterr().out
     assert "this kernel has no CAN" in out or "there is no interface no_such_can" in out
+
+
+def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = [str(tmp_path / name) for name in ("one.sock", "two.sock")]
+    with start_hub(places[0]), start_hub(places[1]), can.Bus(interface="softbus", channel=places[0]) as first:
+        second = can.Bus(interface="softbus", channel=places[1])
+        with second:
+            for bus, frames in ((first, (lease(126), state(92), state(93))), (second, (lease(126), state(92)))):
+                for one in frames:
+                    message = can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False)
+                    bus.send_periodic(message, 0.02)
+            words = ["doctor", "-i", "softbus", "-c", ",".join(places), "--seconds", "0.5"]
+            assert main(words) == 1
+            assert f"not heard: 93 on {places[1]}" in capsys.readouterr().out
+
+
+def test_a_replicated_bus_on_which_everybody_is_heard_twice_is_right() -> None:
+    hearing = Hearing(on_channel={"can0": set(), "can1": set()})
+    for channel in hearing.on_channel:
+        for frame in (lease(126), state(92), Frame(0x300, b"")):
+            hearing.take_copy(channel, frame)
+    hearing.take_copy("can1", state(93)._replace(extended=True))
+    assert judge_channels(hearing, SPEC).is_right
+    hearing.take_copy("can0", state(93))
+    assert judge_channels(hearing, SPEC).says == "not heard: tail on can1"
 
 
 def test_a_time_that_makes_no_sense_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -248,6 +248,14 @@ def test_real_processes_do_not_do_everything(
     assert sentence in capsys.readouterr().err
 
 
+def test_a_channel_is_pulled_from_software_buses_of_its_own_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    file = "tests/scenarios/a_channel_is_lost_and_then_the_other.scenario"
+    assert main(["scenario", file, "-i", "socketcan", "-c", "no_can0,no_can1"]) == 2
+    assert ":3: 'channel_loss channel:can0.1 for 2s' can be done on software buses of its own alone" in (
+        capsys.readouterr().err
+    )
+
+
 def test_an_interface_needs_a_channel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenario", str(written(tmp_path, HOLDS)), "-i", "virtual"]) == 2
     assert "-i virtual needs a channel" in capsys.readouterr().err

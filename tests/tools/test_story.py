@@ -22,6 +22,8 @@ from heronry_tools.demo.script import Act, default_acts, read_script
 from heronry_tools.errors import UserError
 from heronry_tools.screen import screen
 from heronry_tools.story import _SENTENCES, Line, Story
+from heronry_wire.bus_arguments import BusArgumentError
+from scenarios.flights import twin_wires
 
 MS = 1_000_000
 ELEVATOR = load(Path("dg_specs/elevator_and_chute.dg.yaml"))
@@ -310,6 +312,17 @@ def test_what_is_named_is_taken(tmp_path: Path) -> None:
     assert chosen["can0"] == BusChoice("can0", "socketcan", "can7", 500_000, is_ours=False)
     assert chosen["radio"].port_argument() == "radio=udp_multicast:239.0.0.1"
     assert not chosen["radio"].is_ours
+
+
+def test_a_replicated_bus_is_two_of_whatever_it_is(tmp_path: Path) -> None:
+    ours = choose(twin_wires(), tmp_path, {}, None, prefer_vcan=False)["can0"]
+    assert [config["channel"] for config in ours.configs()] == [str(tmp_path / f"can0.{n}.sock") for n in (1, 2)]
+    assert ours.port_argument() == f"can0=softbus:{tmp_path}/can0.1.sock,{tmp_path}/can0.2.sock"
+    named = choose(twin_wires(), tmp_path, {"can1": (None, "can7,can8")}, ("socketcan", "vcan0,vcan1", None))
+    assert named["can0"].configs()[1] == {"interface": "socketcan", "channel": "vcan1"}
+    assert [config["channel"] for config in named["can1"].configs()] == ["can7", "can8"]
+    with pytest.raises(BusArgumentError, match="bus can0 has 2 channels, and 'vcan0' names 1"):
+        choose(twin_wires(), tmp_path, {}, ("socketcan", "vcan0", None))
 
 
 def test_a_bus_named_in_both_ways_is_one_clear_sentence(tmp_path: Path) -> None:

@@ -63,13 +63,13 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
             Fleet(spec, script.spec_file, folder, _made_ahead(script, folder), _made_key(script, folder))
         )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
-        fleet.start_buses(choices)
-        ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
         hubs = _hubs(choices)
         for deed in script.deeds:
             if deed.fault is not None and deed.fault.name not in hubs:
                 where = "on software buses of its own"
                 raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done {where} alone; leave -c out")
+        fleet.start_buses(choices)
+        ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
         radios = stack.enter_context(BadRadios(script.deeds, hubs))
         return _Show(script, fleet, ear, radios).run(choices[spec.manager.bus].describe())
 
