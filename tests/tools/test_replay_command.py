@@ -14,6 +14,7 @@ from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
 from heronry_manager.vocabulary import RequestPlan
 from heronry_tools.cli import main
+from heronry_tools.errors import UserError
 from heronry_tools.replay.comparison import compared
 from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns
 from heronry_tools.replay.rerun import Planners, Rerun
@@ -21,7 +22,7 @@ from heronry_tools.simulator import planning
 from heronry_tools.simulator.simulation import Simulation
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from scenarios.flights import MS, elevator_and_chute, flying
+from scenarios.flights import MS, elevator_and_chute, flying, twin_wires
 
 SPEC = "elevator_and_chute"
 
@@ -147,6 +148,20 @@ def test_the_only_channel_is_the_managers_bus(
     file = tmp_path / "named.log"
     file.write_text(log.read_text().replace(f" {elevator_and_chute().manager.bus} ", f" {channel} "))
     assert replayed(capsys, file)[0] == 0
+
+
+def test_both_channels_of_a_replicated_bus_are_one_bus_and_one_of_them_is_enough() -> None:
+    """The second channel carries all, and the first one is cut in the middle."""
+    simulation = flying(twin_wires(), keep_trace=True)
+    sent = [one for one in simulation.trace if one.bus == "can0"]
+    second = [LoggedFrame(one.end_ns, "can8", one.frame) for one in sent]
+    first = [one._replace(channel="can7") for one in second[: len(second) // 2]]
+    log = sorted([*first, *second], key=lambda one: one.time_ns)
+    both = on_the_managers_bus(twin_wires(), log, "can7,can8")
+    assert [one.frame for one in both] == [one.frame for one in sent]
+    assert on_the_managers_bus(twin_wires(), log, "can8") == second
+    with pytest.raises(UserError, match="no frame of the recording is on 'can9'"):
+        on_the_managers_bus(twin_wires(), log, "can7,can9")
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:

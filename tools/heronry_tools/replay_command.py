@@ -41,7 +41,9 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("recording", metavar="FILE.log", type=Path, help="a candump log")
     add_spec_argument(parser)
-    parser.add_argument("--channel", metavar="NAME", help="channel of the manager's bus in the log")
+    parser.add_argument(
+        "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
+    )
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead that the manager flew with"
     )

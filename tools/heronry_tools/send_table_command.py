@@ -46,7 +46,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--socket", type=Path, metavar="PATH", help="with --key: where the manager listens, if it was told to"
     )
-    add_bus_arguments(parser, group_title="a bus that the PE has as its uplink")
+    add_bus_arguments(parser, group_title="a bus that the PE has as its uplink; of a replicated one, either channel")
     parser.set_defaults(run=run)
 
 

@@ -8,7 +8,8 @@ A reign that does not begin in the recording cannot be replayed: what runs by th
 first LEASE, which speaks of an epoch.
 
 Lines that are no frames are counted. A recording may hold several buses, told apart by the channel's name; the
-manager's is the one that is named as in the spec, or the only one, or the one that the user names.
+manager's is the one that is named as in the spec, or the only one, or the one that the user names. Of a replicated one
+the user may name both channels, with a comma between them: each frame then counts once.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from heronry_dg.model import Spec
 from heronry_tools.errors import UserError
+from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id
 from heronry_wire.management import LEASE_PERIODS, Activate, Lease, Prepare, decode_command
@@ -72,11 +74,17 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
     channels = list(dict.fromkeys(logged.channel for logged in frames))
     if channel is None:
         channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
-    if channel not in channels:
-        raise UserError(
-            f"no frame of the recording is on {channel!r}; name the manager's bus with --channel: {', '.join(channels)}"
-        )
-    return [logged for logged in frames if logged.channel == channel]
+    bus = spec.buses[spec.manager.bus]
+    names = channel.split(",") if bus.channels > 1 else [channel]
+    for name in names:
+        if name not in channels:
+            known = ", ".join(channels)
+            raise UserError(f"no frame of the recording is on {name!r}; name the manager's bus with --channel: {known}")
+    on_the_bus = [logged for logged in frames if logged.channel in names]
+    if len(names) == 1:
+        return on_the_bus
+    merge = ChannelMerge(bus.heartbeat_ns)
+    return [one for one in on_the_bus if merge.take(names.index(one.channel), one.frame, one.time_ns)]
 
 
 def reigns(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Reign]:
