@@ -66,6 +66,11 @@ class ReplicatedLink:
         return [link for link in self.links if link.is_open]
 
     @property
+    def has_more(self) -> bool:
+        """Tell whether the last `receive` took a whole burst of some channel."""
+        return any(link.has_more for link in self.links)
+
+    @property
     def off_since_ns(self) -> int | None:
         """Since when nothing can be sent or heard; None while something can."""
         since_ns = [link.off_since_ns for link in self.links]

@@ -290,9 +290,13 @@ class ManagerCore:
         return self._authenticity.believed(pe, page, data)
 
     def _hear_emergency(self, pe: str, data: bytes) -> None:
-        """A PE reports something; with a key it counts when it is proven."""
-        if self._authenticity is None:
-            self._on_emergency(pe, decode_emergency(data))
+        """A PE reports something; with a key it counts when it is proven, unless nothing follows from it."""
+        emergency = decode_emergency(data)
+        if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
+            if self.reigns:
+                self._situation.channels.reported(pe, emergency)
+        elif self._authenticity is None:
+            self._on_emergency(pe, emergency)
         else:
             self._authenticity.hold_emergency(pe, data)
 
@@ -350,9 +354,6 @@ class ManagerCore:
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:
             return
         if not self.reigns:  # it will be said again until somebody acknowledges it
-            return
-        if emergency.kind is ElementKind.CHANNEL:
-            self._situation.channels.reported(pe, emergency)
             return
         is_request = emergency.kind is ElementKind.PHASE
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)

@@ -169,7 +169,7 @@ class AgentDriver:
         return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
 
     def _take_frames(self, ready: Collection[object]) -> None:
-        links = [(port, link) for port, link in enumerate(self._links) if link in ready]
+        links = [(port, link) for port, link in enumerate(self._links) if any(one in ready for one in link.readers)]
         for _ in range(_BURSTS):
             for arrival, port in self._arrivals(links):
                 now_ns = time.monotonic_ns()
@@ -185,7 +185,7 @@ class AgentDriver:
                 for took_ns in departures:
                     self._step(time.monotonic_ns(), Left(port, took_ns))
 
-    def _arrivals(self, links: Sequence[tuple[int, Link]]) -> list[tuple[Arrival, int]]:
+    def _arrivals(self, links: Sequence[tuple[int, AnyLink]]) -> list[tuple[Arrival, int]]:
         """What has come on some ports, in the order in which it came."""
         found = []
         for port, link in links:
