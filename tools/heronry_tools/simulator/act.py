@@ -15,7 +15,8 @@ What is not promised, and why:
   changed on its way nobody can say that it was ever sent (foreign).
 - `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
   forged command is a command: nothing holds until it is over, and then everything has to come right again.
-- `attack` is struck in flights with a key alone, and everything is promised there.
+- `attack` is struck in flights with a key alone, and everything is promised there, but that on a replicated bus a frame
+  is taken once: what is said again to the bit, on the other channel, is a copy.
 - `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
   either, since nobody is heard, and that is promised.
 - `rogue`: a stranger that sends under an identifier of ours collides with its owner, down to bus-off. The clash with it
@@ -120,7 +121,14 @@ KINDS: Mapping[str, Kind] = {
     "forge": Kind(
         "bus", (20, 500), "commands are changed past the CRC", unpromised=_COMMANDED, excuses=True, drawn=False
     ),
-    "attack": Kind("bus", (100, 3000), "somebody without the key would be believed", drawn=False, needs_key=True),
+    "attack": Kind(
+        "bus",
+        (100, 3000),
+        "somebody without the key would be believed",
+        unpromised=frozenset(("copies",)),
+        drawn=False,
+        needs_key=True,
+    ),
     "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
     "unfit": Kind("module", (0, 0), "a module gives what its type cannot carry", for_good=1.0),
     "wrong": Kind("module", (100, 2000), "what a module gives is off by 40, or by a bit", excuses=True),
