@@ -108,6 +108,11 @@ class ReplicatedLink:
         for link in self.links:
             link.withdraw(identifiers)
 
+    def stand_back(self, until_ns: int) -> None:
+        """Hand nothing over until then, on either channel, but what is more urgent than data."""
+        for link in self.links:
+            link.stand_back(until_ns)
+
     def accept(self, identifiers: Collection[int]) -> None:
         """Take in nothing from now on but frames of these 11-bit identifiers, and the echoes of what is sent."""
         for link in self.links:

@@ -138,6 +138,13 @@ def test_what_waits_is_taken_back_on_both(twin: ReplicatedLink) -> None:
     assert not twin.all_left
 
 
+def test_who_stands_back_does_so_on_both(twin: ReplicatedLink) -> None:
+    twin.stand_back(1_000)
+    twin.send(DATUM, 0)
+    twin.send(LEASE, 0)
+    assert (messages("a"), messages("b")) == ([b"lease"], [b"lease"])
+
+
 def test_a_channel_that_goes_costs_nothing_and_comes_back_by_itself(twin: ReplicatedLink) -> None:
     assert twin.is_open
     Channel.open["b"].arrived.append(BUS_OFF)

@@ -238,8 +238,9 @@ class SimulatedPe(Node):
                 bus.withdraw(station, action.identifiers)
             return None
         if isinstance(action, StandBack):
-            bus, station = self.stations[action.port]
-            bus.stand_back(station, self.time.when_ns(action.until_ns))
+            for bus, station in self.stations:
+                if station.port == action.port:
+                    bus.stand_back(station, self.time.when_ns(action.until_ns))
             return None
         return self._host.carry_out(action, self.time.now_ns())
 

@@ -372,16 +372,13 @@ def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
     pe = simulation.spec.pes[act.name]
     page = StatePage0(PeState.UNCONFIGURED, PeFlags(0), random.randrange(256), 0, 0, 0)
     said = Frame(state_id(pe.node_id), page.encode())
-    twins = [
-        Stranger(simulation.clock, simulation.buses[bus], said, simulation.spec.buses[bus].heartbeat_ns)
-        for bus in pe.buses
-    ]
-
-    def end() -> None:
-        for twin in twins:
-            twin.leave()
-
-    return end
+    return _leaving(
+        [
+            Stranger(simulation.clock, wire, said, simulation.spec.buses[bus].heartbeat_ns)
+            for bus in pe.buses
+            for wire in simulation.wires[bus]
+        ]
+    )
 
 
 def _attack(simulation: Simulation, act: Act, random: Random) -> End:
