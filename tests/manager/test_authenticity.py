@@ -353,9 +353,10 @@ def test_more_refusals_are_told_once_a_second_and_a_restart_is_none(manager: One
     assert refuses(1) == 3
 
 
-def lease_of(signer: CommandSigner, manager: int, term: int) -> list[Frame]:
+def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, digest: int = 0) -> list[Frame]:
     """A LEASE of another manager, and its TAG."""
-    frame = Frame(management_id(manager, Command.LEASE), Lease(term, 0, Step.PREPARED, 0).encode())
+    step = Step.GO_ALL if epoch else Step.PREPARED
+    frame = Frame(management_id(manager, Command.LEASE), Lease(term, epoch, step, digest).encode())
     tag = signer.tag(frame)
     assert tag is not None
     return [frame, tag]
@@ -387,6 +388,30 @@ def test_a_reigning_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> N
         manager.hear(CommandSigner(KEY, 127, 4 + number).welcome(LEFT, 5)[0])
     pe.say()
     assert pe.counts()
+
+
+def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_what_it_says_when_it_takes_over() -> None:
+    one = OneManager(node=127, key=KEY)
+    one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, key=KEY, standby=True)
+    reigning = CommandSigner(KEY, NODE, 3)
+    for epoch in range(1, 9):
+        for frame in lease_of(reigning, NODE, 3, epoch, 1000 + epoch):
+            one.hear(frame)
+    pes = []
+    for name, pe in one.spec.pes.items():
+        one.hear(reigning.welcome(pe.node_id, 5)[0])
+        pes.append(Pe(one, name, session=Session(NODE, 3, reigning.number)))
+    for epoch, runs in ((1, None), (8, 8)):
+        for one_pe in pes:
+            one_pe.say(StatePage0(PeState.ACTIVE, PeFlags(0), 1, epoch, 0, 1000 + epoch))
+        assert status(one)["epoch"] == runs
+    for _ in range(7):
+        one.pass_time(BEAT_NS)
+        for one_pe in pes:
+            one_pe.say(StatePage0(PeState.ACTIVE, PeFlags(0), 1, 8, 0, 1008))
+    assert [event["term"] for event in one.events if event["event"] == "taken_over"] == [4]
+    spoke, tag = one.frames[:2]
+    assert CommandSigner(KEY, 127, 4).tag(spoke) == tag
 
 
 def test_slices_leave_room_for_their_tags() -> None:
