@@ -20,7 +20,7 @@ PATIENCE_S = 120
 HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
 PES = ("sensor_pe", "control_pe", "tail_pe")
 TAIL_NODE = 94
-KILL_AND_RESTORE = ("--kill", "pe:sensor_pe@1", "--restore", "pe:sensor_pe@3")
+SHOW = ("--kill", "manager@1", "--kill", "pe:sensor_pe@5", "--restore", "pe:sensor_pe@7", "--for", "13")
 
 
 @pytest.fixture
@@ -41,9 +41,9 @@ def key(tmp_path: Path) -> Path:
     return file
 
 
-def test_the_demo_flies_with_a_key_and_takes_a_killed_pe_back(spec: Path, key: Path) -> None:
+def test_the_demo_flies_with_a_key_loses_its_manager_and_takes_a_killed_pe_back(spec: Path, key: Path) -> None:
     done = subprocess.run(
-        [*HERONRY, "demo", str(spec), "--key", str(key), "--json", "--for", "9", *KILL_AND_RESTORE],
+        [*HERONRY, "demo", str(spec), "--key", str(key), "--json", *SHOW],
         capture_output=True,
         timeout=PATIENCE_S,
         check=False,
@@ -52,6 +52,9 @@ def test_the_demo_flies_with_a_key_and_takes_a_killed_pe_back(spec: Path, key: P
     events = [json.loads(line) for line in done.stdout.splitlines()]
     (started,) = (one for one in events if one["event"] == "manager_started")
     assert started["key"] == make_fingerprint(key)
+    (taken,) = (one for one in events if one["event"] == "taken_over")
+    assert (taken["before"], taken["term"]) == (1, 2)
+    assert [one["event"] for one in events if one["event"] == "adopted"] == ["adopted"]
     assert [one["pe"] for one in events if one["event"] == "pe_lost"] == ["sensor_pe"]
     assert "sensor_pe" in [one["pe"] for one in events if one["event"] == "pe_joined"][len(PES) :]
     assert events[-1]["unserved"] == []
