@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
+from heronry_dg.loader import loads
 from heronry_manager.authenticity import GUESSES
 from heronry_manager.core import ManagerCore
 from heronry_manager.memory import NOTHING
@@ -38,7 +39,7 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.sansio import Received, Send
-from manager.one_manager import BEAT_NS, MS, NODE, OneManager
+from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
 UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0)
@@ -261,6 +262,14 @@ def test_a_flood_of_emcys_pushes_out_the_oldest_and_is_bounded(manager: OneManag
     said = pe.reports(GYRO)
     pe.say(PENDING, emergency=said)
     assert len(latched(manager)) == 1
+
+
+def test_a_lost_channel_is_told_as_it_is_heard_since_no_plan_depends_on_it() -> None:
+    replicated = SPEC_TEXT.replace("bitrate: 1000000", "bitrate: 1000000, channels: 2")
+    manager = OneManager(loads(replicated, "two_tails.dg.yaml"), key=KEY)
+    manager.pass_time(6 * BEAT_NS)
+    Pe(manager).reports(Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, 2))
+    assert [event["channel"] for event in manager.events if event["event"] == "channel_lost"] == ["can0.2"]
 
 
 REFUSES = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0, Reason.IMAGE, 0)
