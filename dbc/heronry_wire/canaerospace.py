@@ -172,11 +172,12 @@ def encode_data(can_id: int, datum: Datum, *, extended: bool = False) -> Frame:
     limit = EXTENDED_MASK if extended else STANDARD_MASK
     if not 0 <= can_id <= limit:
         raise WireError(f"identifier {can_id} is outside 0..{limit}")
+    header = (datum.node_id, datum.data_type, datum.service_code, datum.message_code)
     try:
-        data = bytes(datum[:4])
+        data = bytes(header)
     except ValueError:
-        header = tuple(map(int, datum[:4]))
-        raise WireError(f"header {header} does not fit: each of its four fields takes 0..255") from None
+        told = tuple(map(int, header))
+        raise WireError(f"header {told} does not fit: each of its four fields takes 0..255") from None
     return Frame(can_id, data + _encode_value(datum.data_type, datum.value), extended)
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 
-NEVER_NS = 1 << 63  # a deadline that does not come
+NEVER_NS = 1 << 61  # a deadline that does not come: 73 years; still a number that fits a word
 
 
 class Received(NamedTuple):

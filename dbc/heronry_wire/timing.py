@@ -67,21 +67,21 @@ def exact_bits(frame: Frame) -> int:
         bits, crc, state = _head(frame.can_id << 7 | frame.remote << 6 | len(data), 19)
     for byte in data:
         crc = (crc << 8 & 0x7FFF) ^ _CRC_TABLE[crc >> 7 ^ byte]
-        more, state = state.after_byte[byte]
-        bits += more
-    more, state = state.after_byte[crc >> 7]
-    return bits + 8 * len(data) + more + state.stuffed_in_7_bits[crc & 0x7F]
+        bits += _STUFFED[state << 8 | byte]
+        state = _NEXT_STATE[state << 8 | byte]
+    last = state << 8 | crc >> 7
+    return bits + 8 * len(data) + _STUFFED[last] + _STUFFED_IN_7_BITS[_NEXT_STATE[last] << 7 | crc & 0x7F]
 
 
 @lru_cache(maxsize=4096)
-def _head(header: int, header_bits: int) -> tuple[int, int, "_Stuffing"]:
+def _head(header: int, header_bits: int) -> tuple[int, int, int]:
     """Start a frame: bits without those of its data and their stuff bits, CRC so far, state of the stuffing."""
     crc = 0
     for bit in f"{header:0{header_bits}b}":
         crc = crc << 1 ^ (_CRC_POLYNOMIAL if (crc >> 14) ^ int(bit) else 0)
         crc &= 0x7FFF
     stuffed, last, run = _stuff(f"{header:0{header_bits}b}", "", 0)
-    return header_bits + stuffed + _CRC_BITS + _NEVER_STUFFED_BITS, crc, _STUFFING[last, run]
+    return header_bits + stuffed + _CRC_BITS + _NEVER_STUFFED_BITS, crc, _STATES.index((last, run))
 
 
 def _crc_table() -> list[int]:
@@ -94,20 +94,6 @@ def _crc_table() -> list[int]:
     return table
 
 
-class _Stuffing:
-    """A state of the stuffing: the last bit, and the length of its run.
-
-    after_byte: by next byte, how many stuff bits it gets, and the next state.
-    stuffed_in_7_bits: how many the last bits that are stuffed get: a CRC has 15, a byte and these.
-    """
-
-    __slots__ = ("after_byte", "stuffed_in_7_bits")
-
-    def __init__(self, last: str, run: int) -> None:
-        self.after_byte: list[tuple[int, _Stuffing]] = []
-        self.stuffed_in_7_bits = [_stuff(f"{bits:07b}", last, run)[0] for bits in range(128)]
-
-
 def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     """Send bits one by one; give how many were stuffed in between, and the state that is left."""
     stuffed = 0
@@ -118,17 +104,13 @@ def _stuff(bits: str, last: str, run: int) -> tuple[int, str, int]:
     return stuffed, last, run
 
 
-def _stuffing() -> dict[tuple[str, int], _Stuffing]:
-    states = {(last, run): _Stuffing(last, run) for last in "01" for run in range(1, 5)}
-    for (last, run), state in states.items():
-        for byte in range(256):
-            stuffed, next_last, next_run = _stuff(f"{byte:08b}", last, run)
-            state.after_byte.append((stuffed, states[next_last, next_run]))
-    return states
-
-
+# The states of the stuffing: the last bit, and the length of its run. A CRC has 15 bits: a byte and 7.
+_STATES = [(last, run) for last in "01" for run in range(1, 5)]
+_AFTER_BYTE = [_stuff(f"{byte:08b}", *state) for state in _STATES for byte in range(256)]
+_STUFFED = bytes(stuffed for stuffed, _, _ in _AFTER_BYTE)  # by state and byte (state << 8 | byte)
+_NEXT_STATE = bytes(_STATES.index((last, run)) for _, last, run in _AFTER_BYTE)
+_STUFFED_IN_7_BITS = bytes(_stuff(f"{bits:07b}", *state)[0] for state in _STATES for bits in range(128))
 _CRC_TABLE = _crc_table()
-_STUFFING = _stuffing()
 
 
 class Message(NamedTuple):

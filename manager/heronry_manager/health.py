@@ -168,6 +168,8 @@ class Health:
                 changes += self._lose(record, last, now_ns, cause, Change.REBOOTED)
             record.incarnation = incarnation
         match record.standing:
+            case Standing.UP:
+                pass
             case Standing.WAITING:
                 record.standing, record.joined_ns = Standing.UP, now_ns
                 changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
@@ -179,7 +181,7 @@ class Health:
                 record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
-            case Standing.UP | Standing.RETURNING | Standing.DOWN:
+            case Standing.RETURNING | Standing.DOWN:
                 pass
         return changes + self._fail_if_deaf(record, last, now_ns)
 
@@ -195,8 +197,10 @@ class Health:
 
     def in_flight(self, now_ns: int) -> None:
         """Somebody runs a configuration already: nobody is starting, and who lives is heard within its misses."""
+        if self._window_closes_ns is None:
+            return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
-        if self._window_closes_ns is not None and waiting:
+        if waiting:
             longest_ns = max(r.period_ns * (r.misses + 1) for r in waiting)
             self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 

@@ -14,7 +14,9 @@ an optional input that is not supplied and one that has just been lost are handl
 """
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar, overload
+
+T = TypeVar("T")
 
 Value = int | float | str | bytes | tuple[int, ...]
 
@@ -50,6 +52,14 @@ class Inputs(Mapping[str, Datum]):
 
     def __getitem__(self, variable: str) -> Datum:
         return self._best[variable]
+
+    @overload
+    def get(self, variable: str, /) -> Datum | None: ...
+    @overload
+    def get(self, variable: str, /, default: Datum | T) -> Datum | T: ...
+    def get(self, variable: str, /, default: Datum | T | None = None) -> Datum | T | None:
+        """Give the datum of a variable, or something else: asked so often that it does not wait for an exception."""
+        return self._best.get(variable, default)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._best)

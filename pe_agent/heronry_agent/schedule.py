@@ -43,10 +43,12 @@ class _Grid:
     due_ns: int = 0
     late_steps: int = 0  # in a row
     patience_ns: int = 0
+    hung_ns: int = 0  # how much a step may spend
 
     def __post_init__(self) -> None:
         self.due_ns = self.started_ns
         self.patience_ns = NS_MHZ // self.rate_mhz // _PATIENCE
+        self.hung_ns = max(HUNG_NS, HUNG_PERIODS * NS_MHZ // self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
         """Move on to the first release after now; returns how many were passed over."""
@@ -56,10 +58,6 @@ class _Grid:
             index += 1
         self.index, self.due_ns = index, self.started_ns + index * NS_MHZ // self.rate_mhz
         return index - following
-
-    def hung_ns(self) -> int:
-        """How much a step may spend."""
-        return max(HUNG_NS, HUNG_PERIODS * NS_MHZ // self.rate_mhz)
 
 
 @dataclass(slots=True)
@@ -138,7 +136,7 @@ class Schedule:
         """A module is being stepped; returns the number of this release, which its answer repeats."""
         self._releases += 1
         grid = self._grids[module]
-        step = _Step(module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns())
+        step = _Step(module, self._releases, self._due_ns.pop(module, now_ns), now_ns + grid.hung_ns)
         self._steps.setdefault(grid.partition, {})[module] = step
         self._next_ns = None
         return self._releases
@@ -173,7 +171,7 @@ class Schedule:
         """Modules and releases whose spending is to be asked for now."""
         found = [step for steps in self._steps.values() for step in steps.values() if step.look_ns <= now_ns]
         for step in found:
-            step.look_ns = now_ns + self._grids[step.module].hung_ns()
+            step.look_ns = now_ns + self._grids[step.module].hung_ns
         if found:
             self._next_ns = None
         return [(step.module, step.release) for step in found]
@@ -183,7 +181,7 @@ class Schedule:
         grid = self._asked(module, release)
         if grid is None:
             return False
-        left_ns = grid.hung_ns() - spent_ns
+        left_ns = grid.hung_ns - spent_ns
         self._steps[grid.partition][module].look_ns = now_ns + max(left_ns, HUNG_NS // 10)
         self._next_ns = None
         return left_ns <= 0

@@ -8,38 +8,99 @@ from pathlib import Path
 
 import pytest
 
+import heronry_wire
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.compiled import compile_into, copy_packages, sources
+from heronry_tools.simulator import compiled
+from heronry_tools.simulator.compiled import compile_into, compiled_folder, environment, go_on_compiled, make, sources
 
 SMALL = (Path("heronry_wire/layout.py"), Path("heronry_tools/simulator/local_clock.py"))
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 
-def test_every_file_that_is_compiled_is_there(tmp_path: Path) -> None:
-    copy_packages(tmp_path / "new")
-    assert [file for file in sources() if not (tmp_path / "new" / file).is_file()] == []
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "heronry" / "compiled"
+
+
+def told(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """What Python says with the packages of a folder."""
+    env = environment(folder)
+    return subprocess.run([sys.executable, "-P", *words], env=env, capture_output=True, text=True, check=False)
+
+
+def test_every_file_that_is_compiled_is_there() -> None:
+    roots = {package.__name__: Path(package.__path__[0]) for package in compiled._PACKAGES}
+    assert [file for file in sources() if not (roots[file.parts[0]].parent / file).is_file()] == []
 
 
 @needs_compiler
-def test_a_compiled_part_is_taken_from_the_folder_and_flies_the_same(tmp_path: Path) -> None:
-    folder = tmp_path / "new"
-    compile_into(folder, SMALL)
+def test_a_compiled_part_is_taken_from_the_folder_beside_python(tmp_path: Path) -> None:
+    compile_into(tmp_path / "new", SMALL)
     script = "import heronry_tools.simulator.local_clock as clock; print(clock.__file__)"
-    first = os.environ | {"PYTHONPATH": str(folder)}
-    told = subprocess.run([sys.executable, "-c", script], env=first, capture_output=True, text=True, check=True).stdout
-    assert told.startswith(str(folder))
-    assert told.rstrip().endswith(".so")
+    file = Path(told(tmp_path / "new", "-c", script).stdout.strip())
+    assert file.parent == tmp_path / "new" / "heronry_tools" / "simulator"
+    assert file.suffix == ".so"
+    assert not (tmp_path / "new" / "build").exists()
 
 
-def test_what_cannot_be_compiled_leaves_nothing_and_says_why(tmp_path: Path) -> None:
-    folder = tmp_path / "new"
-    with pytest.raises(UserError, match=r"mypyc failed(?s:.*)no_such_file"):
-        compile_into(folder, [Path("heronry_wire/no_such_file.py")])
-    assert not folder.exists()
+@needs_compiler
+def test_what_cannot_be_compiled_says_why(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"compiling failed(?s:.*)no_such_file"):
+        compile_into(tmp_path / "new", [Path("heronry_wire/no_such_file.py")])
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "theirs").mkdir()
-    with pytest.raises(UserError, match="name another folder"):
-        compile_into(tmp_path / "theirs")
-    assert (tmp_path / "theirs").is_dir()
+def test_without_a_compiler_it_says_what_to_install(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler -O2")
+    with pytest.raises(UserError, match="there is no C compiler no-such-compiler here: install one"):
+        make(compiled_folder())
+    assert [file.name for file in cache.iterdir()] == ["lock"]
+
+
+def test_sources_that_change_are_another_folder(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "heronry_wire"
+    package.mkdir()
+    monkeypatch.setattr(heronry_wire, "__path__", [str(package)])
+    folders = []
+    for text in ("one", "two", "one"):
+        (package / "some.py").write_text(text)
+        folders.append(compiled_folder())
+    assert folders[0] == folders[2] != folders[1]
+    assert {folder.parent for folder in folders} == {cache}
+
+
+def test_a_cache_that_cannot_be_written_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    with pytest.raises(UserError, match=r"cannot be written .*: set XDG_CACHE_HOME"):
+        make(compiled_folder())
+
+
+def test_a_folder_that_does_not_come_first_is_told_and_not_asked_for_again(cache: Path) -> None:
+    folder = compiled_folder()
+    folder.mkdir(parents=True)  # holds nothing, so Python finds other sources
+    done = told(folder, "-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--compiled")
+    assert done.returncode == 2
+    assert f"other sources of heronry come before {folder}" in done.stderr
+
+
+def test_a_process_goes_on_in_the_folder_that_is_there(cache: Path) -> None:
+    compiled_folder().mkdir(parents=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "heronry_tools.cli", "exhaust", "big_blue", "--compiled"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "other sources of heronry come before" in done.stderr
+
+
+def test_what_nobody_has_used_for_long_is_thrown_away(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, age_s in (("used", 0), ("forgotten", 90 * 86_400)):
+        (cache / name).mkdir(parents=True)
+        os.utime(cache / name, (1_000_000_000 - age_s, 1_000_000_000 - age_s))
+    compiled.forget_old(cache, 1_000_000_000 + 86_400)
+    assert [folder.name for folder in cache.iterdir()] == ["used"]
+
+
+def test_go_on_compiled_does_nothing_in_a_compiled_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled.clock, "__file__", "clock.so")
+    go_on_compiled(("sim",))

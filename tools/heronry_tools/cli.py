@@ -98,7 +98,7 @@ def _run(argv: Sequence[str]) -> int:
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _files_for(argv):
         import_module(f"heronry_tools.{name}").add_parsers(subparsers)
-    arguments = parser.parse_args(argv)
+    arguments = parser.parse_args(argv, argparse.Namespace(argv=tuple(argv)))
     code: int = arguments.run(arguments)
     return code
 

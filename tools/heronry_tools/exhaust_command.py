@@ -12,7 +12,13 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.progress import Progress
-from heronry_tools.sim_command import check_images, processors, whole_number
+from heronry_tools.sim_command import (
+    add_compiled_argument,
+    check_images,
+    go_on_compiled_if_asked,
+    processors,
+    whole_number,
+)
 from heronry_tools.spec_argument import add_spec_argument, load_spec, spec_path
 
 if TYPE_CHECKING:
@@ -51,12 +57,14 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
+    add_compiled_argument(parser)
     parser.add_argument("--json", action="store_true", help="write what was flown and what failed as JSON")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly the cases; returns the exit code."""
+    go_on_compiled_if_asked(arguments)
     from heronry_tools.simulator.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import
     from heronry_tools.simulator.exhaustive import fly_case  # noqa: PLC0415
 

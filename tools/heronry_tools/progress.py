@@ -47,6 +47,12 @@ class Progress:
             sys.stderr.flush()
 
 
+def show_line(text: str) -> None:
+    """Write one line that the next one replaces, for a terminal alone; an empty one clears it."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+
 def progress_line(what: str, done: int, total: int, spent_s: float) -> str:
     """Say how far it is, and how long it will take at the pace so far."""
     line = f"{what}: {done} of {total}"

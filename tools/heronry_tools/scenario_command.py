@@ -6,12 +6,12 @@ cannot be read, or what it does cannot be done there.
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
+from heronry_tools.progress import show_line
 
 if TYPE_CHECKING:
     from heronry_tools.scenario.flown import Flown
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     scripts = [read_script(file) for file in arguments.files]
     flights = []
     for flown in _flown(arguments, scripts):
-        _show_progress("")
+        show_line("")
         flights.append(flown)
         print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
     if arguments.junit is not None:
@@ -89,7 +89,7 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
     for script in scripts:
         live.check(script) if _is_live(arguments) else None
     for script in scripts:
-        _show_progress(f"flying {script.file}")
+        show_line(f"flying {script.file}")
         if _is_live(arguments):
             yield live.fly(script, arguments)
             continue
@@ -102,9 +102,3 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
 
 def _is_live(arguments: argparse.Namespace) -> bool:
     return getattr(arguments, "interface", None) is not None or getattr(arguments, "channel", None) is not None
-
-
-def _show_progress(text: str) -> None:
-    """Write one line that the next one replaces; for a terminal alone."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)

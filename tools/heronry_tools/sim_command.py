@@ -7,13 +7,13 @@ be used.
 import argparse
 import json
 import os
-import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
+from heronry_tools.progress import show_line
 from heronry_tools.spec_argument import add_spec_argument, load_spec, spec_path
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ examples:
   heronry sim big_blue --runs 100 --seconds 60      the seeds 0 to 99
   heronry sim big_blue --act '1 pause pe:nav for 0.3' --act '1.1 manager_crash manager for 0.5 in planning'
   heronry sim big_blue --kill pe:nav@1 --kill pe:flight@1.05 --restore pe:nav@2
+  heronry sim big_blue --runs 2000 --seconds 60 --jobs 0 --compiled      a serious campaign
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
   heronry sim big_blue --keyed --kind attack        with a key, and somebody on the bus who does not have it
 """
@@ -68,12 +69,14 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
     )
+    add_compiled_argument(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object a run, and one for all of them")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
+    go_on_compiled_if_asked(arguments)
     from heronry_tools.simulator.campaign import Coverage, fly_all  # noqa: PLC0415 - the solver is slow to import
     from heronry_tools.simulator.scenario import play  # noqa: PLC0415
 
@@ -82,19 +85,34 @@ def run(arguments: argparse.Namespace) -> int:
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec), 0
     for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
-        _show_progress("")
+        show_line("")
         coverage.add(outcome)
         failed += bool(outcome.violations)
         shown = _shrink(spec, arguments, outcome) if outcome.violations and arguments.shrink else outcome
         lines = [json.dumps(_document(arguments, shown))] if arguments.json else _lines(arguments, shown)
         print("\n".join(lines), flush=True)
         if done < len(scenarios):
-            _show_progress(f"{done} of {len(scenarios)} flights, {failed} failed")
+            show_line(f"{done} of {len(scenarios)} flights, {failed} failed")
     if len(scenarios) > 1:
         summary = {"flights": len(scenarios), "failed": failed, "coverage": coverage.document()}
         lines = [*coverage.table(), f"{len(scenarios)} flights, {failed} failed"]
         print(json.dumps(summary) if arguments.json else "\n".join(lines))
     return 1 if failed else 0
+
+
+def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option of whatever flies often."""
+    parser.add_argument(
+        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast, made once"
+    )
+
+
+def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
+    """Go on in another process where that is asked for."""
+    if arguments.compiled:
+        from heronry_tools.simulator.compiled import go_on_compiled  # noqa: PLC0415 - slow to import
+
+        go_on_compiled(arguments.argv)
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
@@ -139,11 +157,11 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     from heronry_tools.simulator.shrink import shrunk  # noqa: PLC0415
 
     def fly(scenario: "Scenario") -> "Outcome":
-        _show_progress(f"seed {scenario.seed}: trying {len(scenario.acts)} acts")
+        show_line(f"seed {scenario.seed}: trying {len(scenario.acts)} acts")
         return play(spec, scenario)
 
     least = shrunk(outcome, fly)
-    _show_progress("")
+    show_line("")
     scenario = least.scenario
     why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
     named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
@@ -213,12 +231,6 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
         words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
     words += ["--keyed"] if scenario.keyed else []
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
-
-
-def _show_progress(text: str) -> None:
-    """Write one line that the next one replaces; for a terminal alone."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def whole_number(text: str) -> int:

@@ -31,41 +31,61 @@ _M_PER_DEG_LONGITUDE = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_
 _STEP_S = 0.005  # for rates: half the distance of the two points whose difference is taken
 
 
-@dataclass(frozen=True, slots=True)
 class _Curve:
-    """Points joined by half waves of a cosine: smooth, and level at every point."""
+    """Points (time in s, value) joined by half waves of a cosine: smooth, and level at every point."""
 
-    points: tuple[tuple[float, float], ...]
+    __slots__ = ("_times_s", "_values")
+
+    def __init__(self, *points: tuple[float, float]) -> None:
+        self._times_s = [time_s for time_s, _ in points]
+        self._values = [value for _, value in points]
 
     def at(self, time_s: float) -> float:
-        index = bisect_right(self.points, time_s, key=lambda point: point[0])
+        times_s, values = self._times_s, self._values
+        index = bisect_right(times_s, time_s)
         if index == 0:
-            return self.points[0][1]
-        if index == len(self.points):
-            return self.points[-1][1]
-        (start_s, start), (end_s, end) = self.points[index - 1], self.points[index]
+            return values[0]
+        if index == len(times_s):
+            return values[-1]
+        start_s, end_s, start, end = times_s[index - 1], times_s[index], values[index - 1], values[index]
         return start + (end - start) * (1.0 - math.cos(math.pi * (time_s - start_s) / (end_s - start_s))) / 2.0
 
 
 _ALTITUDE_M = _Curve(
-    ((5.0, HOME_ALTITUDE_M), (65.0, 17_800.0), (RELEASE_S, 20_000.0), (215.0, 900.0), (TOUCHDOWN_S, HOME_ALTITUDE_M)),
+    (5.0, HOME_ALTITUDE_M),
+    (65.0, 17_800.0),
+    (RELEASE_S, 20_000.0),
+    (215.0, 900.0),
+    (TOUCHDOWN_S, HOME_ALTITUDE_M),
 )
-_EAST_M = _Curve(((5.0, 0.0), (RELEASE_S, 30_000.0), (TOUCHDOWN_S, 0.0)))
-_NORTH_M = _Curve(((5.0, 0.0), (RELEASE_S, 4_000.0), (TOUCHDOWN_S, 0.0)))
+_EAST_M = _Curve((5.0, 0.0), (RELEASE_S, 30_000.0), (TOUCHDOWN_S, 0.0))
+_NORTH_M = _Curve((5.0, 0.0), (RELEASE_S, 4_000.0), (TOUCHDOWN_S, 0.0))
 _AIRSPEED_M_PER_S = _Curve(
-    ((5.0, 0.0), (10.0, 1.5), (RELEASE_S, 1.5), (98.0, 26.0), (GLIDE_S, 18.0), (225.0, 18.0), (TOUCHDOWN_S, 0.0)),
+    (5.0, 0.0),
+    (10.0, 1.5),
+    (RELEASE_S, 1.5),
+    (98.0, 26.0),
+    (GLIDE_S, 18.0),
+    (225.0, 18.0),
+    (TOUCHDOWN_S, 0.0),
 )
 _MEAN_PITCH_DEG = _Curve(
-    ((5.0, 0.0), (RELEASE_S, 0.0), (97.0, -30.0), (GLIDE_S, -4.0), (225.0, -4.0), (232.0, 5.0), (TOUCHDOWN_S, 0.0)),
+    (5.0, 0.0),
+    (RELEASE_S, 0.0),
+    (97.0, -30.0),
+    (GLIDE_S, -4.0),
+    (225.0, -4.0),
+    (232.0, 5.0),
+    (TOUCHDOWN_S, 0.0),
 )
 # How far the aircraft sways in pitch (every 7 s) and in roll (every 11 s), in degrees.
-_PITCH_SWAY_DEG = _Curve(((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0), (225.0, 5.0), (232.0, 0.0)))
-_ROLL_SWAY_DEG = _Curve(((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0)))
+_PITCH_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0), (225.0, 5.0), (232.0, 0.0))
+_ROLL_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0))
 _PITCH_SWAY_RAD_PER_S = math.tau / 7.0
 _ROLL_SWAY_RAD_PER_S = math.tau / 11.0
 # What the valve is expected to have done, for a bench that has not seen it move: the wings of a process restarted in
 # flight are as full as the others believe.
-_WING_PRESSURE_HPA = _Curve(((70.0, 0.0), (80.0, 500.0)))
+_WING_PRESSURE_HPA = _Curve((70.0, 0.0), (80.0, 500.0))
 
 
 @dataclass(frozen=True, slots=True)

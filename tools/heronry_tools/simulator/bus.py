@@ -31,15 +31,15 @@ from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.station import (
     BUS_OFF_ABOVE,
     ERROR_PASSIVE_ABOVE,
-    FOR_EVER_NS,
     RESTART_BITS,
     RESTART_NS,
     SUSPENDED_BITS,
     Station,
+    Urgency,
     Waiting,
 )
 from heronry_wire.frame import Frame, arbitration_key
-from heronry_wire.sansio import Received
+from heronry_wire.sansio import NEVER_NS, Received
 from heronry_wire.timing import exact_bits
 from heronry_wire.transmit_queue import FIRST_HELD_BACK
 
@@ -104,7 +104,7 @@ class SimulatedBus:
         self._clock, self._random = clock, random
         self._stations: list[Station] = []
         self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; worked out when one is first sent
-        self._waiting: list[Waiting] = []  # the mailboxes
+        self._waiting: list[Urgency] = []  # the mailboxes
         self._on_air: tuple[Waiting, bool] | None = None  # a frame, and whether it will be destroyed
         self._rival: Waiting | None = None  # sent together with it
         self._arbitration_due = False
@@ -173,7 +173,7 @@ class SimulatedBus:
         station.transmit_errors = BUS_OFF_ABOVE + 1
         self._go_off(station)
 
-    def offer(self, station: Station, frame: Frame, until_ns: int = FOR_EVER_NS) -> None:
+    def offer(self, station: Station, frame: Frame, until_ns: int = NEVER_NS) -> None:
         """Queue a frame at a station; one that cannot start by `until_ns` is not sent."""
         if not station.present:
             return
@@ -186,7 +186,7 @@ class SimulatedBus:
             else:
                 self._wait_for_bus(station)
         else:
-            heappush(station.queue, waiting)
+            heappush(station.queue, (waiting.key, offer, waiting))
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
         """Shorten the time until which a frame, this very object, may start at a station."""
@@ -203,7 +203,7 @@ class SimulatedBus:
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
         """Take back what waits at a station under these identifiers; what it has handed over is sent."""
-        station.queue = [waiting for waiting in station.queue if waiting.frame.can_id not in identifiers]
+        station.queue = [urgency for urgency in station.queue if urgency[2].frame.can_id not in identifiers]
         heapify(station.queue)
 
     def stand_back(self, station: Station, until_ns: int) -> None:
@@ -219,8 +219,8 @@ class SimulatedBus:
     def _refill(self, station: Station) -> None:
         """Hand over the next frame that still serves."""
         queue, now_ns = station.queue, self._clock.now_ns
-        while queue and not station.stalled and not self._stands_back(queue[0]):
-            waiting = heappop(queue)
+        while queue and not station.stalled and not self._stands_back(queue[0][2]):
+            waiting = heappop(queue)[2]
             if waiting.until_ns >= now_ns:
                 station.mailbox = waiting
                 self._enter(station)
@@ -235,9 +235,10 @@ class SimulatedBus:
             self._wait_for_bus(station)
 
     def _wait_for_bus(self, station: Station) -> None:
-        if station.mailbox is None or not station.can_send:
+        waiting = station.mailbox
+        if waiting is None or not station.can_send:
             return
-        heappush(self._waiting, station.mailbox)
+        heappush(self._waiting, (waiting.key, waiting.offer, waiting))
         if self._on_air is None and not self._arbitration_due:
             self._arbitration_due = True
             self._clock.at_last(self._arbitrate)
@@ -259,7 +260,7 @@ class SimulatedBus:
         frame = head.frame
         bits = exact_bits(frame)
         destroyed = False
-        if self._waiting and self._waiting[0].key == head.key:
+        if self._waiting and self._waiting[0][0] == head.key:
             destroyed, bits = self._meet_rival(head, bits)
         if self.noisy or head.station.fails or (self.faults.loss and self._random.random() < self.faults.loss):
             destroyed = True
@@ -278,7 +279,7 @@ class SimulatedBus:
         """Most urgent frame that may be sent, of a station that can send."""
         waiting, now_ns = self._waiting, self._clock.now_ns
         while waiting:
-            head = waiting[0]
+            head = waiting[0][2]
             station = head.station
             if station.mailbox is head and station.can_send:
                 if head.until_ns >= now_ns:

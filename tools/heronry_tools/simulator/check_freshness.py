@@ -36,6 +36,7 @@ class FreshnessCheck:
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
         self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
+        self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
@@ -79,8 +80,7 @@ class FreshnessCheck:
         identifier = self._identifiers[source]
         heard = [one for bus in self._spec.pes[driven.pe].buses for one in self._last.get((bus, identifier, node), ())]
         last_ns = max((t_ns for t_ns, _ in heard), default=None)
-        rates = (m.rate_mhz for m in self._spec.modules[producer].modes.values() if variable in m.gives)
-        oldest_ns = FRESH_PERIODS * 10**12 // min(rates) + _SLACK_NS
+        oldest_ns = self._oldest_ns[source]
         by_what = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}"
         if last_ns is None or driven.t_ns - last_ns > oldest_ns:
             age = "never" if last_ns is None else f"{(driven.t_ns - last_ns) / 1e6:.1f} ms ago"
@@ -90,9 +90,18 @@ class FreshnessCheck:
             self.violations.append(Violation(driven.t_ns, "foreign", story))
 
 
+def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
+    return [mode.rate_mhz for mode in spec.modules[producer].modes.values() if variable in mode.gives]
+
+
+def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
+    """How long a datum of a source is fresh, in its slowest mode."""
+    return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
+
+
 def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
     """How many frames of a source there may be that are fresh: its slowest mode says how long, its fastest how many."""
-    rates = [m.rate_mhz for m in spec.modules[producer].modes.values() if variable in m.gives]
+    rates = _rates_mhz(spec, producer, variable)
     return FRESH_PERIODS * max(rates) // min(rates) + _MORE
 
 

@@ -55,7 +55,7 @@ class Checks:
         tables: what its PEs were given, if anything on board matters.
         key: with which everything is tagged, if it is.
         """
-        self._spec = spec
+        self._spec, self._bus = spec, spec.manager.bus
         self._phase = spec.initial_phase()
         self._commands = Commanded(spec, tables)
         self._proven = None if key is None else ProvenStates(key)
@@ -176,7 +176,7 @@ class Checks:
         self._planned_load.published(sent)
 
     def _state(self, sent: Sent) -> None:
-        if sent.bus == self._spec.manager.bus:
+        if sent.bus == self._bus:
             self._orphans.state(self._node_of_state[sent.frame.can_id], sent.end_ns, sent.frame.data)
         page = self._epochs.state(sent)
         if page is None:
@@ -184,7 +184,7 @@ class Checks:
         node = self._node_of_state[sent.frame.can_id]
         if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
             self._publishing.state(sent.sender, sent.end_ns, page)
-        if sent.bus != self._spec.manager.bus:
+        if sent.bus != self._bus:
             return
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
@@ -202,11 +202,11 @@ class Checks:
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data
-        if sent.bus == self._spec.manager.bus:
+        if sent.bus == self._bus:
             self._orphans.commanded(sent.end_ns)
             if command is Command.LEASE:
                 self._safe_mode.leased(sent.end_ns)
-        if sent.bus != self._spec.manager.bus or self._last_commands.get(identifier) == data:
+        if sent.bus != self._bus or self._last_commands.get(identifier) == data:
             return
         if command is Command.LEASE:
             self._last_commands[identifier] = data
@@ -225,7 +225,7 @@ class Checks:
                 self._service.activated(sent.end_ns, epoch, self._phase)
 
     def _alive(self, sent: Sent) -> None:
-        if sent.bus != self._spec.manager.bus:
+        if sent.bus != self._bus:
             return
         self._orphans.commanded(sent.end_ns)
         message = decode_command(Command.ALIVE, sent.frame.data)
@@ -236,10 +236,10 @@ class Checks:
                 self._service.counts_on(sent.end_ns, self._losses.counted_on)
 
     def _link(self, sent: Sent) -> None:
-        if sent.bus == self._spec.manager.bus:
+        if sent.bus == self._bus:
             self._radio.reported(sent)
             self._service.measured(sent)
 
     def _echo(self, sent: Sent) -> None:
-        if sent.bus == self._spec.manager.bus:
+        if sent.bus == self._bus:
             self.witness.see(sent.end_ns, sent.frame)

@@ -1,58 +1,70 @@
-"""The simulator as machine code: `python -m heronry_tools.simulator.compiled FOLDER`.
+"""The simulator as machine code, for campaigns: what `heronry sim --compiled` flies.
 
 A campaign of thousands of flights wants speed, and its cores must be those that fly. mypyc, which comes with mypy,
-turns typed Python into C: one source, the same frames bit for bit, and less than half of the time. FOLDER gets a copy
-of all packages; what is busy in a flight is compiled there beside its source, and Python takes the compiled form where
-it finds both. Who wants it puts FOLDER before everything else:
+turns typed Python into C: one source, the same frames bit for bit, and a third of the time. What is compiled is a copy
+of all packages, in the user's cache; Python takes the compiled form of a module where it stands beside its source.
+Nothing that flies knows of it.
 
-    PYTHONPATH=FOLDER heronry sim big_blue --runs 1000 --jobs 2
-
-Nothing that flies knows of it, and what is changed afterwards is not in it: compile again. Modules of your own cannot
-be derived from a compiled `Module`: an aircraft that has some flies in Python.
+A copy is named by the digest of its sources, specs, Python and mypy: what was changed since is another copy, so
+nothing stale is ever flown. It is made under another name and renamed in one step, by one process at a time: a copy
+that is there is complete. One that nobody has used for a month is thrown away.
 
 Compiled code differs from Python where a type tells less than the truth: a tuple of fixed length has no identity, a
-member of an IntEnum that may be any int is one, an int that is passed on as a float becomes a float. So a flight with
-faults is flown before and after, and must give the same frames; else the folder is not kept.
+member of an IntEnum that may be any int is one, an int that is passed on as a float becomes a float. So `proof_flights`
+are flown in both forms, and must give the same frames; else the copy is not kept.
 """
 
-import argparse
-import json
+import fcntl
+import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NoReturn
 
 import heronry_agent
 import heronry_dg
 import heronry_manager
 import heronry_tools
 import heronry_wire
+from heronry_dg.loader import SUFFIX
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
 from heronry_tools.errors import UserError
+from heronry_tools.progress import show_line
+from heronry_tools.simulator import clock
+from heronry_tools.simulator.native_classes import with_native_classes
+from heronry_tools.simulator.proof_flights import example_specs
 
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
 # What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.
 _COMPILED = {
     "heronry_wire": "authentication canaerospace configuration_slice frame gateway_report identifiers layout "
-    "management packing timing",
-    "heronry_agent": "canopen_node core faults gateway host link_meter mailboxes module obedience permission "
-    "phase_requests publishing radio_port radio_queue reconfiguration reign reporting running_modules schedule staging "
-    "table_index turn vocabulary bench.devices bench.flight bench.mechanism bench.noise bench.world images.actuators "
-    "images.air_data images.altitude images.atmosphere images.attitude images.control images.guidance images.imaging "
-    "images.mission images.pilot_view images.reading images.recovery images.sensors images.servo_monitor "
-    "images.telemetry images.wing without_manager",
-    "heronry_manager": "beacon core deployment exclusion health known_situation latched_faults planning radio_links "
-    "reconfiguration turn vocabulary",
+    "management packing sansio timing",
+    "heronry_agent": "canopen_node core devices faults gateway host link_meter mailboxes module module_runner "
+    "obedience permission phase_requests publishing radio_port radio_queue reconfiguration reign reporting restarts "
+    "running_modules schedule staging table_index turn vocabulary bench.devices bench.flight bench.mechanism "
+    "bench.noise bench.world images.actuators images.air_data images.altitude images.atmosphere images.attitude "
+    "images.control images.guidance images.imaging images.mission images.pilot_view images.reading images.recovery "
+    "images.sensors images.servo_monitor images.telemetry images.wing without_manager",
+    "heronry_manager": "announcing beacon core deployment exclusion following health known_situation latched_faults "
+    "planning radio_links reconfiguration turn vocabulary",
     "heronry_tools": "witness simulator.bus simulator.check_blame simulator.check_configurations "
     "simulator.check_end_state simulator.check_epochs simulator.check_exclusion simulator.check_freshness "
-    "simulator.check_liveness simulator.check_load simulator.check_planned_load simulator.check_publishing "
-    "simulator.check_queues simulator.check_radio simulator.check_safe_mode simulator.check_service "
-    "simulator.check_silence simulator.checks simulator.clock simulator.commanded simulator.local_clock simulator.node "
-    "simulator.nodes simulator.protocol_state simulator.station simulator.violation simulator.world",
+    "simulator.check_liveness simulator.check_load simulator.check_orphans simulator.check_planned_load "
+    "simulator.check_publishing simulator.check_queues simulator.check_radio simulator.check_safe_mode simulator.check_service "
+    "simulator.check_silence simulator.check_terms simulator.checks simulator.clock simulator.commanded "
+    "simulator.frame_digest simulator.local_clock simulator.node simulator.nodes simulator.protocol_state "
+    "simulator.station simulator.violation simulator.world",
 }
+# Named tuples that are made for every frame or step, and that nobody takes apart.
+_MADE_OFTEN = frozenset(
+    ["Datum", "Driven", "Facts", "Frame", "Left", "Received", "Send", "Sent", "StepModule", "Stepped"]
+)
+_DERIVED_FROM = frozenset(("Module",))  # by the modules of an aircraft
 # Types of our own packages are what counts; those of others would take most of the time.
 _TYPE_SETTINGS = """\
 [mypy]
@@ -61,81 +73,148 @@ ignore_missing_imports = true
 [mypy-can.*,canopen.*,cantools.*,cryptography.*,distributed.*,highspy.*,ortools.*,pydantic.*,rich.*,yaml.*]
 follow_imports = skip
 """
-_FLIGHT = ("sim", "big_blue", "--seed", "1", "--seconds", "2", "--json")
+_COMPILER = {"MYPYC_OPT_LEVEL": "1", "MYPYC_DEBUG_LEVEL": "0"}  # more takes far longer, and is hardly faster
 _TOLD = 2000  # characters of a compiler's last words
+_KEPT_S = 30 * 86_400
+_NOTE = "compiling the simulator, once for these sources: this takes some minutes"
 
 
-def main() -> int:
-    """Compile; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m heronry_tools.simulator.compiled",
-        description="Compile the cores and the simulator, for campaigns. Takes a C compiler and a few minutes.",
-        epilog="then:  PYTHONPATH=FOLDER heronry sim big_blue --runs 1000 --jobs 2",
-    )
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="made anew; for example build/compiled")
-    folder: Path = parser.parse_args().folder.resolve()
+def is_compiled() -> bool:
+    """Tell whether this process flies the compiled form."""
+    return not str(clock.__file__).endswith(".py")
+
+
+def go_on_compiled(command: Sequence[str]) -> None:
+    """Go on with this command of `heronry` in a process that flies the compiled form; nothing if this one does.
+
+    Makes that form where it is not there yet. Raises UserError where that cannot be done.
+    """
+    if is_compiled():
+        return
+    folder = compiled_folder()
+    if str(folder) in sys.path:
+        raise UserError(f"other sources of heronry come before {folder} on Python's path: unset PYTHONPATH")
+    if not folder.is_dir():
+        print(_NOTE, file=sys.stderr)
+        make(folder)
+    os.utime(folder)
+    python = (sys.executable, "-P", "-m", "heronry_tools.cli")
+    os.execve(sys.executable, (*python, *command), environment(folder))  # noqa: S606 - this very program
+
+
+def compiled_folder() -> Path:
+    """Where the compiled form of these sources is, or would be; raises UserError without a mypy to make it."""
     try:
-        compile_into(folder)
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
-    print(f"compiled; use it so:  PYTHONPATH={folder} heronry sim big_blue --runs 100")
-    return 0
+        maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
+    except PackageNotFoundError:
+        raise UserError('mypy is needed to compile, and not installed: pip install "heronry[dev]"') from None
+    digest = hashlib.sha256(maker.encode())
+    for name, file in sorted(_copied()):
+        digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base.absolute() / "heronry" / "compiled" / digest.hexdigest()[:16]
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """What a process is started with that is to run the packages of a folder."""
+    path = filter(None, (str(folder), os.environ.get("PYTHONPATH")))
+    return os.environ | {"PYTHONPATH": os.pathsep.join(path)}
+
+
+def make(folder: Path) -> None:
+    """Compile into a folder that is not there, and prove that it flies as Python does; raises UserError."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with (folder.parent / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not folder.is_dir():  # else another process has made it while this one waited
+                _make(folder.parent / "staging", folder)
+    except OSError as error:
+        problem = f"{folder.parent} cannot be written ({error.strerror})"
+        raise UserError(f"{problem}: set XDG_CACHE_HOME to a folder of yours") from error
+
+
+def _make(staging: Path, folder: Path) -> None:
+    try:
+        compile_into(staging)
+        flights = ("-P", "-m", "heronry_tools.simulator.proof_flights")
+        if _run("flying in Python", flights, None) != _run("flying compiled", flights, staging):
+            raise UserError("the compiled flights give other frames than those in Python: report this, fly in Python")
+        staging.rename(folder)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    forget_old(folder.parent, time.time())
+
+
+def forget_old(cache: Path, now_s: float) -> None:
+    """Throw away what nobody has used for a month."""
+    for folder in cache.iterdir():
+        if folder.is_dir() and now_s - folder.stat().st_mtime > _KEPT_S:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def compile_into(folder: Path, files: Iterable[Path] | None = None) -> None:
-    """Make the folder, with these files compiled or all of `sources`; raises UserError, and then leaves none."""
-    if folder.exists() and not (folder / "mypy.ini").is_file():
-        raise UserError(f"{folder} is there already and was not made by this command: name another folder")
+    """Make a copy of all packages, with these files compiled or all of `sources`; raises UserError."""
+    compiler = (os.environ.get("CC") or "cc").split()[0]
+    if shutil.which(compiler) is None:
+        raise UserError(f"there is no C compiler {compiler} here: install one (Debian: apt install gcc libc6-dev)")
     shutil.rmtree(folder, ignore_errors=True)
-    try:
-        copy_packages(folder)
-        frames = _frames(folder)
-        _run(folder, "-m", "mypyc", *map(str, sources() if files is None else files))
-        shutil.rmtree(folder / "build")
-        if _frames(folder) != frames:
-            _refuse()
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+    for name, file in _copied():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, folder / name)
+    (folder / "mypy.ini").write_text(_TYPE_SETTINGS)
+    chosen = list(sources() if files is None else files)
+    for file in (folder / one for one in chosen):
+        if file.is_file():  # else mypyc will say so
+            file.write_text(with_native_classes(file.read_text(), _MADE_OFTEN, _DERIVED_FROM))
+    _run("compiling", ("-m", "mypyc", *map(str, chosen)), folder)
+    for left in ("build", ".mypy_cache"):
+        shutil.rmtree(folder / left, ignore_errors=True)
 
 
-def sources() -> Iterable[Path]:
+def sources() -> Iterator[Path]:
     """Files that are compiled, from the folder that holds the packages."""
     for package, modules in _COMPILED.items():
         for module in modules.split():
             yield Path(package, *module.split(".")).with_suffix(".py")
 
 
-def copy_packages(folder: Path) -> None:
-    """Copy the packages as they are, with the specs that come with them."""
+def _copied() -> Iterator[tuple[str, Path]]:
+    """Every file of the packages, by its name in the copy; the shipped specs among them, as in a wheel."""
     for package in _PACKAGES:
-        shutil.copytree(package.__path__[0], folder / package.__name__, ignore=shutil.ignore_patterns("__pycache__"))
-    specs = folder / "heronry_dg" / "specs"
-    specs.mkdir(exist_ok=True)
+        root = Path(package.__path__[0])
+        for file in root.rglob("*"):
+            if file.is_file() and file.suffix not in (".pyc", ".so"):
+                yield str(Path(package.__name__) / file.relative_to(root)), file
     for name in shipped_spec_names():
-        shutil.copy(shipped_spec_path(name), specs)
-    (folder / "mypy.ini").write_text(_TYPE_SETTINGS)
+        yield f"heronry_dg/specs/{name}{SUFFIX}", shipped_spec_path(name)
+    for file in example_specs():
+        yield f"heronry_dg/specs/examples/{file.name}", file
 
 
-def _refuse() -> NoReturn:
-    raise UserError("the compiled flight gives other frames than the one in Python: do not use it, and report this")
+def _run(what: str, words: Sequence[str], folder: Path | None) -> str:
+    """Run Python with what is in a folder, or with what runs here; raises UserError with its last words if it fails."""
+    own = os.environ if folder is None else environment(folder) | _COMPILER
+    command, pipe = (sys.executable, *words), subprocess.PIPE
+    with subprocess.Popen(command, cwd=folder, env=own, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            told, wrong = _watched(what, process)
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise UserError(f"{what} failed:\n{(wrong + told)[-_TOLD:]}")
+    return told
 
 
-def _frames(folder: Path) -> tuple[str, int]:
-    """Digest and number of the frames of a flight, with the packages of a folder."""
-    flight = json.loads(_run(folder, "-m", "heronry_tools.cli", *_FLIGHT))
-    return flight["digest"], flight["frames"]
-
-
-def _run(folder: Path, *words: str) -> str:
-    """Run Python in a folder, with what is there; raises UserError with the last words of what fails."""
-    own = os.environ | {"PYTHONPATH": str(folder), "MYPYC_OPT_LEVEL": "2"}
-    done = subprocess.run([sys.executable, *words], cwd=folder, env=own, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise UserError(f"{' '.join(words[:2])} failed in {folder}:\n{(done.stderr + done.stdout)[-_TOLD:]}")
-    return done.stdout
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _watched(what: str, process: "subprocess.Popen[str]") -> tuple[str, str]:
+    """Wait for the end of a process; a terminal is told how long it has taken so far."""
+    began_s = time.monotonic()
+    while True:
+        try:
+            told = process.communicate(timeout=1)
+        except subprocess.TimeoutExpired:
+            show_line(f"{what}: {time.monotonic() - began_s:.0f} s")
+        else:
+            show_line("")
+            return told

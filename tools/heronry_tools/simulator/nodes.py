@@ -58,13 +58,12 @@ from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.planning import Planners, Prepared, best_plan, plan_at_once
 from heronry_tools.simulator.replicated_port import Copy
-from heronry_tools.simulator.station import FOR_EVER_NS
 from heronry_tools.simulator.world import Window
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
+from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
@@ -136,7 +135,8 @@ class SimulatedPe(Node):
         for entry in table.ports:
             self._join(table.name, buses[entry.bus], entry, witness)
         self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
-        for port in self.core.radio_ports:
+        self._radios = frozenset(self.core.radio_ports)
+        for port in self._radios:
             self._ears[port].left = partial(self._left, port)
         self._listen()
         self._arm(self.core.next_deadline_ns())
@@ -161,7 +161,7 @@ class SimulatedPe(Node):
         self._identifiers = self.core.identifiers
         wanted = frozenset(self.core.identifiers) - self._ignored
         for bus, station in self.stations:
-            if station.port not in self.core.radio_ports:
+            if station.port not in self._radios:
                 bus.wants(station, wanted)
 
     def _left(self, port: int, _: Frame) -> None:
@@ -216,7 +216,7 @@ class SimulatedPe(Node):
 
     def _send(self, action: Send) -> None:
         port, frame, until_ns = action.port, action.frame, action.until_ns
-        if port in self.core.radio_ports:
+        if port in self._radios:
             self._handed_ns[port] = self.time.now_ns()
         latest_ns = self.time.when_ns(self.time.now_ns() + self._lease_ns if until_ns is None else until_ns)
         if self.delays is None or frame is not self._passing:
@@ -410,7 +410,7 @@ class SimulatedManager(Node):
     def _do(self, action: ManagerAction) -> None:
         match action:
             case Send(_, frame):
-                self._offers[0](frame, FOR_EVER_NS)
+                self._offers[0](frame, NEVER_NS)
             case RequestPlan():
                 self._plan(action)
             case Emit(event):

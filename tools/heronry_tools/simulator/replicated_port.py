@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
-from heronry_tools.simulator.station import FOR_EVER_NS, Station
+from heronry_tools.simulator.station import Station
 from heronry_wire.channel_merge import ChannelMerge, latest_copy_ns
 from heronry_wire.channel_watch import ChannelWatch
 from heronry_wire.frame import Frame
-from heronry_wire.sansio import Received
+from heronry_wire.sansio import NEVER_NS, Received
 
 
 class Copy(NamedTuple):
@@ -59,9 +59,9 @@ class ReplicatedPort:
             station.listener = partial(self._heard, channel)
             station.left = partial(self._has_left, channel)
 
-    def offer(self, frame: Frame, until_ns: int = FOR_EVER_NS) -> None:
+    def offer(self, frame: Frame, until_ns: int = NEVER_NS) -> None:
         """Queue a frame on both channels; a copy that cannot start by `until_ns` is not sent."""
-        sending = Frame(*frame)
+        sending = frame._replace()
         for bus, station in self._wires:
             bus.offer(station, sending, until_ns)
 

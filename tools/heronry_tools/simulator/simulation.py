@@ -8,7 +8,6 @@ find it out. Whoever judges the run (`checks`) is told the truth, and sees the f
 """
 
 import hashlib
-import struct
 from collections.abc import Callable
 from functools import partial
 from random import Random
@@ -26,6 +25,7 @@ from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.first_copies import FirstCopies
+from heronry_tools.simulator.frame_digest import FrameDigest
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.planning import Planners, prepared
@@ -44,7 +44,6 @@ _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
-_HEAD = struct.Struct("<qBBH")
 _PHASE_EVENTS = ("manager_started", "phase_changed", "taken_over")
 _OF_A_STANDBY = ("manager_started", "standing_by", "stepped_down", "second_manager", "stopped")
 
@@ -95,9 +94,7 @@ class Simulation:
         self._cut: set[str] = set()
         self._incarnations = dict.fromkeys(spec.pes, 0)
         self._disks = {node: Disk(spec) for node in MANAGER_NODES}
-        self._hash = hashlib.sha256()
-        self._unhashed = bytearray()
-        self._numbers: dict[str, int] = {}  # of buses and nodes, for the digest
+        self._frames = FrameDigest()
         self.wires = {
             bus.name: tuple(
                 SimulatedBus(bus.name, bus.bitrate, self.clock, Random(f"{seed}/{channel}"), faults)
@@ -167,9 +164,7 @@ class Simulation:
 
     def digest(self) -> str:
         """Digest of every frame so far, with its time, bus and sender: 16 hexadecimal digits."""
-        self._hash.update(self._unhashed)
-        self._unhashed.clear()
-        return self._hash.hexdigest()[:16]
+        return self._frames.so_far()
 
     @property
     def data_identifiers(self) -> list[int]:
@@ -371,17 +366,10 @@ class Simulation:
     def _tap(self, *, keep_trace: bool) -> None:
         for name, wires in self.wires.items():
             for channel, wire in enumerate(wires):
-                wire.taps.append(self._hash_frame)
+                wire.taps.append(self._frames.see)
                 if name in self._both:
                     wire.taps.append(partial(self.checks.channels.sent, channel))
                     wire.taps.append(self._both[name].see)
             self.tap(name, self.checks.see)
             if keep_trace:
                 self.tap(name, self.trace.append)
-
-    def _hash_frame(self, sent: Sent) -> None:
-        end_ns, bus, sender, frame = sent
-        numbers = self._numbers
-        bus_number = numbers.setdefault(bus, len(numbers))
-        self._unhashed += _HEAD.pack(end_ns, bus_number, numbers.setdefault(sender, len(numbers)), frame.can_id)
-        self._unhashed += frame.data

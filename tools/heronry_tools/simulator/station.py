@@ -15,7 +15,6 @@ was in the mailbox is lost, and it is started again on purpose after `RESTART_NS
 
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received
@@ -25,17 +24,20 @@ BUS_OFF_ABOVE = 255
 SUSPENDED_BITS = 8
 RESTART_NS = 100_000_000
 RESTART_BITS = 128 * 11
-FOR_EVER_NS = 1 << 63
 
 
-class Waiting(NamedTuple):
-    """A frame on its way; the most urgent one is the least."""
+@dataclass(slots=True, eq=False)
+class Waiting:
+    """A frame on its way."""
 
     key: int  # arbitration key
     offer: int  # its number: of equal ones the first
     station: "Station"
     frame: Frame
     until_ns: int  # it serves no longer
+
+
+Urgency = tuple[int, int, Waiting]  # key and offer before all else: the most urgent one is the least
 
 
 class _Everything:
@@ -68,7 +70,7 @@ class Station:
     transmit_errors: int = 0
     receive_errors: int = 0
     mailbox: Waiting | None = None
-    queue: list[Waiting] = field(default_factory=list)  # a heap
+    queue: list[Urgency] = field(default_factory=list)  # a heap
 
     def reconsider(self) -> None:
         """Something about its wires has changed: work out anew what it can do."""

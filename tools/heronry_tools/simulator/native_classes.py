@@ -1,0 +1,167 @@
+"""A module as mypyc likes it: classes with constructors that can be compiled, and constants that are constant.
+
+mypyc makes a native class of a dataclass, but what `dataclass` generates stays Python: a frozen one takes a microsecond
+to make, compiled or not, and a named tuple half of that. A flight makes ten of them for each frame. A constructor that
+is written in the class is compiled with it, so the copy that is compiled gets one:
+
+    @dataclass(frozen=True, slots=True)         @dataclass(unsafe_hash=True, init=False)
+    class Tag:                                  class Tag:
+        number: int                                 number: int
+        kind: int = 0                               kind: int = 0
+                                                    def __init__(self, number: int, kind: int = 0) -> None: ...
+
+A named tuple becomes such a class where that is asked for. It can then no longer be unpacked or indexed; where somebody
+does, mypy refuses the copy, which it sees first. Equality, hash, `repr` and matching are still those of a dataclass.
+That nobody changes a frozen value has been checked in the source.
+
+A name in capitals that a module gives a value once is `Final`: mypyc looks up all others by name, each time.
+
+A class that others may derive from, in Python, is told to mypyc as such; so is an error, which stays Python.
+
+A class that is not understood here (one with bases, or with a constructor of its own) stays as it is.
+"""
+
+import ast
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+_CONSTANT = re.compile("_?[A-Z][A-Z0-9_]+")
+_DATACLASS = "import dataclasses as _dataclasses\nimport typing as _typing\n@_dataclasses.dataclass({})"
+_ATTRIBUTE = "import mypy_extensions as _mypy\n@_mypy.mypyc_attr({})"
+_REPLACE = """
+    def _replace(self, **changes: _typing.Any) -> "{0}":
+        return _dataclasses.replace(self, **changes)"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """`default` is an expression, `factory` one that makes it; `is_given` by who calls the constructor."""
+
+    name: str
+    kind: str
+    default: str | None = None
+    factory: str | None = None
+    is_given: bool = True
+
+    def parameter(self) -> str:
+        """How the constructor takes it."""
+        if self.factory is not None:
+            return f"{self.name}: {self.kind} | None = None"
+        return f"{self.name}: {self.kind}" + ("" if self.default is None else f" = {self.default}")
+
+    def assignment(self) -> str:
+        """How the constructor sets it."""
+        if self.factory is None:
+            return f"self.{self.name} = {self.name if self.is_given else self.default}"
+        made = f"{self.factory}()"
+        return f"self.{self.name} = " + (f"{made} if {self.name} is None else {self.name}" if self.is_given else made)
+
+
+def with_native_classes(source: str, tuples: Collection[str] = (), bases: Collection[str] = ()) -> str:
+    """Give the source of a module with constructors in its dataclasses, and in the named tuples of these names.
+
+    bases: classes that others may derive from.
+    """
+    lines = source.splitlines()
+    for node in reversed(ast.parse(source).body):
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            _make_final(node, lines)
+        if isinstance(node, ast.ClassDef):
+            _rewrite(node, lines, tuples)
+            if node.name in bases:
+                lines.insert(_first(node) - 1, _ATTRIBUTE.format("allow_interpreted_subclasses=True"))
+            if any(ast.unparse(base).endswith("Error") for base in node.bases):
+                lines.insert(_first(node) - 1, _ATTRIBUTE.format("native_class=False"))
+    return "\n".join([*lines, ""])
+
+
+def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
+    target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+    if not isinstance(target, ast.Name) or not _CONSTANT.fullmatch(target.id) or node.value is None:
+        return
+    line, kind = lines[node.lineno - 1], "_typing.Final"
+    if isinstance(node, ast.AnnAssign):
+        if node.annotation.end_lineno != node.lineno:
+            return
+        told = ast.unparse(node.annotation)
+        kind = told if told.startswith("Final") else f"{kind}[{told}]"
+    rest = line[node.value.col_offset :] if node.value.lineno == node.lineno else "("
+    lines[node.lineno - 1] = f"{target.id}: {kind} = {rest}"
+    lines.insert(node.lineno - 1, "import typing as _typing")
+
+
+def _rewrite(node: ast.ClassDef, lines: list[str], tuples: Collection[str]) -> None:
+    """Rewrite a class, its end first: what comes before stays where it is."""
+    is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in tuples
+    words = {"unsafe_hash": "True"} if is_tuple else _words(node)
+    fields = None if words is None else _fields(node)
+    if words is None or fields is None:
+        return
+    assert node.end_lineno is not None
+    more = [*_constructor(node, fields), *(_REPLACE.format(node.name).splitlines() if is_tuple else ())]
+    lines[node.end_lineno : node.end_lineno] = more
+    if is_tuple:
+        lines[node.lineno - 1] = f"class {node.name}:"
+    said = ", ".join(f"{word}={value}" for word, value in (words | {"init": "False"}).items())
+    lines[_first(node) - 1 : node.lineno - 1] = _DATACLASS.format(said).splitlines()
+
+
+def _first(node: ast.ClassDef) -> int:
+    """First line of a class, with its decorators."""
+    return min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+
+
+def _words(node: ast.ClassDef) -> dict[str, str] | None:
+    """What the decorator of a dataclass is to say; None for any other class, and for one with a constructor."""
+    if node.bases or len(node.decorator_list) != 1 or "__init__" in _methods(node):
+        return None
+    decorator = node.decorator_list[0]
+    called = decorator.func if isinstance(decorator, ast.Call) else decorator
+    if not isinstance(called, ast.Name) or called.id != "dataclass":
+        return None
+    keywords = decorator.keywords if isinstance(decorator, ast.Call) else []
+    said = {str(keyword.arg): ast.unparse(keyword.value) for keyword in keywords}
+    hashed = said.pop("frozen", "False") == "True" and said.get("eq") != "False"
+    said.pop("slots", None)
+    return said | ({"unsafe_hash": "True"} if hashed else {})
+
+
+def _methods(node: ast.ClassDef) -> set[str]:
+    return {one.name for one in node.body if isinstance(one, ast.FunctionDef)}
+
+
+def _fields(node: ast.ClassDef) -> list[_Field] | None:
+    """Fields of a dataclass; None where one is not understood."""
+    fields = []
+    for one in node.body:
+        if not isinstance(one, ast.AnnAssign) or not isinstance(one.target, ast.Name):
+            continue
+        field = _field(one.target.id, ast.unparse(one.annotation), one.value)
+        if field is None:
+            return None
+        if not field.kind.startswith("ClassVar"):
+            fields.append(field)
+    return fields
+
+
+def _field(name: str, kind: str, value: ast.expr | None) -> _Field | None:
+    if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name) or value.func.id != "field":
+        return _Field(name, kind, None if value is None else ast.unparse(value))
+    said = {str(keyword.arg): ast.unparse(keyword.value) for keyword in value.keywords}
+    is_given = said.pop("init", "True") == "True"
+    default, factory = said.pop("default", None), said.pop("default_factory", None)
+    if "None" in kind and factory is not None:  # then None may be a value
+        return None
+    for harmless in ("repr", "compare", "hash"):
+        said.pop(harmless, None)
+    return None if said else _Field(name, kind, default, factory, is_given)
+
+
+def _constructor(node: ast.ClassDef, fields: list[_Field]) -> Iterator[str]:
+    parameters = ", ".join(["self", *(field.parameter() for field in fields if field.is_given)])
+    yield from ("", f"    def __init__({parameters}) -> None:")
+    body = [field.assignment() for field in fields]
+    if "__post_init__" in _methods(node):
+        body.append("self.__post_init__()")
+    yield from (f"        {line}" for line in body or ["pass"])

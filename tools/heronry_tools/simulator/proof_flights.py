@@ -1,0 +1,42 @@
+"""Flights that a compiled simulator must fly just as Python does: every spec that comes with the package, with faults.
+
+Prints one line a flight: spec, seed, number of frames, their digest, what was violated. Acts of every kind are among
+them, since each seed draws its own; so are buses that lose frames, and a key.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from heronry_dg.loader import SUFFIX, load
+from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.scenario import Scenario, play
+
+_SECONDS = 2.0
+_LOSS = 0.001
+
+
+def main() -> None:
+    """Fly, and tell of each flight."""
+    for file, seeds in _flights():
+        spec = load(file)
+        for seed in range(seeds):
+            scenario = Scenario(seed, _SECONDS, drawn_acts(spec, seed, _SECONDS, ()), _LOSS if seed % 2 else 0.0)
+            outcome = play(spec, scenario)
+            print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
+
+
+def example_specs() -> list[Path]:
+    """The small specs that come with the package."""
+    return sorted((shipped_spec_path("big_blue").parent / "examples").glob(f"*{SUFFIX}"))
+
+
+def _flights() -> Iterator[tuple[Path, int]]:
+    for name in shipped_spec_names():
+        yield shipped_spec_path(name), 6
+    for file in example_specs():
+        yield file, 2
+
+
+if __name__ == "__main__":
+    main()
