@@ -66,6 +66,8 @@ class Restarts:
 
     def due(self, now_ns: int) -> list[int]:
         """Take the modules that begin again now."""
+        if now_ns < self.next_ns:
+            return []
         found = sorted(module for module, at_ns in self._begin_ns.items() if at_ns <= now_ns)
         for module in found:
             self.cancel(module)

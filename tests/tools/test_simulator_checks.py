@@ -212,7 +212,7 @@ def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
 
 def drive(checks: Checks, *modules: str) -> None:
     for t_ns, module in enumerate(modules):
-        checks.driven(Driven(t_ns, "tail_pe", module))
+        checks.driven(Driven(t_ns, "tail_pe", module, {}))
 
 
 def test_a_demux_may_change_hands_with_every_epoch() -> None:

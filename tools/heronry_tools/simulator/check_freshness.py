@@ -78,14 +78,15 @@ class FreshnessCheck:
     def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
         producer, variable = source
         identifier = self._identifiers[source]
-        heard = [one for bus in self._spec.pes[driven.pe].buses for one in self._last.get((bus, identifier, node), ())]
-        last_ns = max((t_ns for t_ns, _ in heard), default=None)
+        buses = self._spec.pes[driven.pe].buses
+        heard = [last for bus in buses if (last := self._last.get((bus, identifier, node)))]
+        last_ns = max((last[-1][0] for last in heard), default=None)
         oldest_ns = self._oldest_ns[source]
         by_what = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}"
         if last_ns is None or driven.t_ns - last_ns > oldest_ns:
             age = "never" if last_ns is None else f"{(driven.t_ns - last_ns) / 1e6:.1f} ms ago"
             self.violations.append(Violation(driven.t_ns, "freshness", f"{by_what}, last heard {age}"))
-        elif not any(driven.t_ns - t_ns <= oldest_ns and _says(frame, datum.value) for t_ns, frame in reversed(heard)):
+        elif not any(_said(last, driven.t_ns - oldest_ns, datum.value) for last in heard):
             story = f"{by_what}, but node {node} has sent no {datum.value!r} lately"
             self.violations.append(Violation(driven.t_ns, "foreign", story))
 
@@ -103,6 +104,11 @@ def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
     """How many frames of a source there may be that are fresh: its slowest mode says how long, its fastest how many."""
     rates = _rates_mhz(spec, producer, variable)
     return FRESH_PERIODS * max(rates) // min(rates) + _MORE
+
+
+def _said(last: deque[tuple[int, Frame]], since_ns: int, value: Value) -> bool:
+    """Tell whether some frame since then carries a value; the newest one mostly does."""
+    return any(t_ns >= since_ns and _says(frame, value) for t_ns, frame in reversed(last))
 
 
 def _says(frame: Frame, value: Value) -> bool:

@@ -23,6 +23,7 @@ from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.timing import worst_bits
 
 _SECOND_NS = 1_000_000_000
+_REMEMBERED_S = 10  # at least; by then message codes have come round, and bytes tell no frame from another
 _TOLERANCE = Fraction(5, 4)
 
 
@@ -43,6 +44,7 @@ class RadioCheck:
         self._budget = {name: bus.bitrate * (bus.max_load - bus.reserve) for name, bus in buses.items()}
         self._grace_ns = {bus: PATIENCE_PERIODS * spec.buses[bus].heartbeat_ns for bus in found}
         self._came: dict[tuple[str, int, bytes], int] = {}  # bus, identifier, bytes -> when
+        self._came_before: dict[tuple[str, int, bytes], int] = {}  # the same, of the seconds before
         self._reports: defaultdict[str, list[tuple[int, LinkReport]]] = defaultdict(list)
         self._second = 0
         self._bits: defaultdict[str, int] = defaultdict(int)
@@ -59,6 +61,8 @@ class RadioCheck:
         if second != self._second:
             self._close(sent.end_ns)
             self._second = second
+            if not second % _REMEMBERED_S:
+                self._came_before, self._came = self._came, {}
         self._came[sent.bus, sent.frame.can_id, sent.frame.data] = sent.end_ns
         if sent.bus not in self._gateway_of:
             return
@@ -67,7 +71,8 @@ class RadioCheck:
             self._passed_on(sent)
 
     def _passed_on(self, sent: Sent) -> None:
-        came_ns = self._came.get((self._inward[sent.bus], sent.frame.can_id, sent.frame.data))
+        key = (self._inward[sent.bus], sent.frame.can_id, sent.frame.data)
+        came_ns = self._came.get(key, self._came_before.get(key))
         if came_ns is not None and sent.end_ns - came_ns > self._longest_ns[sent.bus]:
             age_ms = (sent.end_ns - came_ns) / 1e6
             story = f"{sent.sender} sent a datum {sent.frame.can_id} by {sent.bus} that had come {age_ms:.0f} ms before"

@@ -146,6 +146,8 @@ def _fields(node: ast.ClassDef) -> list[_Field] | None:
 
 
 def _field(name: str, kind: str, value: ast.expr | None) -> _Field | None:
+    if isinstance(value, ast.Dict | ast.List | ast.Set):  # a named tuple may have such a default, a dataclass may not
+        return None
     if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name) or value.func.id != "field":
         return _Field(name, kind, None if value is None else ast.unparse(value))
     said = {str(keyword.arg): ast.unparse(keyword.value) for keyword in value.keywords}

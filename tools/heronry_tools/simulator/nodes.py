@@ -81,7 +81,7 @@ class Driven(NamedTuple):
     t_ns: int
     pe: str
     module: str
-    inputs: Mapping[str, tuple[str, Datum]] = {}
+    inputs: Mapping[str, tuple[str, Datum]]
 
 
 class SimulatedPe(Node):

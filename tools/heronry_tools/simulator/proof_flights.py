@@ -33,9 +33,9 @@ def example_specs() -> list[Path]:
 
 def _flights() -> Iterator[tuple[Path, int]]:
     for name in shipped_spec_names():
-        yield shipped_spec_path(name), 6
+        yield shipped_spec_path(name), 4
     for file in example_specs():
-        yield file, 2
+        yield file, 1
 
 
 if __name__ == "__main__":
