@@ -18,6 +18,12 @@ def shipped_spec_names() -> tuple[str, ...]:
     return tuple(sorted({path.name.removesuffix(SUFFIX) for folder in _FOLDERS for path in folder.glob(f"*{SUFFIX}")}))
 
 
+def example_specs() -> tuple[Path, ...]:
+    """Files of the small specs that are shipped with them, sorted."""
+    folder = shipped_spec_path(shipped_spec_names()[0]).parent / "examples"
+    return tuple(sorted(folder.glob(f"*{SUFFIX}")))
+
+
 def shipped_spec_path(name: str) -> Path:
     """File of a shipped spec; raises UnknownSpecError."""
     if name in shipped_spec_names():

@@ -14,9 +14,9 @@ from concurrent.futures import Executor
 from itertools import islice
 from typing import Final
 
-from heronry_dg.loader import SUFFIX, load
+from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_dg.shipped import shipped_spec_names
 from heronry_dg.situation import elements
 from heronry_manager.planner.sweep import FaultSet, Scope
 from heronry_tools.campaign.crew import crew
@@ -67,8 +67,7 @@ def _enumerated(
 
 def shipped() -> list[str]:
     """Every spec that comes with this package, the examples among them."""
-    names = shipped_spec_names()
-    return [*names, *map(str, sorted((shipped_spec_path(names[0]).parent / "examples").glob(f"*{SUFFIX}")))]
+    return [*shipped_spec_names(), *map(str, example_specs())]
 
 
 def main(argv: list[str] | None = None) -> int:

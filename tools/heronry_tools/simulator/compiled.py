@@ -32,12 +32,11 @@ import heronry_manager
 import heronry_tools
 import heronry_wire
 from heronry_dg.loader import SUFFIX
-from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
 from heronry_tools.simulator import clock
 from heronry_tools.simulator.native_classes import with_native_classes
-from heronry_tools.simulator.proof_flights import example_specs
 
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
 # What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.

@@ -7,8 +7,8 @@ them, since each seed draws its own; so are buses that lose frames, and a key.
 from collections.abc import Iterator
 from pathlib import Path
 
-from heronry_dg.loader import SUFFIX, load
-from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_dg.loader import load
+from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
 from heronry_tools.simulator.chaos import drawn_acts
 from heronry_tools.simulator.scenario import Scenario, play
 
@@ -24,11 +24,6 @@ def main() -> None:
             scenario = Scenario(seed, _SECONDS, drawn_acts(spec, seed, _SECONDS, ()), _LOSS if seed % 2 else 0.0)
             outcome = play(spec, scenario)
             print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
-
-
-def example_specs() -> list[Path]:
-    """The small specs that come with the package."""
-    return sorted((shipped_spec_path("big_blue").parent / "examples").glob(f"*{SUFFIX}"))
 
 
 def _flights() -> Iterator[tuple[Path, int]]:
