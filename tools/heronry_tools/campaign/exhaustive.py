@@ -16,7 +16,7 @@ from typing import Final
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_dg.shipped import shipped_spec_names
+from heronry_dg.shipped import example_specs, shipped_spec_names
 from heronry_dg.situation import elements
 from heronry_manager.planner.sweep import FaultSet, Scope
 from heronry_tools.campaign.crew import crew
