@@ -54,10 +54,10 @@ _COMPILED = {
     "heronry_tools": "witness simulator.bus simulator.check_blame simulator.check_configurations "
     "simulator.check_end_state simulator.check_epochs simulator.check_exclusion simulator.check_freshness "
     "simulator.check_liveness simulator.check_load simulator.check_orphans simulator.check_planned_load "
-    "simulator.check_publishing simulator.check_queues simulator.check_radio simulator.check_safe_mode simulator.check_service "
-    "simulator.check_silence simulator.check_terms simulator.checks simulator.clock simulator.commanded "
-    "simulator.frame_digest simulator.local_clock simulator.node simulator.nodes simulator.protocol_state "
-    "simulator.station simulator.violation simulator.world",
+    "simulator.check_publishing simulator.check_queues simulator.check_radio simulator.check_safe_mode "
+    "simulator.check_service simulator.check_silence simulator.check_terms simulator.checks simulator.clock "
+    "simulator.commanded simulator.frame_digest simulator.local_clock simulator.node simulator.nodes "
+    "simulator.protocol_state simulator.station simulator.violation simulator.world",
 }
 # Named tuples that are made for every frame or step, and that nobody takes apart.
 _MADE_OFTEN = frozenset(
