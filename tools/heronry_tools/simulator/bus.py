@@ -190,15 +190,9 @@ class SimulatedBus:
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
         """Shorten the time until which a frame, this very object, may start at a station."""
-        mailbox = station.mailbox
-        if mailbox is not None and mailbox.frame is frame:
-            station.mailbox = mailbox._replace(until_ns=min(mailbox.until_ns, until_ns))
-            if self._on_air is None or self._on_air[0] is not mailbox:
-                self._wait_for_bus(station)
-            return
-        for place, waiting in enumerate(station.queue):
-            if waiting.frame is frame:
-                station.queue[place] = waiting._replace(until_ns=min(waiting.until_ns, until_ns))
+        for waiting in (station.mailbox, *(waiting for _, _, waiting in station.queue)):
+            if waiting is not None and waiting.frame is frame:
+                waiting.until_ns = min(waiting.until_ns, until_ns)
                 return
 
     def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
