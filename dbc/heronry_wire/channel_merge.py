@@ -69,11 +69,6 @@ class ChannelMerge:
         self._order: deque[_Copy] = deque()
         self._behind: dict[tuple[int, bool], tuple[int, int]] = {}  # which channel, and when the other brought it last
 
-    @property
-    def waiting(self) -> int:
-        """How many frames are remembered, since their copies may come."""
-        return len(self._order)
-
     def take(self, channel: int, frame: Frame, at_ns: int) -> bool:
         """Tell whether a frame that has arrived is to be taken."""
         self._expire(at_ns)

@@ -139,4 +139,4 @@ def test_it_remembers_nothing_that_is_over(brought: list[tuple[int, Frame, int]]
         now_ns += later_ns * pace_ns // MS
         merge.take(channel, frame, now_ns)
     merge.take(0, Frame(9, b""), now_ns + WINDOW_NS + 1)
-    assert merge.waiting == 1
+    assert (len(merge._order), len(merge._alone)) == (1, 1)
