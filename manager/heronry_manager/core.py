@@ -220,7 +220,7 @@ class ManagerCore:
                 self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
-            case JournalTold(problem):
+            case JournalTold(problem):  # pragma: no branch - nothing else is left
                 self._journal_told(problem)
             case ChannelsLost(channels):
                 self._situation.channels.own(channels)
@@ -347,7 +347,7 @@ class ManagerCore:
                     self._fail_if(pe, self._deployment.staging(pe, page))
             case StatePage2() if self._authenticity is not None and self._speaks():
                 self._authenticity.answer(pe, page)
-            case StatePage2() | StatePage3() | Malformed() | None:
+            case StatePage2() | StatePage3() | Malformed() | None:  # pragma: no branch - nothing else is left
                 pass
 
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
@@ -502,7 +502,7 @@ class ManagerCore:
                 self._replan(f"pe:{pe}: {change.cause}")
             case Change.HEARD_AGAIN:
                 self._turn.emit("pe_heard_again", pe=pe, cause=change.cause)
-            case Change.JOINED:
+            case Change.JOINED:  # pragma: no branch - nothing else is left
                 if pe in self._turn.memory.quarantined:
                     self._turn.keep(Released(pe))
                 self._turn.emit("pe_joined", pe=pe, cause=change.cause)

@@ -148,11 +148,6 @@ class Health:
         """Heartbeat period of a PE on the bus on which it reports."""
         return self._records[pe].period_ns
 
-    def silence_ns(self, pe: str, now_ns: int) -> int | None:
-        """Time since a PE was last heard; None if never."""
-        heard = self._records[pe].heard_ns
-        return None if heard is None else now_ns - heard
-
     def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
         """A state frame of a PE arrived; `incarnation` where the page says it.
 
@@ -181,7 +176,7 @@ class Health:
                 record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
-            case Standing.RETURNING | Standing.DOWN:
+            case Standing.RETURNING | Standing.DOWN:  # pragma: no branch - nothing else is left
                 pass
         return changes + self._fail_if_deaf(record, last, now_ns)
 
@@ -273,8 +268,6 @@ class Health:
                     over_ns = record.returning_since_ns + record.hold_down_ns()
                     deaf = record.deaf_since_ns is not None
                     deadlines.append(record.declare_ns() if deaf else min(record.declare_ns(), over_ns))
-                case Standing.WAITING | Standing.DOWN:
-                    pass
         return min(deadlines, default=None)
 
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:

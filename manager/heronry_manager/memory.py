@@ -123,7 +123,7 @@ class Memory:
                 return replace(self, latched={e: one for e, one in self.latched.items() if e != element})
             case Quarantined(pe, losses):
                 return replace(self, quarantined={**self.quarantined, pe: losses})
-            case Released(pe):
+            case Released(pe):  # pragma: no branch - nothing else is left
                 return replace(self, quarantined={p: n for p, n in self.quarantined.items() if p != pe})
 
     def records(self) -> list[Record]:
@@ -160,7 +160,7 @@ def as_json(record: Record) -> list[str | int]:
             return ["cleared", element]
         case Quarantined(pe, losses):
             return ["quarantined", pe, losses]
-        case Released(pe):
+        case Released(pe):  # pragma: no branch - nothing else is left
             return ["released", pe]
 
 

@@ -45,7 +45,7 @@ class OperatorOrders:
                     return Reply(number, True, self._fail(checked_element(self._spec, element)))
                 case ClearElement(element):
                     return self._clear(number, checked_element(self._spec, element))
-                case UnlockPe(element):
+                case UnlockPe(element):  # pragma: no branch - nothing else is left
                     return self._unlock(number, checked_element(self._spec, element))
         except UnknownElementError as error:
             return Reply(number, False, str(error))

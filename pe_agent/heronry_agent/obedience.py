@@ -32,7 +32,6 @@ from heronry_wire.management import (
     ALIVE,
     NO_EPOCH,
     Activate,
-    Alive,
     Control,
     Lease,
     ManagementMessage,
@@ -158,8 +157,8 @@ class Obedience:
             case Control(operation=Operation.RENEW | Operation.UNLOCK) if message.node == self.index.node:
                 if self.authenticity is not None:
                     self.authenticity.obey(message)
-            case SliceHead() | SliceBody() | Ping() | Control() | Lease() | Alive():
-                pass
+            case _:
+                pass  # for somebody else, or nothing to be obeyed
 
     def _prepare(self, command: Prepare) -> None:
         """Stage an epoch. One that is on board runs everywhere within two answers: until then data stand back."""

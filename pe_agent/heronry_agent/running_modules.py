@@ -171,7 +171,7 @@ class RunningModules:
                 self._give_up(module, reason)
             case DriveFailed(module, reason):
                 self._failed(module, reason)
-            case PartitionEnded(partition, reason, computing):
+            case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
                 words = f"partition {partition} ended: {reason}"
                 self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
 

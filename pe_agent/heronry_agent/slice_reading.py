@@ -40,9 +40,6 @@ class SliceReader:
         return Reason.IMAGE if images & self.missing_images else wanted
 
     def _is_coherent(self, wanted: Slice) -> bool:
-        indices = [module.module for module in wanted.modules]
-        if len(set(indices)) != len(indices):
-            return False
         given = {source for m in wanted.modules for source in self._index.gives(m.module, m.mode)}
         return (
             wanted.publish.keys() <= given

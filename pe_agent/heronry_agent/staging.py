@@ -57,8 +57,7 @@ class _Collection:
 
     def missing(self) -> bool:
         """Tell whether the body is not complete."""
-        if self.head is None:
-            return True
+        assert self.head is not None
         held = self.bodies or {}
         return any(index not in held for index in range(1, _frames(self.head.length) + 1))
 

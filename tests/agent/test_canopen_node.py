@@ -26,8 +26,10 @@ from agent.one_pe import (
     pages,
     sent,
 )
+from heronry_agent.network_management import NetworkManagement
 from heronry_agent.vocabulary import Action, StartFailed
 from heronry_wire.canaerospace import DataType
+from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
@@ -377,3 +379,11 @@ def test_malformed_and_unknown_requests_are_not_answered(master: Master) -> None
     for frame in (Frame(128, b"\x5d"), encode_service(request(Service.FPS, NODE)), encode_service(request(77, NODE))):
         assert master.pe.hear(frame) == []
     assert master.pe.core.counts["malformed node service", 128] == 1
+
+
+def test_a_heartbeat_that_is_set_before_boot_up_begins_after_it() -> None:
+    network = NetworkManagement(NODE, (0,), 0)
+    network.set_heartbeat(SHORTEST_HEARTBEAT_MS, 0)
+    (boot_up,) = network.tick(0, configured=False, led=False)
+    assert boot_up.frame.data == b"\0"
+    assert network.next_ns == SHORTEST_HEARTBEAT_MS * MS

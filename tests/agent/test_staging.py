@@ -245,3 +245,21 @@ def test_frames_for_other_nodes_and_of_other_epochs_stage_nothing() -> None:
     stale = [SliceBody(NODE, 6, m.index, m.body) for m in rest if isinstance(m, SliceBody)]
     pe.command(rest[0], *stale)
     assert last_page_1(pe).staged_digest == 0
+
+
+def test_another_head_of_the_same_epoch_begins_the_body_anew() -> None:
+    pe = OnePe()
+    prepare, head, *bodies = slice_messages(FLYING, EPOCH, DIGEST)
+    assert isinstance(head, SliceHead)
+    pe.command(prepare, replace(head, digest=head.digest ^ 1), *bodies[:-1])
+    pe.command(head, bodies[-1])
+    assert last_page_1(pe).staged_digest == 0
+    pe.command(*bodies)
+    assert last_page_1(pe).staged_digest == DIGEST
+
+
+def test_a_leaf_may_be_wired_to_nobody() -> None:
+    pe = OnePe()
+    pe.command(*slice_messages(Slice((ModuleSlice(CONTROL, 0, (None,)),)), EPOCH, DIGEST))
+    assert last_page_1(pe).staged_digest == DIGEST
+    assert started(pe.command(Activate(1, EPOCH, Step.GO_ALL, DIGEST))) == [CONTROL]

@@ -16,6 +16,15 @@ def with_source(**changes: object) -> PeTable:
     return replace(TABLE, sources=(replace(first, **changes), *rest))
 
 
+def with_version(version: int) -> PeTable:
+    """The table, in which every mode gives this version of what it gives."""
+    modules = []
+    for module in TABLE.modules:
+        modes = (replace(mode, gives=dict.fromkeys(mode.gives, version)) for mode in module.modes)
+        modules.append(replace(module, modes=tuple(modes)))
+    return replace(TABLE, modules=tuple(modules))
+
+
 @pytest.mark.parametrize(
     ("table", "says"),
     [
@@ -27,6 +36,7 @@ def with_source(**changes: object) -> PeTable:
         (replace(TABLE, devices=(DeviceEntry("x", "sensor", 12),)), "no PE"),
         (replace(TABLE, sources=TABLE.sources[:1]), "which is no source"),
         (replace(TABLE, sources=(*TABLE.sources[:2], SourceEntry("monitor", "rate", 5, 1))), "which is no source"),
+        (with_version(16), "gives version 16"),
     ],
 )
 def test_a_table_that_contradicts_itself_is_refused_with_the_remedy(table: PeTable, says: str) -> None:

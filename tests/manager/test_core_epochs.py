@@ -2,9 +2,10 @@
 
 import pytest
 
+from heronry_dg.loader import loads
 from heronry_manager.planning import PLAN_AGAIN_NS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
-from heronry_manager.vocabulary import PlanFailed, PlanReady
+from heronry_manager.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed, PlanReady
 from heronry_wire.frame import Frame
 from heronry_wire.management import (
     Activate,
@@ -21,7 +22,7 @@ from heronry_wire.management import (
     StatePage1,
     Step,
 )
-from manager.one_manager import BEAT_NS, MS, OneManager
+from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
 CONTROL_RAISED = Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, 0, 0)
@@ -360,15 +361,17 @@ def test_with_nobody_left_the_empty_configuration_is_an_epoch_too(manager: OneMa
 
 
 def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager: OneManager) -> None:
-    for _ in range(9):
-        manager.reboot("right")
-        manager.answer()
-        while manager.last("pe_joined")["t_ns"] < manager.last("pe_heard_again")["t_ns"]:
-            manager.pass_time(200 * MS)
+    first = manager.prepared()
+    for servo in ("device:servo_left", "device:servo_right") * 5:
+        manager.give(OperatorSaid(1, FailElement(servo)))
         manager.answer()
         stage_everywhere(manager)
+        take_everywhere(manager, PeState.BROKEN)
         take_everywhere(manager)
-    manager.live("left", PeState.ACTIVE, epoch=1, digest=5)
+        manager.give(OperatorSaid(2, ClearElement(servo)))
+        manager.answer()
+    assert manager.prepared() == (first[0] + 10, first[1])
+    manager.live("left", PeState.ACTIVE, epoch=first[0], digest=first[1])
     assert "which nobody commanded" in manager.last("pe_lost")["cause"]
 
 
@@ -398,3 +401,45 @@ def test_who_comes_back_with_nothing_to_do_is_admitted_to_the_epoch_that_runs(ma
     manager.report("middle", LEFT_SERVO_FAILED)
     manager.answer()
     assert manager.prepared()[0] != epoch
+
+
+def test_a_module_that_began_again_is_told_and_acknowledged_and_nothing_is_planned(manager: OneManager) -> None:
+    requests = len(manager.requests)
+    manager.report("middle", Emergency(FaultCode.MODULE_RESTARTED, 0, ElementKind.MODULE, 0, 2))
+    assert [(c.node, c.operation) for c in manager.answers()] == [(93, Operation.ACKNOWLEDGE)]
+    assert (manager.last("module_restarted")["element"], manager.last("module_restarted")["times"]) == (
+        "module:control",
+        2,
+    )
+    assert len(manager.requests) == requests
+
+
+def test_a_suspect_that_answers_in_time_is_told(manager: OneManager) -> None:
+    page = manager.running.pop("middle")
+    manager.pass_time(26 * MS)
+    manager.running["middle"] = page
+    manager.beat("middle")
+    assert [manager.last(kind)["pe"] for kind in ("pe_suspected", "pe_answered")] == ["middle", "middle"]
+    assert manager.of("pe_lost") == []
+
+
+def test_who_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(manager: OneManager) -> None:
+    epoch = manager.prepared()[0]
+    manager.reboot("left")
+    manager.pass_time(250 * MS)
+    assert manager.requests[-1].down == frozenset()
+    manager.answer()
+    assert manager.of("plan_unchanged") == []
+    assert manager.prepared()[0] > epoch
+
+
+def test_a_pe_that_dies_while_its_slice_is_sent_holds_nobody_up() -> None:
+    slow = OneManager(loads(SPEC_TEXT.replace("bitrate: 1000000", "bitrate: 20000"), "slow.dg.yaml"))
+    slow.start(fly=False)
+    slow.answer()
+    assert slow.heads_to("left") == 0
+    slow.die("left")
+    slow.pass_time(70 * MS)
+    slow.answer()
+    slow.pass_time(100 * MS)
+    assert slow.heads_to("middle") > 0

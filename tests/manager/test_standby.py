@@ -3,12 +3,20 @@
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_dg.situation import Situation
+from heronry_manager.compilation import Compiler
 from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
 from heronry_manager.memory import NOTHING
+from heronry_manager.overheard import Overheard
+from heronry_manager.planner.exact import plan
+from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
+from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (
+    Activate,
     Alive,
     Control,
     ElementKind,
@@ -19,6 +27,8 @@ from heronry_wire.management import (
     PeFlags,
     PeState,
     Prepare,
+    SliceBody,
+    SliceHead,
     StatePage0,
     Step,
 )
@@ -244,3 +254,71 @@ def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
         pair.say(pe, PeFlags(0))  # they have missed it; the standby has not
     assert state(pair.standby) == "standby"
     assert pair.standby.running["left"].state is PeState.ACTIVE
+
+
+def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
+    standby = standing_by()
+    standby.hear(Frame(management_id(126, Command.LEASE), Lease(1, 0, Step.PREPARED, 0).encode()))
+    for pe in ("left", "middle"):
+        standby.live(pe)
+    standby.pass_time(LEASE_NS + MS)
+    for pe in ("left", "middle"):
+        standby.live(pe)
+    assert standby.last("taken_over")["term"] == 2
+    assert standby.requests == []
+    standby.pass_time(START_UP_WINDOW_NS)
+    assert standby.requests[-1].down == {"pe:right"}
+
+
+def test_with_a_key_what_a_manager_says_that_nobody_follows_is_passed_over(pair: Pair) -> None:
+    standby = standing_by()
+    standby.core = ManagerCore(PHASES, 127, NOTHING, standby.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
+    for frame in pair.primary.frames:
+        standby.hear(frame)
+    assert standby.of("standing_by") == []
+    assert standby.frames == []
+
+
+class TestOverheard:
+    """A standby that has missed, or was told, what cannot be put together knows nothing, and says nothing."""
+
+    SLICE = b"\0\0\0\0"
+
+    def overheard(self) -> tuple[Overheard, Turn]:
+        turn = Turn(127, 0, term=0, memory=NOTHING, silent=True)
+        return Overheard(PHASES, turn), turn
+
+    def head(self, body: bytes, digest: int | None = None) -> SliceHead:
+        return SliceHead(92, 7, len(body), slice_digest(PHASES.digest, body) if digest is None else digest)
+
+    def test_a_body_with_another_digest_is_none(self) -> None:
+        overheard, turn = self.overheard()
+        overheard.take(Prepare(1, 7, 5))
+        overheard.take(self.head(self.SLICE, 1))
+        overheard.take(SliceBody(92, 7, 1, self.SLICE))
+        overheard.take(Activate(1, 7, Step.GO_ALL, 5))
+        assert turn.memory.runs is None
+
+    def test_a_slice_that_names_nothing_in_the_spec_is_none(self) -> None:
+        overheard, turn = self.overheard()
+        body = Slice((ModuleSlice(99, 0, ()),)).encode()
+        overheard.take(Prepare(1, 7, 5))
+        overheard.take(self.head(body))
+        overheard.take(SliceBody(92, 7, 1, body))
+        overheard.take(Activate(1, 7, Step.GO_ALL, 5))
+        assert turn.memory.runs is None
+
+    def test_of_many_slices_the_oldest_are_forgotten(self) -> None:
+        overheard, turn = self.overheard()
+        compiled = Compiler(PHASES).configuration(plan(PHASES, Situation(phase="climb"), None).configuration)
+        overheard.take(Prepare(1, 7, compiled.digest))
+        for node, body in compiled.slices.items():
+            overheard.take(SliceHead(node, 7, len(body), compiled.slice_digests[node]))
+            for index, start in enumerate(range(0, len(body), 5), start=1):
+                overheard.take(SliceBody(node, 7, index, body[start : start + 5]))
+        for number in range(600):
+            body = number.to_bytes(4, "big")
+            overheard.take(SliceHead(100, 7, 4, slice_digest(PHASES.digest, body)))
+            overheard.take(SliceBody(100, 7, 1, body))
+        overheard.take(Activate(1, 7, Step.GO_ALL, compiled.digest))
+        assert turn.memory.runs is None

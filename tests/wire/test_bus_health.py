@@ -151,3 +151,10 @@ def test_without_systemd_or_with_one_that_is_gone_nothing_happens(tmp_path: Path
         service.lives(0)
         service.status("x")
         service.close()
+
+
+def test_what_the_controller_counts_without_a_state_is_counted_and_not_told() -> None:
+    health = BusHealth("can0")
+    health.reported(ControllerReport(None, ("bus error",)), 0)
+    assert health.counts == {"bus error": 1}
+    assert health.take_news() == []

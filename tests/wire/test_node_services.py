@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from heronry_wire.canaerospace import DataType, Datum
 from heronry_wire.frame import Frame, Malformed, WireError, parse_frame
+from heronry_wire.identification import IdentificationService
 from heronry_wire.identifiers import Use, classify
 from heronry_wire.node_services import (
     Identification,
@@ -23,6 +24,8 @@ from heronry_wire.node_services import (
     request,
     service_id,
 )
+
+MS = 1_000_000
 
 
 def frame(text: str) -> Frame:
@@ -145,3 +148,10 @@ def test_what_does_not_answer_ids_is_malformed(text: str) -> None:
 def test_an_identification_made_by_hand_is_looked_at_too() -> None:
     strange = ServiceMessage(0, True, Datum(42, DataType.UCHAR4, Service.IDS, 0, None))
     assert isinstance(read_identification(strange), Malformed)
+
+
+def test_a_question_that_is_none_is_told_from_one_that_is_for_others() -> None:
+    service = IdentificationService(92)
+    assert service.asked(0, frame("080#5D000000"), 0)
+    assert not service.asked(0, frame("080#5C"), 0)
+    assert service.tick(MS) == []

@@ -194,3 +194,10 @@ def test_an_error_names_its_place(path: Path, value: Json, sentence: str) -> Non
 def test_two_modules_have_two_indices() -> None:
     modules = value_at(("modules",))
     assert "two modules have one index" in refused(changed(("modules",), [modules[0], modules[0]]))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"), [("data_per_mille", 0, "must be 1 to 1000"), ("link_id", 300, "which is not a gateway's")]
+)
+def test_a_port_that_cannot_be_is_refused(key: str, value: int, says: str) -> None:
+    assert says in refused(changed(("ports", 0, key), value))

@@ -13,15 +13,15 @@ MANAGER, AGENT, WIRE = "manager/heronry_manager", "pe_agent/heronry_agent", "dbc
 
 CORES: Mapping[str, str] = {
     MANAGER: "announcing authenticity beacon checked_lines compilation core deployment exclusion following health "
-    "known_situation latched_faults memory mission_phase numbering operator_orders overheard planning radio_links "
+    "known_situation latched_faults lost_channels memory mission_phase numbering operator_orders overheard planning radio_links "
     "reconfiguration topology turn",
-    AGENT: "authenticity canopen_node core error_history faults gateway link_meter mailboxes network_management "
+    AGENT: "authenticity canopen_node channel_reports core error_history faults gateway link_meter mailboxes network_management "
     "node_services obedience object_dictionary pe_objects permission phase_requests publishing radio_port radio_queue "
     "reconfiguration reign reporting restarts running_modules schedule sdo_server slice_reading staging table_index "
-    "turn",
+    "turn without_manager",
 }
 CODEC: Mapping[str, str] = {
-    WIRE: "authentication bus_health canaerospace canopen_objects command_tags configuration_slice contingency_block "
+    WIRE: "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags configuration_slice contingency_block "
     "controller errors frame gateway_report identification identifiers layout management node_services packing "
     "pe_table sansio sdo standard_identifiers timing transmit_queue",
 }
@@ -32,7 +32,7 @@ NEITHER: Mapping[str, str] = {
     "events fault_cases management_times reconfiguration_bound status vocabulary",
     AGENT: "__init__ __main__ cli devices driver host in_process_host incarnation module module_runner partition "
     "partition_host partition_messages partition_process ports table_waiting vocabulary",
-    WIRE: "__init__ bus_arguments can_interface eds key_file link service_manager",
+    WIRE: "__init__ bus_arguments can_interface eds key_file link replicated_link service_manager",
 }
 
 
