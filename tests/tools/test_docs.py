@@ -79,6 +79,7 @@ RULES = [
     Rule(
         r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
     ),
+    Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
 ]
 NO_INTERFACE = "nocan0"  # stands for the user's own: no test talks to a real aircraft
