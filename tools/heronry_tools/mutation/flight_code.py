@@ -13,17 +13,17 @@ MANAGER, AGENT, WIRE = "manager/heronry_manager", "pe_agent/heronry_agent", "dbc
 
 CORES: Mapping[str, str] = {
     MANAGER: "announcing authenticity beacon checked_lines compilation core deployment exclusion following health "
-    "known_situation latched_faults lost_channels memory mission_phase numbering operator_orders overheard planning radio_links "
-    "reconfiguration topology turn",
-    AGENT: "authenticity canopen_node channel_reports core error_history faults gateway link_meter mailboxes network_management "
-    "node_services obedience object_dictionary pe_objects permission phase_requests publishing radio_port radio_queue "
-    "reconfiguration reign reporting restarts running_modules schedule sdo_server slice_reading staging table_index "
-    "turn without_manager",
+    "known_situation latched_faults lost_channels memory mission_phase numbering operator_orders overheard "
+    "planning radio_links reconfiguration topology turn",
+    AGENT: "authenticity canopen_node channel_reports core error_history faults gateway link_meter mailboxes "
+    "network_management node_services obedience object_dictionary pe_objects permission phase_requests publishing "
+    "radio_port radio_queue reconfiguration reign reporting restarts running_modules schedule sdo_server "
+    "slice_reading staging table_index turn without_manager",
 }
 CODEC: Mapping[str, str] = {
-    WIRE: "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags configuration_slice contingency_block "
-    "controller errors frame gateway_report identification identifiers layout management node_services packing "
-    "pe_table sansio sdo standard_identifiers timing transmit_queue",
+    WIRE: "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags "
+    "configuration_slice contingency_block controller errors frame gateway_report identification identifiers "
+    "layout management node_services packing pe_table sansio sdo standard_identifiers timing transmit_queue",
 }
 NEITHER: Mapping[str, str] = {
     # shells: sockets, processes, files, command lines
