@@ -333,8 +333,21 @@ def _whole_flight() -> list[bytes]:
     return [prepared + activated + (alive + lease + passes + answers * 3) * 4]
 
 
-def _requests() -> list[bytes]:
-    return [bytes.fromhex(text) for text in ("4000200000000000 0001", "2301200009000000 0001", "c202200020000000 0001")]
+_READS, _WRITES = ("4001200000000000", "6000000000000000"), ("2101200006000000", "0b61206e6577206f")
+_BLOCK = ("c602200009000000", "0131323334353637", "8238390000000000", "d500000000000000")
+_FETCHES = ("a4022000200a0000", "a300000000000000", "a20a200000000000", "a100000000000000")
+
+
+def _transfers() -> list[bytes]:
+    """Give requests of whole transfers, each with a pause after it: by segment and by block, both ways."""
+    return [b"".join(bytes.fromhex(text) + b"\0\1" for text in one) for one in (_READS, _WRITES, _BLOCK, _FETCHES)]
+
+
+def _table_is_given() -> list[bytes]:
+    """Give a story in which a manager speaks, unlocks the node, and a table is begun to be written and read."""
+    unlocks = bytes((1, 4))
+    begins = [bytes((2, *bytes.fromhex(text))) for text in ("2120200009000000", "c620200009000000", "4020200000000000")]
+    return [unlocks * 3 + begin + bytes((3, 0)) + bytes(7) for begin in begins]
 
 
 STORIES = (
@@ -342,7 +355,7 @@ STORIES = (
     Target("keyed_agent", partial(_agent, "elevator_and_chute", "tail_pe", KEY), _whole_flight),
     Target("gateway", partial(_agent, "big_blue", "comms", None), _whole_flight),
     Target("keyed_gateway", partial(_agent, "big_blue", "comms", KEY), _whole_flight),
-    Target("waiting", partial(_waiting, None), _requests),
-    Target("keyed_waiting", partial(_waiting, KEY), _requests),
-    Target("sdo", _sdo, _requests),
+    Target("waiting", partial(_waiting, None), _table_is_given),
+    Target("keyed_waiting", partial(_waiting, KEY), _table_is_given),
+    Target("sdo", _sdo, _transfers),
 )
