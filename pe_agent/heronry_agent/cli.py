@@ -136,9 +136,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
         def new_core() -> AgentCore:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
-            return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key))
+            return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
 
-        host = (InProcessHost if arguments.in_process else PartitionHost)(table, Bench(origin_ns))
+        bench = Bench(origin_ns)
+        followed = bench.followed_by(device.name for device in table.devices if device.node == table.node_id)
+        host = (InProcessHost if arguments.in_process else PartitionHost)(table, bench)
         undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)

@@ -76,12 +76,14 @@ class AgentCore:
         *,
         missing_images: frozenset[str] = frozenset(),
         secret: Secret | None = None,
+        followed: Collection[str] | None = None,
     ) -> None:
         """Start unconfigured; the first deadline is now.
 
         incarnation: 0..255, another one than at the last start of this PE.
         missing_images: images of the table that cannot be loaded here; a slice that names one is refused.
         secret: the key of the fleet; with one nothing is obeyed but what was tagged with it.
+        followed: actuators of other PEs whose echoes move the world here; None: all.
         Raises TableError where the table contradicts itself.
         """
         index = self._index = TableIndex(table)
@@ -96,6 +98,7 @@ class AgentCore:
         self._without_manager = WithoutManager(turn, self.reign, self.reconfiguration, self.modules)
         self._gateway = Gateway(index)
         self._secret = secret
+        self._echo_ids = ECHO_NODES.keys() if followed is None else _echo_ids(table, followed)
         authenticity = self.authenticity = self._make_authenticity(secret)
         self._obedience = Obedience(
             turn,
@@ -361,7 +364,7 @@ class AgentCore:
         """Handlers that do not depend on the configuration, by identifier."""
         handlers: dict[int, _Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
         handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
-        handlers |= dict.fromkeys(ECHO_NODES, self._echo)
+        handlers |= dict.fromkeys(self._echo_ids, self._echo)
         commands = self._obedience.handlers()
         handlers |= commands if self.authenticity is None else self.authenticity.guarded(commands)
         handlers |= self._canopen.handlers()
@@ -417,3 +420,8 @@ class AgentCore:
         if not self.clashed:
             self.clashed = True
             self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")
+
+
+def _echo_ids(table: PeTable, actuators: Collection[str]) -> Collection[int]:
+    """Identifiers under which the PEs of these actuators echo."""
+    return {actuator_echo_id(device.node) for device in table.devices if device.name in actuators}

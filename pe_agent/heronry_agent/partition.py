@@ -10,7 +10,7 @@ Nothing here outlives the agent. The kernel kills this process when the agent di
 middle of a step, and a closed socket ends it. An agent that stands still asks for nothing, and so nothing is computed;
 a step that was asked for before, and comes to its turn when the agent's word is too old (`until_ns`), is not computed.
 
-A partition stands back behind its agent, whose heartbeats go first, and leaves no core file, which would take seconds.
+A partition leaves no core file, which would take seconds.
 """
 
 import ctypes
@@ -41,7 +41,6 @@ from heronry_agent.partition_messages import (
 )
 
 _PR_SET_PDEATHSIG = 1
-_STANDS_BACK = 5  # steps of "niceness" behind its agent
 _PACKET_BYTES = 262_144
 _DESCRIPTORS = 65_536
 
@@ -103,7 +102,6 @@ def main(arguments: list[str]) -> int:
     """Serve the agent until it is gone; gives the exit code."""
     die_with(int(arguments[0]))
     os.closerange(SOCKET + 1, _DESCRIPTORS)  # what the agent itself was given by whoever started it
-    os.nice(_STANDS_BACK)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
     partition = Partition(ModuleRunner(time.monotonic_ns))

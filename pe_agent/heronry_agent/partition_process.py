@@ -2,7 +2,8 @@
 
 Nothing here ever waits. What is sent is sent at once or the partition is given up for one that does not read; what has
 ended is reaped when the kernel says so. Exec, not fork: a partition inherits no bus, no key, no table, and is smaller;
-its environment is cut down to what Python needs.
+its environment is cut down to what Python needs. From its exec on it stands back behind its agent, whose heartbeats go
+first.
 
 What it is told in one turn of the agent is one packet. For GATHER_NS after it nobody is woken by the answers, so that
 the steps of several modules, and of several partitions, cost the agent one awakening and not one each.
@@ -38,6 +39,7 @@ _INHERITED = ("HOME", "LANG", "LD_LIBRARY_PATH", "PATH", "TZ", "VIRTUAL_ENV")
 _STATM_DATA, _PAGE_BYTES = 5, os.sysconf("SC_PAGE_SIZE")
 _CPU_CLOCK = 2  # of a process by its number, as clock_getcpuclockid(3) makes it
 _RUNNABLE = "R"
+_STANDS_BACK = 5  # steps of "niceness"
 
 
 @dataclass(slots=True)
@@ -69,6 +71,7 @@ class PartitionProcess:
         self._socket.setblocking(False)
         with theirs:
             self.pid = _spawn(name, theirs.fileno())
+        os.setpriority(os.PRIO_PROCESS, self.pid, os.getpriority(os.PRIO_PROCESS, 0) + _STANDS_BACK)
         self._schedstat = _open(f"/proc/{self.pid}/schedstat")
 
     def fileno(self) -> int:

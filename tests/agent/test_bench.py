@@ -210,3 +210,15 @@ def test_noise_is_nearly_normal_and_devices_are_independent() -> None:
         assert statistics.pstdev(series) == pytest.approx(1, abs=0.05)
         assert max(abs(draw) for draw in series) <= 3.5
     assert statistics.correlation(draws["one"], draws["other"]) == pytest.approx(0, abs=0.06)
+
+
+def test_a_world_follows_the_actuators_that_its_sensors_feel() -> None:
+    assert Bench.followed_by(["imu_2", "gps"]) == {
+        "elevator_servo_1",
+        "elevator_servo_2",
+        "rudder_servo_1",
+        "rudder_servo_2",
+    }
+    assert Bench.followed_by(["elevator_angle_sensor"]) == {"elevator_servo_1", "elevator_servo_2"}
+    assert Bench.followed_by(["wing_pressure_sensor", "unknown"]) == {"inflation_valve"}
+    assert Bench.followed_by(["pitot", "battery", "camera"]) == frozenset()

@@ -23,6 +23,7 @@ from agent.one_pe import (
     RUN_MONITOR,
     RUN_SERVO_1,
     SERVO_1,
+    TABLE,
     OnePe,
     neighbour_state,
     rate_frame,
@@ -30,6 +31,7 @@ from agent.one_pe import (
     slice_messages,
     stopped,
 )
+from heronry_agent.core import AgentCore
 from heronry_agent.module import Value
 from heronry_agent.vocabulary import Heard, StepFailed, StepModule, Stepped
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
@@ -230,6 +232,13 @@ def test_the_echo_of_another_pe_is_heard() -> None:
         Datum(FAR, DataType.LONG, 3, 0, 4),
     ):
         assert pe.hear(encode_data(actuator_echo_id(FAR), wrong)) == []
+
+
+def test_a_world_that_follows_no_actuator_of_a_pe_does_not_hear_its_echoes() -> None:
+    rudders, nothing = (AgentCore(TABLE, 5, 0, followed=names) for names in (("rudder",), ("left",)))
+    assert rudders.hears(actuator_echo_id(FAR))
+    assert not rudders.hears(actuator_echo_id(NEIGHBOUR))
+    assert not nothing.hears(actuator_echo_id(FAR))
 
 
 # When they fail

@@ -3,9 +3,9 @@
     python -m heronry_tools.agent_bench [--spec big_blue] [--seconds 20] [--busy 2]
 
 Flies the spec twice for so long, its data on the bus: once with nothing else to do for this computer, once beside
-`--busy` processes that compute without end. Prints the start-up of the agent's code, the memory of each agent, the
-processor time per frame (its modules included: they are in there), and by how much its state frames come later after
-one another than their period says.
+`--busy` processes that compute without end. Prints the start-up of the agent's code, and of each agent the memory, the
+processor time, that of its partitions, the agent's per frame, and by how much its state frames come later after one
+another than their period says. At the end stands what all processes of the flight used: hubs and manager as well.
 """
 
 import argparse
@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from can.typechecking import CanFilter
@@ -90,11 +90,12 @@ def _fly(spec_name: str, seconds: float) -> None:
         time.sleep(_SETTLE_S)
         while observer.recv(0) is not None:
             pass
-        before, cpu_before_s = observer.statistics(), cpu_s(pids)
+        before, cpu_before = observer.statistics(), _times(os.getpid())
         late_ms = lateness_ms(observer, spec.buses[spec.manager.bus].heartbeat_ns / 1e6, seconds)
-        after, cpu_after_s = observer.statistics(), cpu_s(pids)
-        used_s = {pe: cpu_after_s[pe] - cpu_before_s[pe] for pe in pids}
-        _print_agents(pids, used_s, before.clients, after.clients, seconds)
+        after, cpu_after = observer.statistics(), _times(os.getpid())
+        used = {pid: (parent, s - cpu_before.get(pid, (0, 0.0))[1]) for pid, (parent, s) in cpu_after.items()}
+        _print_agents(pids, used, before.clients, after.clients, seconds)
+        print(f"all processes {sum(used_s for _, used_s in used.values()) / seconds:.0%} of a core")
         print(f"bus load {after.load_since(before):.0%}, {(after.frames - before.frames) / seconds:.0f} frames/s")
         print("state frames later than their period, ms: " + ", ".join(quantiles(sorted(late_ms))))
 
@@ -123,30 +124,43 @@ def quantiles(late_ms: Sequence[float]) -> Iterator[str]:
 
 def _print_agents(
     pids: dict[str, int],
-    used_s: dict[str, float],
+    used: dict[int, tuple[int, float]],
     before: Sequence[ClientStatistics],
     after: Sequence[ClientStatistics],
     seconds: float,
 ) -> None:
     frames_before = {client.pid: client.sent + client.received for client in before}
     clients = {client.pid: client for client in after}
-    print(f"{'PE':<10}{'MiB':>6}{'CPU':>7}{'frames/s':>10}{'us/frame':>10}{'lost':>6}")
+    print(f"{'PE':<10}{'MiB':>6}{'CPU':>7}{'partitions':>12}{'frames/s':>10}{'us/frame':>10}{'lost':>6}")
     for pe, pid in pids.items():
-        line = f"{pe:<10}{resident_mib(pid):>6.1f}{used_s[pe] / seconds:>7.1%}"
+        used_s, partitions_s = used[pid][1], sum(cpu for parent, cpu in used.values() if parent == pid)
+        line = f"{pe:<10}{resident_mib(pid):>6.1f}{used_s / seconds:>7.1%}{partitions_s / seconds:>12.1%}"
         if pid in clients:
             client = clients[pid]
             frames = client.sent + client.received - frames_before[pid]
-            line += f"{frames / seconds:>10.0f}{used_s[pe] / max(frames, 1) * 1e6:>10.0f}{client.overruns:>6}"
+            line += f"{frames / seconds:>10.0f}{used_s / max(frames, 1) * 1e6:>10.0f}{client.overruns:>6}"
         print(line)
 
 
-def cpu_s(pids: dict[str, int]) -> dict[str, float]:
-    """Processor time that each process has used, user and system (proc(5), stat, fields 14 and 15)."""
-    used = {}
-    for pe, pid in pids.items():
-        fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-        used[pe] = (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
-    return used
+def cpu_s(pid: int) -> float:
+    """Processor time that a process has used, user and system (proc(5), stat, fields 14 and 15)."""
+    fields = _stat(pid)
+    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+
+
+def _times(root: int) -> dict[int, tuple[int, float]]:
+    """Parent and processor time of a process and of all that it has started."""
+    family = {root: (0, cpu_s(root))}
+    for folder in sorted(Path("/proc").iterdir(), key=lambda each: each.name.zfill(20)):
+        with suppress(OSError, ValueError, IndexError):
+            pid = int(folder.name)
+            if (parent := int(_stat(pid)[1])) in family:
+                family[pid] = parent, cpu_s(pid)
+    return family
+
+
+def _stat(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
 
 
 def resident_mib(pid: int) -> float:

@@ -86,12 +86,12 @@ def _costs(seconds: float) -> int:
 
 def _measured(period_ms: int, seconds: float, *, is_full: bool = False) -> Cost:
     with _agents(1, period_ms) as (bus, (pid,)):
-        start, cpu_before_s = bus.statistics(), cpu_s({"": pid})[""]
+        start, cpu_before_s = bus.statistics(), cpu_s(pid)
         if is_full:
             _fill(bus, seconds)
         else:
             time.sleep(seconds)
-        end, cpu_after_s = bus.statistics(), cpu_s({"": pid})[""]
+        end, cpu_after_s = bus.statistics(), cpu_s(pid)
     before, after = (_client(statistics, pid) for statistics in (start, end))
     return Cost(
         cpu_after_s - cpu_before_s,

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from heronry_agent.bench.flight import CUTDOWN_S, NS_PER_S, Moment
+from heronry_agent.bench.flight import CUTDOWN_S, NS_PER_S, Moment, moment
 from heronry_agent.bench.noise import noise
 from heronry_agent.images import atmosphere
 from heronry_agent.module import Value
@@ -181,6 +181,18 @@ SENSORS: Mapping[str, Sensor] = {
     "console": _commands,
     "receiver": _chute_command,
 }
+
+
+def felt_by(device: str) -> frozenset[str]:
+    """Mechanisms that a device's reading depends on."""
+    felt: set[str] = set()
+
+    def feel(mechanism: str) -> float:
+        felt.add(mechanism)
+        return 0.0
+
+    reading(Surroundings(device, 0, moment(0), feel, feel))
+    return frozenset(felt)
 
 
 def reading(around: Surroundings) -> Value:

@@ -15,11 +15,20 @@ States: healthy, or failed on command, for each device. A failure is this bench'
 bolted. A failed actuator is not echoed (`write` says so), so that nobody elsewhere believes that it moved.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 from heronry_agent.bench import flight
-from heronry_agent.bench.devices import GPS_PERIOD_NS, PUSHED_BY, SENSORS, WING_SUPPLY_HPA, Surroundings, reading
+from heronry_agent.bench.devices import (
+    GPS_PERIOD_NS,
+    PUSHED_BY,
+    SENSORS,
+    WING_SUPPLY_HPA,
+    Surroundings,
+    felt_by,
+    reading,
+)
 from heronry_agent.bench.mechanism import Mechanism
 from heronry_agent.module import Value
 
@@ -76,6 +85,12 @@ class Bench:
         fault = self._faults.get(device)
         if fault is None or fault.how == "bias":
             self._move(device, value, now_ns)
+
+    @staticmethod
+    def followed_by(sensors: Iterable[str]) -> frozenset[str]:
+        """Actuators elsewhere that a world with these sensors has to hear of."""
+        felt = {mechanism for sensor in sensors for mechanism in felt_by(sensor)}
+        return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
 
     def position(self, device: str) -> Value | None:
         """Where an actuator was last told to go, by `write` or `heard`; None if it never was."""

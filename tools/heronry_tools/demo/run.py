@@ -25,7 +25,7 @@ from heronry_tools.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import LAST_MANAGER
 
-LONGEST_START_S = 60.0  # a small computer takes ten seconds to load the solver; whoever dies is seen at once
+LONGEST_START_S = 120.0  # a small computer takes long to load the solver; whoever dies is seen at once
 GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
 LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
 _LOOK_S = 0.1  # how often the witness is asked for outages
