@@ -136,6 +136,8 @@ def make(folder: Path) -> None:
 def _make(staging: Path, folder: Path) -> None:
     try:
         compile_into(staging)
+        if compiled_folder().name != folder.name:
+            raise UserError("the sources have changed while they were compiled: start again")
         flights = ("-P", "-m", "heronry_tools.simulator.proof_flights")
         if _run("flying in Python", flights, None) != _run("flying compiled", flights, staging):
             raise UserError("the compiled flights give other frames than those in Python: report this, fly in Python")
