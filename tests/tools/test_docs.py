@@ -70,7 +70,6 @@ RULES = [
     Rule(r"python -m heronry_tools\.simulator\.reaction_bench --write .*", How.RUN),
     Rule(r"python -m heronry_tools\.simulator\.reaction_bench\b.*", How.EXEMPT, "test_reaction_bench.py flies it"),
     Rule(r"python -m heronry_tools\.demo\.bench .*", How.LIVE, more="--kills 1"),
-    Rule(r"python -m heronry_tools\.simulator\.bench", How.RUN, more="--seconds 0.1"),
     Rule(r"heronry (contingencies|campaign|cutsets|why)\b.*", How.RUN),
     Rule(r"heronry bench plan\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01"),
     Rule(r"PYTHONPATH=tests python -m planner\.(comparison|mutants) .*", How.EXEMPT, "tests/planner runs them"),
