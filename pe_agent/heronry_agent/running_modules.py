@@ -342,6 +342,8 @@ class RunningModules:
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
             return
+        if self.has_exclusive_output and not self._permission.allows(self._turn.now_ns):
+            self._held_ns = self._turn.now_ns
         if self._turn.now_ns < self._held_ns + JUDGED_AFTER_NS:
             self._turn.count("report while outputs are held", running.entry.index)
             self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
