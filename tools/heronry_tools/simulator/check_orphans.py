@@ -2,7 +2,7 @@
 
 Once no manager has been on the bus for T_lease, and a little longer for that to be told,
 
-- nobody says that it hears a LEASE;
+- nobody says that it hears a LEASE (but for what a PE that was cut off said before, and could not send);
 - `keep`: everybody goes on with what it runs. State, epoch and digest stay as they are, until it restarts or some
   manager speaks again.
 
@@ -28,6 +28,7 @@ class OrphanCheck:
         self._keeps = spec.manager.without_manager == "keep"
         self._names = {pe.node_id: pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses}
         self._patience_ns = (LEASE_PERIODS + _SLACK) * bus.heartbeat_ns
+        self._queued_ns = LEASE_PERIODS * bus.heartbeat_ns  # a frame may have waited for so long
         self._spoken_ns: int | None = None  # when some manager said anything last
         self._orphans: dict[int, _What] = {}  # by node: what it ran when it heard none
 
@@ -43,7 +44,7 @@ class OrphanCheck:
         page = decode_state(data)
         if node not in self._names or not isinstance(page, StatePage0):
             return
-        if PeFlags.HEARS_LEASE in page.flags:
+        if PeFlags.HEARS_LEASE in page.flags and t_ns - self._spoken_ns > self._patience_ns + self._queued_ns:
             self._tell(t_ns, f"{self._names[node]} says that it hears a manager, and there is none")
         runs = (page.incarnation, page.state, page.epoch, page.digest if self._has_digests else 0)
         before, self._orphans[node] = self._orphans.get(node), runs
