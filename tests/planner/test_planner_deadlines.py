@@ -7,7 +7,7 @@ from heronry_dg.traffic import Hop
 from heronry_dg.verify import verify
 from heronry_manager.planner.deadlines import Deadlines
 from heronry_manager.planner.exact import Planner
-from heronry_tools.planner_bench.generator import generate
+from heronry_tools.planner_bench.generator import fault_cases, generate
 
 
 @pytest.fixture
@@ -34,8 +34,9 @@ def test_what_is_late_is_ruled_out_with_everything_that_could_delay_it(verdicts:
 
 def test_what_comes_late_over_a_gateway_is_ruled_out_with_what_delays_it_on_both_buses(verdicts: list[bool]) -> None:
     spec = generate(11, 60, 12, 0.9)
-    now = situation(spec, ["device:loop4_servo_a_device"])
-    search = Planner(spec).serve(now)
+    *_, case = fault_cases(spec, 11, 10)
+    assert case.now.down == {"device:loop4_servo_a_device"}
+    search = Planner(spec).serve(case.now, case.running)
     assert search.proven
-    assert verify(spec, now, search.best) == []
+    assert verify(spec, case.now, search.best) == []
     assert 1 <= verdicts.count(False) <= 5

@@ -226,6 +226,6 @@ def _solver(kind: Kind, effort: float) -> CpSolver:
     solver.parameters.symmetry_level = 0
     solver.parameters.cut_level = 0
     solver.parameters.max_presolve_iterations = 1
-    solver.parameters.linearization_level = 0 if kind is Kind.SERVING else 2
+    solver.parameters.linearization_level = 2  # the bound that proves utility where there is too much work
     solver.parameters.cp_model_probing_level = 0 if kind is Kind.SERVING else 2
     return solver
