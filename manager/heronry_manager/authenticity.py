@@ -23,7 +23,8 @@ counts only if the one before it fitted as well, for as long as that goes on and
 guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
 
 Another manager is believed if what it says is tagged, and its numbers rise; nobody else can end a reign. Who stands by
-has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be.
+has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be. One with
+this manager's number is another one if it has come further than this one: what this one has said could be said again.
 
 A page 1 is no sign of life, and needs no number: what a PE says of an epoch stays true as long as its session lasts.
 
@@ -49,6 +50,7 @@ from heronry_wire.authentication import (
     NO_NONCE,
     PAGE_1_BEAT,
     Key,
+    Place,
     Session,
     next_number,
     split_state,
@@ -230,7 +232,14 @@ class Authenticity:
     def proven(self, manager: int, tag: bytes) -> Held | None:
         """Take the TAG of another manager; gives the command that it proves."""
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
-        return found if isinstance(found, Held) else None
+        if not isinstance(found, Held) or self._was_mine(manager):
+            return None
+        return found
+
+    def _was_mine(self, manager: int) -> bool:
+        """Tell whether what has just been proven was said by this manager itself, in this term, and is said again."""
+        mine = Place(self._signer.term, self._signer.number)
+        return manager == self._turn.node and self._managers.places[manager] <= mine
 
     def _proven(self, pe: str, peer: _Peer, page: StatePage0, said: bytes) -> StatePage0 | None:
         found = self._find(peer, page, said)

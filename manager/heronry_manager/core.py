@@ -8,7 +8,9 @@ runs.
 Desired, commanded and observed stay apart: a plan is desired; `self._current` is the last epoch whose ACTIVATE went
 out; only state frames write what a PE is seen to run.
 
-    LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start
+    LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start. Also, and until
+                somebody is heard again, whoever reigned and hears no PE any more: it is deaf, or its wire is broken,
+                and what it would still say could only take things away from who hears it
     STARTING    LEASE and ALIVE go out; waiting for every PE, or for the start-up window to close
     REIGNING    everything else
     STANDBY     another manager reigns: this one follows (`following`) and takes over when the PEs hear none any more
@@ -16,7 +18,8 @@ out; only state frames write what a PE is seen to run.
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending:
 it forgets all but its memory, and learns from the bus. Manager 127 also stands by where it hears nobody at its start,
-for the start-up window, so that 126 goes first.
+for the start-up window, so that 126 goes first. One that hears a LEASE of its own number and term has a double, which
+was started by mistake: whoever hears the other one first gives way.
 
 A mission phase that is asked for, and an element that the operator fails or clears, change the situation like a fault.
 
@@ -137,7 +140,10 @@ class ManagerCore:
         self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
-        self._reign, self._listen_until_ns = Reign.LISTENING, now_ns + LEASE_PERIODS * period_ns
+        self.lease_ns = LEASE_PERIODS * period_ns  # T_lease; what could not be sent for so long is not sent at all
+        self._reign = Reign.LISTENING
+        self._listen_until_ns: int | None = now_ns + self.lease_ns  # None: until somebody is heard, and longer
+        self._goes_first = node == FIRST_MANAGER or not standby  # where nobody reigns
         self._advise, self._standby, self._window_ns = advise, standby, window_ns
         self._key, self._on_board = key, on_board
         self._journal_problem: str | None = None
@@ -145,7 +151,7 @@ class ManagerCore:
         self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
         self._planning = Planning(self._turn)
         self._begin()
-        self._beacon = Beacon(node, period_ns, self._listen_until_ns)
+        self._beacon = Beacon(node, period_ns, now_ns + self.lease_ns)
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
@@ -172,7 +178,9 @@ class ManagerCore:
         spec, turn = self._spec, self._turn
         self._health = Health(spec, turn.now_ns, self._window_ns)
         self._exclusion = Exclusion(spec)
-        self._situation = KnownSituation(spec, turn, self._health, self._take, self._replan, limited=self._limited)
+        self._situation = KnownSituation(
+            spec, turn, self._health, self._take, self._replan, limited=self._limited, stopped=self._stopped
+        )
         key = self._key
         self._orders = OperatorOrders(spec, turn, self._health, self._situation, has_key=key is not None)
         self._deployment = Deployment(
@@ -324,6 +332,9 @@ class ManagerCore:
 
     def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
         now_ns = self._turn.now_ns
+        if self._reign is Reign.LISTENING and self._listen_until_ns is None:
+            self._begin()
+            self._listen_until_ns = now_ns + self.lease_ns
         match page:
             case StatePage0():
                 hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()
@@ -375,15 +386,18 @@ class ManagerCore:
             self._on_lease(node, message)
 
     def _on_lease(self, node: int, lease: Lease) -> None:
+        is_double = node == self._node and lease.term == self._turn.term  # it is not this one's: those do not come in
         if self._reign is Reign.LISTENING and self._standby:
             self._stand_by(node, lease)
         elif self._reign is Reign.LISTENING:
             self._retire(node, lease, f"manager {node} already reigns on {self._bus.name} (term {lease.term})")
-        elif lease.term > self._turn.term and self._standby:
+        elif (lease.term > self._turn.term or is_double) and self._standby:
             self._turn.emit("stepped_down", node=node, term=lease.term)
             self._planning.forget()
             self._begin()
             self._stand_by(node, lease)
+        elif is_double:
+            self._retire(node, lease, f"another manager {node} reigns on {self._bus.name}, in the same term")
         elif lease.term > self._turn.term:
             self._retire(node, lease, f"manager {node} reigns with the higher term {lease.term}")
 
@@ -418,14 +432,17 @@ class ManagerCore:
 
     def _tick(self) -> None:
         now_ns = self._turn.now_ns
-        if self._reign is Reign.LISTENING and now_ns >= self._listen_until_ns:
-            if self._standby and self._node != FIRST_MANAGER:
-                self._reign = Reign.STANDBY
-            else:
+        if self._reign is Reign.LISTENING and self._listen_until_ns is not None and now_ns >= self._listen_until_ns:
+            if self._goes_first:
                 self._begin_term()
+            else:
+                self._reign = Reign.STANDBY
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
+        if self._reign is Reign.REIGNING and not self._advise and self._health.hears_nobody(now_ns):
+            self._fall_silent()
+            return
         if self._reign is Reign.STANDBY:
             self._turn.ask(*self._identification.tick(now_ns))
             return
@@ -437,6 +454,13 @@ class ManagerCore:
         first = self._reign is Reign.STARTING and not self._health.starting()
         if first or self._planning.is_due_again():
             self._ask_for_plan()
+
+    def _fall_silent(self) -> None:
+        """Nobody is heard any more: it is this manager that is cut off, or deaf, or there is nobody to command."""
+        self._turn.emit("hears_nobody", term=self._turn.term)
+        self._planning.forget()
+        self._begin()
+        self._reign, self._listen_until_ns, self._goes_first = Reign.LISTENING, None, True
 
     def _begin_term(self) -> None:
         """Begin to speak: from now on the PEs know this term. Who is not heard may drive on for T_lease."""
@@ -571,6 +595,11 @@ class ManagerCore:
         self._deployment.abandon(cause)
         if self._reign is not Reign.LISTENING and not self._health.starting():
             self._ask_for_plan()
+
+    def _stopped(self, module: str) -> None:
+        """A module is well again that its PE has stopped."""
+        if self.reigns:
+            self._deployment.stopped(module)
 
     def _limited(self, cause: str) -> None:
         """A radio has another limit: if what runs is as good as any under it, nothing is to be done."""

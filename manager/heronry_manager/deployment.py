@@ -106,6 +106,7 @@ class Deployment:
         self.next: Reconfiguration | None = None  # being prepared
         self._next_plan: Plan | None = None
         self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
+        self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
 
     @property
     def running(self) -> Placement | None:
@@ -199,12 +200,16 @@ class Deployment:
 
     # From one epoch to the next
 
+    def stopped(self, module: str) -> None:
+        """A module that its PE had stopped counts as well again: only another epoch makes that PE start it."""
+        self._stopped.add(module)
+
     def everybody_runs_it(self) -> bool:
-        """Tell whether everybody counted on runs the current epoch."""
+        """Tell whether everybody counted on runs the current epoch, and all of it."""
         current = self.current
-        return current is not None and all(
-            self._observed[pe].epoch == current.epoch for pe in self._health.counted_on()
-        )
+        if current is None or self._stopped & current.configuration.modules.keys():
+            return False
+        return all(self._observed[pe].epoch == current.epoch for pe in self._health.counted_on())
 
     def runs(self, plan: Plan) -> bool:
         """Tell whether what runs is this already, and take the plan for that of the current epoch.
@@ -213,6 +218,8 @@ class Deployment:
         """
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
+            return False
+        if self._stopped & current.configuration.modules.keys():
             return False
         late = [pe for pe in self._health.counted_on() if self._observed[pe].epoch != current.epoch]
         if any(current.compiled.slices[self._spec.pes[pe].node_id] for pe in late):
@@ -374,6 +381,7 @@ class Deployment:
         self._exclusion.activated(epoch.placed)
         self._before = self.current.configuration if self.current is not None else Configuration()
         self.current, self.next = epoch, None
+        self._stopped.clear()
         self._remember(epoch, self._next_plan)
         epoch.activate(must_break, self._turn.now_ns)
         self._emit_step(epoch)

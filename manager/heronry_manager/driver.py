@@ -164,7 +164,8 @@ class ManagerDriver:
         for action in actions:
             match action:
                 case Send(frame=frame):
-                    self._link.send(frame, time.monotonic_ns())
+                    now_ns = time.monotonic_ns()
+                    self._link.send(frame, now_ns, now_ns + self._core.lease_ns)
                 case RequestPlan():
                     answer = self._foresight.request(action)
                     if answer is not None:

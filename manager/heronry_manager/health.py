@@ -140,6 +140,11 @@ class Health:
         """PEs that are up or merely suspect."""
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
+    def hears_nobody(self, now_ns: int) -> bool:
+        """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on."""
+        heard = [record for record in self._records.values() if record.heard_ns is not None]
+        return bool(heard) and not self.counted_on() and all(now_ns >= record.declare_ns() for record in heard)
+
     def starting(self) -> bool:
         """Tell whether some PE has not been heard and may still be starting."""
         return self._window_closes_ns is not None

@@ -15,7 +15,7 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.health import Health, HealthChange
-from heronry_manager.latched_faults import LatchedFault, LatchedFaults
+from heronry_manager.latched_faults import OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.lost_channels import LostChannels
 from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
@@ -39,10 +39,14 @@ class KnownSituation:
         replan: Callable[[str], None],
         *,
         limited: Callable[[str], None],
+        stopped: Callable[[str], None],
     ) -> None:
-        """`take` is given changes of health that were made here, `limited` those of radios, `replan` any other."""
+        """`take` is given changes of health that were made here, `limited` those of radios, `replan` any other.
+
+        stopped: is told of a module that is taken for well again, and that its PE has stopped.
+        """
         self._spec, self._turn, self._health = spec, turn, health
-        self._take, self._replan, self._limited = take, replan, limited
+        self._take, self._replan, self._limited, self._stopped = take, replan, limited, stopped
         self._mission = MissionPhase(spec)
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
@@ -161,6 +165,8 @@ class KnownSituation:
             return False
         if fault is not None:
             self._turn.keep(Cleared(element))
+            if kind == "module" and fault.code != OPERATOR_CODE:
+                self._stopped(name)
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_wire.management import ElementKind
 
+OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: what it names goes on until it is planned around
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
 
 
@@ -23,7 +24,7 @@ class LatchedFault:
 
     element: str
     by: str  # a PE, or "the operator"
-    code: str  # name of the fault code, or OPERATOR
+    code: str  # name of the fault code, or OPERATOR_CODE
     detail: int
     since_ns: int
 

@@ -16,7 +16,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_manager.health import Health
 from heronry_manager.known_situation import KnownSituation
-from heronry_manager.latched_faults import LatchedFault
+from heronry_manager.latched_faults import OPERATOR_CODE, LatchedFault
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Reply, UnlockPe
 from heronry_wire.identifiers import Command
@@ -60,7 +60,7 @@ class OperatorOrders:
     def _fail(self, element: str) -> str:
         if element in self._situation.failed.elements:
             return f"{element} counts as failed already"
-        self._situation.latch(LatchedFault(element, OPERATOR, "OPERATOR", 0, self._turn.now_ns))
+        self._situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
         return f"{element} counts as failed until it is cleared; a plan without it is on its way"
 
     def _clear(self, number: int, element: str) -> Reply:

@@ -10,7 +10,9 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
     phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
                     that an answer to an older request ends nothing
 
-A module that was only built anew is told the same way, and is no fault that would stay told.
+A module that was only built anew is told the same way, and is no fault that would stay told. A module that was stopped
+is told again to every new reign (`tell_again`): the one before may have acknowledged it, and died before anybody else
+knew.
 
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
@@ -20,6 +22,7 @@ Forged: an acknowledgement silences a fault for a second. A restart forgets ever
 """
 
 from collections.abc import Collection
+from dataclasses import replace
 
 from heronry_agent.error_history import ErrorHistory
 from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
@@ -46,7 +49,7 @@ class Faults:
         self._critical = frozenset(critical)
         self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: set[tuple[ElementKind, int]] = set()
+        self._told: dict[tuple[int, int], tuple[_Key, Emergency]] = {}  # by kind and index
         self._requests = self._events = 0
         self.changes = 0  # how often something became pending, or was no more
         self.history = ErrorHistory()
@@ -73,11 +76,16 @@ class Faults:
             return []
         if code is FaultCode.REPORTED and now_ns < self._quiet_until_ns.get(key, now_ns):
             return []
-        if code is not FaultCode.MODULE_RESTARTED:
-            self._told.add((kind, index))
-        self.history.add(code, kind, index)
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
+        if code is not FaultCode.MODULE_RESTARTED:
+            self._told[kind, index] = key, emergency
+        self.history.add(code, kind, index)
         return self._pend(key, emergency, now_ns)
+
+    def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
+        """Somebody else has to know what was told of an element, if it still stands: what to send now."""
+        told = self._told.get((kind, index))
+        return [] if told is None else self._pend(*told, now_ns)
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """A phase is asked for: what to send now. The request before it, if it still waits, is given up."""
@@ -103,12 +111,11 @@ class Faults:
         """The operator takes an element for well: what to send now."""
         self._drop([key for key in self._pending if key[1:] == (kind, index)])
         self._quiet_until_ns = {key: ns for key, ns in self._quiet_until_ns.items() if key[1:] != (kind, index)}
-        told = [element for element in self._told if element == (kind, index)]
-        self._told.difference_update(told)
-        return [
-            Frame(self._emcy_id, Emergency(FaultCode.RESET, _NO_ERROR, found, position, 0).encode())
-            for found, position in told
-        ]
+        told = self._told.pop((kind, index), None)
+        if told is None:
+            return []
+        emergency = replace(told[1], code=FaultCode.RESET, error_register=_NO_ERROR, detail=0)
+        return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
         """Repeat what has not been acknowledged."""

@@ -225,8 +225,10 @@ class RunningModules:
         self._tell(self.faults.clear(kind, index))
 
     def new_reign(self) -> None:
-        """Another term has begun: what is still asked for, that manager may not know."""
+        """Another term has begun: what is still asked for, and who has stopped here, that manager may not know."""
         self._tell(self.phase_requests.new_reign(self._turn.now_ns))
+        for module in sorted(self._reconfiguration.failed):
+            self._tell(self.faults.tell_again(ElementKind.MODULE, module, self._turn.now_ns))
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
         """Read another PE's echo: device and value."""

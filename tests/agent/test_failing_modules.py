@@ -46,7 +46,17 @@ from heronry_agent.vocabulary import (
 )
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.identifiers import actuator_echo_id, emcy_id
-from heronry_wire.management import Activate, Alive, Control, ElementKind, FaultCode, Operation, Step, decode_emergency
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    FaultCode,
+    Lease,
+    Operation,
+    Step,
+    decode_emergency,
+)
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Tick
 
@@ -129,6 +139,17 @@ def test_a_module_that_raises_begins_again_twice_and_is_then_given_up() -> None:
     assert starts == [0, 0, BACK_OFF_NS]
     assert CONTROL not in pe.running
     assert {SERVO_1, MONITOR} <= pe.running.keys()
+
+
+def test_a_new_reign_is_told_who_has_stopped_and_not_who_was_cleared() -> None:
+    pe = flying(restarts=0)
+    pe.raising.add(CONTROL)
+    fly(pe, 100 * MS)
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE, CONTROL))
+    assert pe.codes(fly(pe, 100 * MS)) == []
+    assert pe.codes(pe.command(Lease(2, 7, Step.GO_ALL, 1007))) == [("MODULE_EXCEPTION", CONTROL, 0)]
+    pe.command(Control(2, NODE, Operation.CLEAR, ElementKind.MODULE, CONTROL))
+    assert pe.codes(pe.command(Lease(3, 7, Step.GO_ALL, 1007))) == []
 
 
 def test_an_acknowledged_restart_is_told_no_more_and_leaves_no_error() -> None:

@@ -326,6 +326,9 @@ def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager,
         replace(pe, key=FOREIGN).say()
     assert [event["pe"] for event in manager.events if event["event"] == "states_doubted"] == ["left"]
     assert pe.counts()
+    other = Pe(manager, "middle")
+    other.ask()
+    other.say()
     manager.pass_time(4 * BEAT_NS)
     assert not pe.counts()
     pe.beat += 3  # some were lost
@@ -333,7 +336,9 @@ def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager,
     assert status(manager)["state"] == "down"
     pe.say()
     assert status(manager)["state"] == "returning"
-    manager.pass_time(257 * BEAT_NS)
+    for _ in range(257):
+        manager.pass_time(BEAT_NS)
+        other.say()
     pe.beat += 3
     pe.say()  # it is forgotten by now
     assert status(manager)["state"] == "returning"
@@ -375,6 +380,17 @@ def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, dig
 def test_another_manager_ends_a_reign_only_with_the_key(manager: OneManager, key: Key, stops: int) -> None:
     for frame in lease_of(CommandSigner(key, 127, 9), 127, 9):
         assert manager.core.hears(frame.can_id)
+        manager.hear(frame)
+    assert len(manager.stops) == stops
+
+
+@pytest.mark.parametrize(("ahead", "stops"), [(0, 0), (50, 1)])
+def test_its_own_lease_said_again_ends_no_reign_and_that_of_a_double_that_is_further_on_does(
+    manager: OneManager, ahead: int, stops: int
+) -> None:
+    double = CommandSigner(KEY, NODE, 1)
+    double.number += ahead
+    for frame in lease_of(double, NODE, 1):
         manager.hear(frame)
     assert len(manager.stops) == stops
 

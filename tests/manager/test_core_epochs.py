@@ -351,10 +351,9 @@ def test_what_is_not_on_board_is_no_refusal(manager: OneManager) -> None:
     assert not manager.of("pe_refused")
 
 
-def test_with_nobody_left_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
+def test_with_nobody_left_who_can_be_commanded_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
     for pe in ("left", "middle", "right"):
-        manager.die(pe)
-    manager.pass_time(100 * MS)
+        manager.give(OperatorSaid(1, FailElement(f"pe:{pe}")))
     assert manager.requests[-1].down == {"pe:left", "pe:middle", "pe:right"}
     manager.answer()
     assert manager.last("reconfigured")["stopped"] == ["control", "drive_left"]

@@ -58,13 +58,62 @@ def test_a_retired_manager_says_nothing_whatever_happens() -> None:
 
 @pytest.mark.parametrize(
     ("own", "other", "term", "stops"),
-    [(126, 127, 2, True), (127, 126, 3, True), (127, 126, 1, False), (126, 126, 1, False)],
+    [(126, 127, 2, True), (127, 126, 3, True), (127, 126, 1, False), (126, 126, 1, True), (126, 126, 3, True)],
 )
-def test_of_two_managers_the_one_with_the_higher_term_goes_on(own: int, other: int, term: int, stops: bool) -> None:
+def test_of_two_managers_the_one_with_the_higher_term_goes_on_and_of_two_of_one_number_who_is_heard_first(
+    own: int, other: int, term: int, stops: bool
+) -> None:
     manager = OneManager(node=own)
     manager.start()
     manager.hear(lease(term=term, node=other))
     assert bool(manager.stops) is stops
+
+
+def test_who_hears_its_double_says_what_is_wrong() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.hear(lease(term=1, node=126))
+    assert manager.stops[0].startswith("another manager 126 reigns on can0, in the same term")
+
+
+def test_who_hears_nobody_any_more_says_nothing_until_somebody_is_heard_and_begins_a_new_term() -> None:
+    manager = OneManager()
+    manager.start()
+    runs = dict(manager.running)
+    for pe in runs:
+        manager.die(pe)
+    manager.pass_time(100 * MS)
+    assert manager.last("hears_nobody")["term"] == 1
+    said = len(manager.frames)
+    manager.pass_time(2_000 * MS)
+    assert len(manager.frames) == said
+    assert manager.core.next_deadline_ns() is None
+    for pe, page in runs.items():
+        manager.running[pe] = page
+        manager.beat(pe)
+    manager.pass_time(90 * MS)
+    assert len(manager.frames) == said
+    manager.pass_time(40 * MS)
+    assert manager.said(Lease)[-1].term == 3
+    assert manager.last("adopted")["epoch"] == 1
+    assert len(manager.of("reconfigured")) == 1
+
+
+def test_who_hears_nobody_may_find_that_another_one_reigns() -> None:
+    manager = OneManager()
+    manager.start()
+    for pe in list(manager.running):
+        manager.die(pe)
+    manager.pass_time(100 * MS)
+    manager.hear(lease(term=2, node=127))
+    assert "manager 127 already reigns" in manager.stops[0]
+
+
+def test_where_nobody_was_ever_heard_it_goes_on_speaking() -> None:
+    manager = OneManager()
+    manager.pass_time(START_UP_WINDOW_NS + 1_000 * MS)
+    assert manager.of("hears_nobody") == []
+    assert manager.said(Lease)[-1].term == 1
 
 
 def test_the_lease_of_a_lower_term_changes_nothing() -> None:

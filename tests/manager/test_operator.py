@@ -123,6 +123,22 @@ def test_an_element_that_the_operator_fails_is_planned_without_until_he_clears_i
     assert status(manager)["latched"] == []
 
 
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_a_new_epoch(
+    manager: OneManager, stopped: bool
+) -> None:
+    module = list(manager.spec.modules).index("control")
+    if stopped:
+        manager.report("middle", Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, module, 0))
+    else:
+        say(manager, FailElement("module:control"))
+    assert say(manager, ClearElement("module:control")).done
+    epoch, _ = manager.prepared()
+    manager.answer()
+    assert (manager.prepared()[0] > epoch) is stopped
+    assert len(manager.of("plan_unchanged")) == (not stopped)
+
+
 def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     say(manager, ClearElement("device:servo_left"))

@@ -32,12 +32,19 @@ everything is mended, and in the end every healthy PE is active, the plan is the
 
 An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER].
 
+With --standby there are two managers, each with a journal on a disk of its own, and besides drawn are: a manager whose
+power goes while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
+between them, with PEs on either side; a PE with an old table; and, in flights that have a key, somebody who has none
+and forges, replays, reorders and truncates commands. Then is judged, too: one manager reigns in a term, no PE goes back
+to an older one, every command obeyed was authentic and fresh, and the journal holds what is so.
+
 examples:
   heronry sim big_blue                              one flight, with what seed 0 draws
   heronry sim big_blue --runs 100 --seconds 60      the seeds 0 to 99
   heronry sim big_blue --act '1 pause pe:nav for 0.3' --act '1.1 manager_crash manager for 0.5 in planning'
   heronry sim big_blue --kill pe:nav@1 --kill pe:flight@1.05 --restore pe:nav@2
   heronry sim big_blue --runs 2000 --seconds 60 --jobs 0 --compiled      a serious campaign
+  heronry sim big_blue --standby --act '1 manager_power primary for 0.5' --act '2 manager_pause standby for 0.3'
   heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
   heronry sim big_blue --keyed --kind attack        with a key, and somebody on the bus who does not have it
 """
@@ -64,6 +71,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one act a line")
     parser.add_argument("--kill", action="append", default=[], metavar="pe:NAME@S", help="kill a PE then")
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
+    parser.add_argument("--standby", action="store_true", help="two managers, and what can befall two: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
@@ -83,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
-    coverage, failed = Coverage(spec), 0
+    coverage, failed = Coverage(spec, of_two=arguments.standby), 0
     for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
         show_line("")
         coverage.add(outcome)
@@ -125,9 +133,17 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
     given = _given_acts(spec, arguments)
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind)
+        acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind, of_two=arguments.standby)
         long = max((arguments.seconds, *(act.at_ms / 1000 for act in given)))
-        yield Scenario(seed, long, acts, arguments.loss, drawn=not given, keyed=arguments.keyed)
+        yield Scenario(
+            seed,
+            long,
+            acts,
+            arguments.loss,
+            drawn=not given,
+            keyed=arguments.keyed,
+            standby=arguments.standby,
+        )
 
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
@@ -167,6 +183,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
     lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
     lines += ["keyed"] if scenario.keyed else []
+    lines += ["standby"] if scenario.standby else []
     lines += map(_line, scenario.acts)
     file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
     file.write_text("\n".join([*why, *lines, f"end {scenario.seconds:g}s", ""]))
@@ -230,6 +247,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     else:
         words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
     words += ["--keyed"] if scenario.keyed else []
+    words += ["--standby"] if scenario.standby else []
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
 
 

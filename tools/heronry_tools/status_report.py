@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from heronry_manager.latched_faults import OPERATOR_CODE
+
 _NS_PER_S = 1_000_000_000
 
 
@@ -30,7 +32,7 @@ def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
     if status["manager"]["journal"] is not None:
         yield f"! the journal cannot be kept: {status['manager']['journal']}"
     for fault in status["latched"]:
-        told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != "OPERATOR" else ""
+        told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
         yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
     for bus, link in status["links"].items():
         if link["state"] == "gone":

@@ -66,11 +66,13 @@ def _standby(spec_name: str) -> float:
     with Fleet(spec, spec_path(spec_name), folder) as fleet:
         fleet.start_buses(choose(spec, folder, {}, None, prefer_vcan=False))
         primary = _events(fleet.start_manager(standby=True))
+        _wait(fleet, primary, "manager_started")  # or the other one might come first, and reign
         standby = _events(fleet.start_manager(LAST_MANAGER, standby=True))
+        _wait(fleet, standby, "standing_by")
         _fly(fleet, spec, primary)
         killed_ns = time.monotonic_ns()
         fleet.kill_manager()
-        return float(_wait(standby, _ADOPTED)["t_ns"] - killed_ns) / MS
+        return float(_wait(fleet, standby, _ADOPTED)["t_ns"] - killed_ns) / MS
 
 
 def _restart(spec_name: str) -> tuple[float, float]:
@@ -82,15 +84,15 @@ def _restart(spec_name: str) -> tuple[float, float]:
         killed_ns = time.monotonic_ns()
         fleet.kill_manager()
         again = _events(fleet.start_manager(FIRST_MANAGER))
-        started_ns = _wait(again, "manager_started")["t_ns"]
-        adopted_ns = _wait(again, _ADOPTED)["t_ns"]
+        started_ns = _wait(fleet, again, "manager_started")["t_ns"]
+        adopted_ns = _wait(fleet, again, _ADOPTED)["t_ns"]
         return (started_ns - killed_ns) / MS, (adopted_ns - started_ns) / MS
 
 
 def _fly(fleet: Fleet, spec: Spec, events: Iterator[dict[str, Any]]) -> None:
     for pe in spec.pes:
         fleet.start_pe(pe)
-    _wait(events, "reconfigured")
+    _wait(fleet, events, "reconfigured")
     time.sleep(_PAUSE_S)
 
 
@@ -99,11 +101,11 @@ def _events(stream: IO[bytes]) -> Iterator[dict[str, Any]]:
         yield json.loads(line)
 
 
-def _wait(events: Iterator[dict[str, Any]], kind: str) -> dict[str, Any]:
+def _wait(fleet: Fleet, events: Iterator[dict[str, Any]], kind: str) -> dict[str, Any]:
     for one in events:
         if one["event"] == kind:
             return one
-    raise SystemExit("a manager ended before the benchmark did")
+    raise SystemExit(f"the benchmark ends here: {fleet.ended() or 'a manager has closed its events'}")
 
 
 def _tell(what: str, values: list[float]) -> None:

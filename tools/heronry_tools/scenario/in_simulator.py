@@ -16,7 +16,7 @@ from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.planning import Planners
-from heronry_tools.simulator.scenario import KEY, lossy
+from heronry_tools.simulator.scenario import KEY, lossy, need_key
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_wire.identifiers import FIRST_MANAGER
@@ -30,14 +30,13 @@ class _Flight(Simulation):
 
     def __init__(self, script: Script) -> None:
         self._absent = set(script.without)
-        needs_key = any(KINDS[deed.fault.kind].needs_key for deed in script.deeds if deed.fault is not None)
         super().__init__(
             script.spec,
             script.seed,
             faults=lossy(script.loss),
             contingencies=script.contingencies,
             standby=script.has_standby,
-            key=KEY if script.has_key or needs_key else None,
+            key=KEY if script.has_key or need_key(script.faults) else None,
             planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
         )
 
@@ -61,7 +60,7 @@ class _Flight(Simulation):
         if deed.what == "fail":
             self.failed(deed.target)
         elif deed.what == "clear":
-            self._down.discard(deed.target)
+            self.mended(deed.target)
 
 
 def fly(script: Script) -> Flown:
@@ -72,7 +71,7 @@ def fly(script: Script) -> Flown:
     flight.tap(manager_bus, lambda sent: _see(heard, sent))
     start_ns = _begin(flight, script)
     trace: list[tuple[int, str]] = []  # how many events there were before, line
-    strikes = Strikes(flight, tuple(deed.fault for deed in script.deeds if deed.fault is not None), start_ns)
+    strikes = Strikes(flight, script.faults, start_ns)
     for deed in script.deeds:
         flight.run_until(start_ns + deed.at_ns)
         trace.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
@@ -82,7 +81,7 @@ def fly(script: Script) -> Flown:
     judgement = Judgement(script.spec, heard, start_ns)
     verdicts = tuple(judgement.verdict(one) for one in script.expectations)
     strikes.heal()
-    unpromised = frozenset[str]().union(*(KINDS[deed.fault.kind].unpromised for deed in script.deeds if deed.fault))
+    unpromised = frozenset[str]().union(*(KINDS[fault.kind].unpromised for fault in script.faults))
     violations = [*_missed(script, strikes), *(str(v) for v in flight.settle() if v.rule not in unpromised)]
     return Flown(
         script,

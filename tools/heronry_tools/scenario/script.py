@@ -111,6 +111,11 @@ class Script:
     end_ns: int
     loss: float = 0.0
 
+    @property
+    def faults(self) -> tuple[Act, ...]:
+        """What is done that only a simulator can do."""
+        return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
+
 
 def read_script(file: Path) -> Script:
     """Read a scenario file; raises UserError."""

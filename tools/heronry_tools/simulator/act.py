@@ -26,8 +26,12 @@ What is not promised, and why:
 - `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
-- `manager_cut`: a manager alone on its side of a broken wire takes everybody for dead, and starts everybody anew when
-  it is mended. Where another one stands by, that one reigns by then, and nobody notices.
+- `manager_cut`, `manager_deaf`: a manager that hears nobody for just so long that it loses some PEs and not yet the
+  others plans without them. (One that has lost all of them says nothing.)
+- `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
+  tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
+- `manager_double`: two managers of one number send under one number, until one of them hears the other.
+- `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from everybody or from one PE. Everything is
   promised as long as all are left a channel that all others have.
 - `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
@@ -58,7 +62,9 @@ _TEXT = re.compile(
 class Kind:
     """A kind of fault."""
 
-    strikes: str  # pe, gateway, module, device, bus, far_bus (not the manager's), channel, twin_pe, manager
+    strikes: (
+        str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager
+    )
     lasts_ms: tuple[int, int]
     tells: str
     for_good: float = 0.0  # how often it does not end
@@ -66,6 +72,7 @@ class Kind:
     unpromised: frozenset[str] = frozenset()  # rules of the checkers
     excuses: bool = False  # whatever a module reports may have seemed so
     drawn: bool = True  # by chaos that was not asked for it
+    of_two: bool = False  # drawn where there are two managers
     needs_key: bool = False  # a flight in which it strikes has a key
 
 
@@ -75,6 +82,8 @@ _COMMANDED = frozenset(
         *("freshness", "foreign", "publishing", "load", "reign", "term", "policy"),
     )
 )
+
+_NUMBERED = frozenset(("reign", "term", "digest", "journal"))
 
 KINDS: Mapping[str, Kind] = {
     "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),
@@ -102,6 +111,41 @@ KINDS: Mapping[str, Kind] = {
         "the wires of a manager break, and it goes on",
         unpromised=frozenset(("silence",)),
         drawn=False,
+        of_two=True,
+    ),
+    "manager_mute": Kind(MANAGER, (20, 1000), "a manager hears, and is not heard", drawn=False, of_two=True),
+    "manager_deaf": Kind(
+        MANAGER,
+        (20, 1000),
+        "a manager is heard, and does not hear",
+        unpromised=frozenset(("silence",)),
+        drawn=False,
+        of_two=True,
+    ),
+    "manager_power": Kind(
+        MANAGER, (100, 2000), "a manager's power goes, and what its disk had not got is torn", drawn=False, of_two=True
+    ),
+    "manager_double": Kind(
+        MANAGER,
+        (100, 3000),
+        "a manager is started once more elsewhere, with a copy of its journal (level 1: without --standby)",
+        levels=(0, 1),
+        unpromised=frozenset(("clash",)),
+        drawn=False,
+        of_two=True,
+    ),
+    "disk_full": Kind(
+        MANAGER, (100, 3000), "a manager's disk takes nothing", unpromised=_NUMBERED, drawn=False, of_two=True
+    ),
+    "stale_table": Kind("pe", (200, 2000), "a PE starts with the table of another spec", drawn=False, of_two=True),
+    "bus_split": Kind(
+        "main_bus",
+        (50, 1500),
+        "the managers' bus breaks in the middle (level 1: one half still hears the other)",
+        levels=(0, 1),
+        unpromised=frozenset(("exclusion", "clash", "silence")),
+        drawn=False,
+        of_two=True,
     ),
     "loss": Kind("bus", (100, 3000), "frames are destroyed (level: per mille)", levels=(1, 10, 100)),
     "omission": Kind("bus", (100, 3000), "a receiver misses frames (per mille)", levels=(1, 10, 100)),
@@ -127,6 +171,7 @@ KINDS: Mapping[str, Kind] = {
         "somebody without the key would be believed",
         unpromised=frozenset(("copies",)),
         drawn=False,
+        of_two=True,
         needs_key=True,
     ),
     "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
@@ -181,6 +226,12 @@ def read_act(spec: Spec, text: str) -> Act:
     )
 
 
+def drawn_kinds(spec: Spec, *, of_two: bool) -> list[str]:
+    """What chaos draws from that was not asked for a kind: what has something to strike; of_two: two managers fly."""
+    drawn = [name for name, kind in KINDS.items() if kind.drawn or (of_two and kind.of_two)]
+    return [name for name in drawn if possible_targets(spec, name)]
+
+
 def possible_targets(spec: Spec, kind: str) -> list[str]:
     """What a kind of fault can strike in a spec, in the spec's order."""
     manager_bus = spec.manager.bus
@@ -200,8 +251,8 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
             return [f"channel:{bus.name}.{number}" for bus in twins for number in range(1, bus.channels + 1)]
         case "twin_pe":
             return [f"pe:{pe}" for pe in spec.pes if replicated_bus(spec, pe) is not None]
-        case "far_bus":
-            return [f"bus:{bus}" for bus in spec.buses if bus != manager_bus]
+        case "main_bus" | "far_bus" as which:
+            return [f"bus:{bus}" for bus in spec.buses if (bus == manager_bus) is (which == "main_bus")]
         case _:
             return [MANAGER]
 

@@ -15,7 +15,9 @@ one decides for a receiver, the last one for the sender), or, once in an age, be
 (`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
 
 A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home. A wire that
-is `broken` carries nothing to anybody, and costs nobody an error; what is sent then waits for it to be mended.
+is `broken` carries nothing to anybody, and costs nobody an error; what is sent then waits for it to be mended. Where it
+is broken in the middle (`apart`) the two sides do not hear each other, but share the time of one bus: each is no faster
+than it would be alone.
 
 A replicated bus is two of these (`replicated_port`). Not modelled: single bits (a frame fails or it does not).
 """
@@ -95,6 +97,7 @@ class SimulatedBus:
         self.noisy = 0  # how many bursts are destroying every frame now
         self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
         self.tamper: Callable[[Sent], Tampering | None] | None = None
+        self.apart: Callable[[str, str], bool] | None = None  # of sender and receiver: nothing gets through
         self.busy_bits = 0  # sent so far
         self.frames = 0
         self.destroyed = 0
@@ -290,6 +293,8 @@ class SimulatedBus:
         rival = self._head()
         if rival is None or rival.key != head.key or rival.station is head.station:
             return False, bits
+        if self._are_apart(head.station, rival.station):
+            return False, bits
         stations = head.station.name, rival.station.name
         self.clashes.append(Clash(self._clock.now_ns, self.name, head.frame.can_id, stations))
         heappop(self._waiting)
@@ -300,6 +305,10 @@ class SimulatedBus:
         differ = (i for i, (a, b) in enumerate(zip(mine, others, strict=False)) if a != b)
         same_bytes = next(differ, min(len(mine), len(others)))
         return True, min(bits, _HEADER_BITS + 8 * (same_bytes + 1))
+
+    def _are_apart(self, one: Station, other: Station) -> bool:
+        apart = self.apart
+        return apart is not None and (apart(one.name, other.name) or apart(other.name, one.name))
 
     # The end of a frame
 
@@ -343,7 +352,7 @@ class SimulatedBus:
         if audience is None:
             audience = tuple(station for station in self._stations if frame.can_id in station.wants)
             self._audience[frame.can_id] = audience
-        perfect = tampering is None and not self.faults.omission and not self.faults.doubled
+        perfect = tampering is None and not self.faults.omission and not self.faults.doubled and self.apart is None
         event = Received(0, frame)
         for station in audience:
             if station is sender or not station.can_hear:
@@ -353,11 +362,13 @@ class SimulatedBus:
             if perfect:
                 station.listener(event)
                 continue
-            for _ in range(self._copies(station, tampering)):
+            for _ in range(self._copies(sender, station, tampering)):
                 if station.present:
                     station.listener(event)
 
-    def _copies(self, station: Station, tampering: Tampering | None) -> int:
+    def _copies(self, sender: Station, station: Station, tampering: Tampering | None) -> int:
+        if self.apart is not None and self.apart(sender.name, station.name):
+            return 0
         if tampering is not None and tampering.receiver in (None, station.name):
             return tampering.copies
         faults = self.faults

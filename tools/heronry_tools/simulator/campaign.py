@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_tools.simulator.act import KINDS, possible_targets
+from heronry_tools.simulator.act import KINDS, drawn_kinds
 from heronry_tools.simulator.protocol_state import STATES
 from heronry_tools.simulator.scenario import Outcome
 
@@ -41,10 +41,11 @@ def fly_all(spec_file: Path, flights: Iterable[T], jobs: int, fly: Callable[[Spe
 class Coverage:
     """Which kinds of faults have struck in which states, of those that there are for a spec."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, *, of_two: bool = False) -> None:
+        """Expect whatever is drawn for a spec; of_two: in flights with two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
-        self._kinds = [kind for kind in KINDS if KINDS[kind].drawn and possible_targets(spec, kind)]
+        self._kinds = drawn_kinds(spec, of_two=of_two)
 
     def add(self, outcome: Outcome) -> None:
         """Count one flight."""

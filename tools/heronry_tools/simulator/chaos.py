@@ -11,14 +11,18 @@ the same for every seed, so that a seed flies alone as it did in its campaign.
 
 An act that waits for anything but rest brings along what leads there: a PE is lost and comes back, so that the protocol
 goes through all of its states; another one than the act strikes, or there would be nothing left to strike. Where
-something exclusive must be given up (`activating`) it is a PE that a DEMUX may be driven from.
+something exclusive must be given up (`activating`) it is a PE that a DEMUX may be driven from; where a reign must end
+(`orphaned`) it is the manager that reigns.
+
+Where there are two managers they are struck more often than anything else, either of them or whichever reigns, and with
+what needs two of them (`Kind.of_two`).
 """
 
 from collections.abc import Sequence
 from random import Random
 
 from heronry_dg.model import Spec
-from heronry_tools.simulator.act import KINDS, MANAGER, Act, possible_targets
+from heronry_tools.simulator.act import KINDS, MANAGER, Act, drawn_kinds, possible_targets
 from heronry_tools.simulator.protocol_state import STATES
 
 ACTS_PER_S = 0.25
@@ -27,22 +31,31 @@ _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
 _WAITS_FOR_STATE = 0.85
 AIM = {"idle": 1, "suspect": 4, "planning": 3, "preparing": 4, "activating": 5, "going": 4, "rejoining": 3}
+_AIM_OF_TWO = AIM | {"orphaned": 4}
+_WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
+_MANAGERS_MORE = 3  # times as often as anything else
+_END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _LEADS = (("crash", (200, 900)), ("cut", (70, 400)), ("reboot", (1, 60)))
 _LEADS_APART_MS = 1200  # before a second one, where the first has not led there
 _MANAGERS_ALONE = 0.05  # of the seeds: their silence must stop nobody
 _LAST = 0.9  # of the chaos: what strikes later would be healed at once
 
 
-def drawn_acts(spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = ()) -> tuple[Act, ...]:
-    """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds."""
+def drawn_acts(
+    spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False
+) -> tuple[Act, ...]:
+    """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds.
+
+    of_two: there are two managers.
+    """
     random = Random(f"acts of {seed}")
-    there = {name: targets for name in KINDS if (targets := possible_targets(spec, name))}
-    swarm = [name for name in there if _takes_part(name, kinds, random)] or ["crash"]
+    there = _kinds_there(spec, kinds, of_two=of_two)
+    swarm = [name for name in there if kinds or random.random() < _KIND_THERE] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
-        swarm = [name for name in there if KINDS[name].strikes == MANAGER and KINDS[name].drawn]
-    weights = [random.choice((1, 1, 2, 5)) for _ in swarm]
-    aim = _aim(spec)
+        swarm = [name for name in there if KINDS[name].strikes == MANAGER]
+    weights = [random.choice((1, 1, 2, 5)) * _more_often(name, of_two=of_two) for name in swarm]
+    aim = _aim(spec, of_two=of_two)
     acts: set[Act] = set()
     for_good = 0
     for name in random.choices(swarm, weights, k=max(_FEWEST_ACTS, round(ACTS_PER_S * seconds))):
@@ -52,9 +65,28 @@ def drawn_acts(spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = ())
             if for_good > _MOST_FOR_GOOD:
                 continue
         acts.add(act)
-        if act.during not in ("", "idle") and not alone:
+        if act.during == "orphaned":
+            acts.add(_ending_reign(random, act.at_ms))
+        elif act.during not in ("", "idle") and not alone:
             acts.update(_leading_there(random, spec, act))
     return tuple(sorted(acts))
+
+
+def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
+    """Kinds of faults that may be drawn, and what they may strike."""
+    asked = kinds or drawn_kinds(spec, of_two=of_two)
+    there = {name: targets for name in asked if (targets := possible_targets(spec, name))}
+    return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
+
+
+def _more_often(name: str, *, of_two: bool) -> int:
+    return _MANAGERS_MORE if of_two and KINDS[name].strikes == MANAGER else 1
+
+
+def _ending_reign(random: Random, at_ms: int) -> Act:
+    """Draw what lets the other manager take over."""
+    kind, lasts_ms = random.choice(_END_OF_REIGN)
+    return Act(at_ms, kind, MANAGER, random.randint(*lasts_ms))
 
 
 def _leading_there(random: Random, spec: Spec, act: Act) -> list[Act]:
@@ -80,14 +112,10 @@ def _rivals(spec: Spec) -> set[str]:
     return rivals
 
 
-def _aim(spec: Spec) -> list[int]:
+def _aim(spec: Spec, *, of_two: bool) -> list[int]:
     """How often each state is drawn: one that this spec does not know, not at all."""
-    return [0 if state == "activating" and not _rivals(spec) else AIM[state] for state in STATES]
-
-
-def _takes_part(name: str, kinds: Sequence[str], random: Random) -> bool:
-    drawn = random.random() < _KIND_THERE
-    return name in kinds if kinds else drawn and KINDS[name].drawn
+    aim = _AIM_OF_TWO if of_two else AIM
+    return [0 if state == "activating" and not _rivals(spec) else aim.get(state, 0) for state in STATES]
 
 
 def _drawn_act(random: Random, name: str, targets: list[str], seconds: float, aim: list[int]) -> Act:

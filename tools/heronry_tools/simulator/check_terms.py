@@ -1,7 +1,8 @@
 """Who reigns, judged from the frames of the managers' bus: a term has one manager, and nobody goes back to an older.
 
 - At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
-  from one manager's identifiers, and a manager's own terms never go down.
+  from one manager's identifiers, and a manager's own terms never go down. Two that were given one number cannot be told
+  apart by it; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
@@ -12,7 +13,9 @@ What a deposed manager still says is judged here alone: nobody else has to belie
 
 from heronry_dg.model import Spec
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.management import ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
+from heronry_wire.management import LEASE_PERIODS, ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
+
+_TOGETHER_LEASES = 2
 
 
 class TermCheck:
@@ -25,6 +28,8 @@ class TermCheck:
         self._highest: dict[int, int] = {}  # term of each manager
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
+        self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
+        self._together_ns = _TOGETHER_LEASES * LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
 
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
@@ -42,6 +47,18 @@ class TermCheck:
                 story = f"epoch {message.epoch} is prepared in term {term}, and was another one in term {first.term}"
                 self._tell(t_ns, "reign", story)
         return term >= max(self._highest.values())
+
+    def alive(self, t_ns: int, station: str, term: int) -> None:
+        """A station has sent an ALIVE on the managers' bus."""
+        voices = self._voices.setdefault(term, {})
+        first_ns, _ = voices.get(station, (t_ns, t_ns))
+        voices[station] = first_ns, t_ns
+        if len(voices) == 1:
+            return
+        firsts_ns, lasts_ns = zip(*voices.values(), strict=True)
+        if min(lasts_ns) - max(firsts_ns) > self._together_ns:
+            self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both speak for term {term}")
+            voices.clear()
 
     def state(self, node: int, t_ns: int, page: StatePage0) -> None:
         """A PE says what it runs."""

@@ -6,6 +6,7 @@ from functools import partial
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_tools.simulator.bus import Clash, Sent
+from heronry_tools.simulator.check_authenticity import AuthenticityCheck
 from heronry_tools.simulator.check_blame import BlameCheck
 from heronry_tools.simulator.check_channels import ChannelCheck
 from heronry_tools.simulator.check_configurations import ConfigurationCheck
@@ -13,6 +14,7 @@ from heronry_tools.simulator.check_end_state import Seen, end_state
 from heronry_tools.simulator.check_epochs import EpochCheck
 from heronry_tools.simulator.check_exclusion import ExclusionCheck
 from heronry_tools.simulator.check_freshness import FreshnessCheck
+from heronry_tools.simulator.check_journal import JournalCheck, Read
 from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_load import LoadCheck
 from heronry_tools.simulator.check_orphans import OrphanCheck
@@ -49,11 +51,18 @@ from heronry_wire.pe_table import PeTable
 class Checks:
     """The checkers of one run."""
 
-    def __init__(self, spec: Spec, tables: Collection[PeTable] = (), key: Key | None = None) -> None:
+    def __init__(
+        self,
+        spec: Spec,
+        tables: Collection[PeTable] = (),
+        key: Key | None = None,
+        read_journal: Read = lambda _: None,
+    ) -> None:
         """Watch runs of this spec.
 
         tables: what its PEs were given, if anything on board matters.
         key: with which everything is tagged, if it is.
+        read_journal: gives the bytes of a manager's journal.
         """
         self._spec, self._bus = spec, spec.manager.bus
         self._phase = spec.initial_phase()
@@ -61,6 +70,8 @@ class Checks:
         self._proven = None if key is None else ProvenStates(key)
         self._exclusion = ExclusionCheck(spec)
         self._terms = TermCheck(spec)
+        self._journals = JournalCheck(spec, read_journal)
+        self.authenticity = None if key is None else AuthenticityCheck(spec, key)
         self._orphans = OrphanCheck(spec, has_digests=key is None)
         self._epochs = EpochCheck(spec, has_digests=key is None)
         self._blame = BlameCheck(spec)
@@ -109,6 +120,10 @@ class Checks:
         self._freshness.driven(driven)
         self._safe_mode.driven(driven)
 
+    def manager_died(self, t_ns: int, station: str) -> None:
+        """A manager has died, and left its journal."""
+        self._journals.died(t_ns, station)
+
     def enter(self, t_ns: int, phase: str | None) -> None:
         """A mission phase has begun, as the manager tells."""
         self._phase = phase
@@ -136,8 +151,10 @@ class Checks:
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
             *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode, self.channels),
+            self._journals,
         )
         found = [violation for check in checks for violation in check.violations]
+        found += [] if self.authenticity is None else self.authenticity.violations
         return sorted([*found, *blamed, *stories, *self._inspections])
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
@@ -211,8 +228,10 @@ class Checks:
         if command is Command.LEASE:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
-        if not isinstance(message, Malformed) and not self._terms.commanded(sent.end_ns, manager, message):
-            return
+        if not isinstance(message, Malformed):
+            if not self._terms.commanded(sent.end_ns, manager, message):
+                return
+            self._journals.commanded(sent.end_ns, sent.sender, message)
         self._exclusion.commanded(message)
         if isinstance(message, Control):
             if self._proven is not None:
@@ -230,6 +249,7 @@ class Checks:
         self._orphans.commanded(sent.end_ns)
         message = decode_command(Command.ALIVE, sent.frame.data)
         if isinstance(message, Alive):
+            self._terms.alive(sent.end_ns, sent.sender, message.term)
             before = self._losses.counted_on
             self._losses.alive(sent.end_ns, message)
             if self._losses.counted_on != before:

@@ -62,7 +62,9 @@ class Node:
         self._offers.append(twin.offer)
 
     def stop(self) -> None:
-        """Die: silent at once, whatever was queued."""
+        """Die: silent at once, whatever was queued; who has ended already stays so."""
+        if not self.running:
+            return
         self.running = False
         for bus, station in self.stations:
             bus.leave(station)

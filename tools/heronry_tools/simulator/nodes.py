@@ -41,6 +41,7 @@ from heronry_manager.core import ManagerCore
 from heronry_manager.vocabulary import ChannelsLost as OwnChannelsLost
 from heronry_manager.vocabulary import (
     Emit,
+    JournalTold,
     Keep,
     ManagerAction,
     ManagerEvent,
@@ -63,7 +64,7 @@ from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import NEVER_NS, Received, Send, StandBack, Tick, Withdraw
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
@@ -344,6 +345,7 @@ class SimulatedManager(Node):
         *,
         node: int,
         disk: Disk,
+        name: str,
         decide_ns: Callable[[], int],
         tell: Callable[[dict[str, Any]], None],
         advise: bool = False,
@@ -356,7 +358,7 @@ class SimulatedManager(Node):
         """Join the bus, on each of its channels, and start.
 
         decide_ns: gives how long the next plan takes. tell: is told every event. ahead: the plans made ahead.
-        disk: where its journal is kept.
+        disk: where its journal is kept. name: of its station.
         """
         super().__init__(clock, time)
         self._spec, self._planners, self._made = spec, planners, ahead.made
@@ -369,8 +371,9 @@ class SimulatedManager(Node):
         self.core = ManagerCore(
             spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key, standby=standby
         )
-        self._disk = disk
-        self._join(f"manager {node}", bus, spec.buses[spec.manager.bus], witness, _Heard(self.core))
+        self.disk = disk
+        self._journal_problem: str | None = None
+        self._join(name, bus, spec.buses[spec.manager.bus], witness, _Heard(self.core))
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
@@ -404,19 +407,22 @@ class SimulatedManager(Node):
         self._handed += 1
         if self._handed % _VALIDATED_EVERY == 0 or not _ROUTINE.issuperset(map(type, actions)):
             self.core.validate()
+        if self.disk.problem != self._journal_problem:
+            self._journal_problem = self.disk.problem
+            self._hand_over(JournalTold(self._journal_problem))
         if self.running:
             self._set_alarm()
 
     def _do(self, action: ManagerAction) -> None:
         match action:
             case Send(_, frame):
-                self._offers[0](frame, NEVER_NS)
+                self._offers[0](frame, self._clock.now_ns + self.core.lease_ns)
             case RequestPlan():
                 self._plan(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
             case Keep(record):
-                self._disk.write(record)
+                self.disk.write(record, self._clock.now_ns)
             case Reply():
                 self._replies.append(action)
             case Stop(reason):

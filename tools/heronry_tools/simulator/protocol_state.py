@@ -6,6 +6,7 @@
     going       the last step is out, and some PE is not active
     suspect     none of these, and a PE has missed a heartbeat
     rejoining   none of these, and a PE that was down is heard again and held down
+    orphaned    no manager reigns that can be heard, whatever was under way before
     idle        none of these
 
 Whoever waits for a state is called at the moment at which it begins.
@@ -17,10 +18,11 @@ from typing import Any
 
 from heronry_tools.simulator.clock import Clock
 
-STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining")
+STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining", "orphaned")
 
 _FOLLOWS = {
     "manager_started": "idle",
+    "taken_over": "idle",
     "plan_requested": "planning",
     "plan_unchanged": "idle",
     "plan_kept": "idle",
@@ -42,11 +44,14 @@ class ProtocolState:
         self._reconfiguring = "idle"
         self._suspects: set[str] = set()
         self._returning: dict[str, int] = {}
+        self._is_orphaned = False
         self._waiting: list[tuple[str, int, Callable[[], None]]] = []  # state, not before, what
 
     @property
     def now(self) -> str:
         """One of STATES."""
+        if self._is_orphaned:
+            return "orphaned"
         if self._reconfiguring != "idle":
             return self._reconfiguring
         if self._suspects:
@@ -69,9 +74,19 @@ class ProtocolState:
             self._returning[event["pe"]] = self._clock.now_ns
         elif kind in ("pe_joined", "pe_lost"):
             self._returning.pop(event["pe"], None)
-        if kind == "manager_started":
+        if kind in ("manager_started", "taken_over"):
             self._suspects.clear()
             self._returning.clear()
+        self._moved()
+
+    def reigned(self, *, by_somebody: bool) -> None:
+        """Some manager reigns now, or nobody does."""
+        if self._is_orphaned is by_somebody:
+            self._is_orphaned = not by_somebody
+            self._moved()
+
+    def _moved(self) -> None:
+        """It may be in another state than before."""
         if self.now != self._before:
             self._before = self.now
             self.entered[self._before] += 1

@@ -6,6 +6,7 @@ well, or for longer than that may take (`check_liveness`).
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,6 +38,7 @@ class Scenario:
     loss: float = 0.0
     drawn: bool = False  # the acts are just those that the seed draws
     keyed: bool = False  # managers and PEs have a key; where an act needs one they have it anyway
+    standby: bool = False  # there are two managers
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +60,21 @@ def lossy(share: float) -> Faults:
     return Faults(share, share / 10, share / 10)
 
 
+def need_key(acts: Iterable[Act]) -> bool:
+    """Tell whether a flight with these acts has a key."""
+    return any(KINDS[act.kind].needs_key for act in acts)
+
+
 def play(spec: Spec, scenario: Scenario) -> Outcome:
     """Fly a scenario to its end."""
-    has_key = scenario.keyed or any(KINDS[act.kind].needs_key for act in scenario.acts)
-    simulation = Simulation(spec, scenario.seed, faults=lossy(scenario.loss), key=KEY if has_key else None)
+    has_key = scenario.keyed or need_key(scenario.acts)
+    simulation = Simulation(
+        spec,
+        scenario.seed,
+        faults=lossy(scenario.loss),
+        key=KEY if has_key else None,
+        standby=scenario.standby,
+    )
     hits: Counter[tuple[str, str]] = Counter()
     try:
         violations = _fly(simulation, scenario, hits)

@@ -9,6 +9,7 @@ find it out. Whoever judges the run (`checks`) is told the truth, and sees the f
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from random import Random
 from typing import Any
@@ -35,6 +36,7 @@ from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES
+from heronry_wire.pe_table import PeTable
 
 MS = 1_000_000
 PERFECT = Faults()
@@ -44,8 +46,9 @@ _LOOK_NS = 100 * MS
 _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
+_OTHER_DIGEST = "0" * 64
 _PHASE_EVENTS = ("manager_started", "phase_changed", "taken_over")
-_OF_A_STANDBY = ("manager_started", "standing_by", "stepped_down", "second_manager", "stopped")
+_OF_A_STANDBY = ("manager_started", "standing_by", "stepped_down", "hears_nobody", "second_manager", "stopped")
 
 
 class Simulation:
@@ -81,19 +84,20 @@ class Simulation:
         self.events: list[dict[str, Any]] = []
         self.trace: list[Sent] = []
         self.key = key
-        self.checks = Checks(spec, self._prepared.tables.values(), key)
+        self.checks = Checks(spec, self._prepared.tables.values(), key, self._read_journal)
         self.protocol = ProtocolState(self.clock)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
         self.all_excused = False  # data are wrong: whatever is reported may have seemed so
         self.pes: dict[str, SimulatedPe] = {}
-        self.managers: dict[int, SimulatedManager] = {}  # by node: those that have not died
+        self.managers: dict[int, SimulatedManager] = {}  # by seat: those that have not died
         self._random = Random(seed)
         self._decide_ns, self._skew_ppm, self._planners = decide_ns, skew_ppm, planners
         self._down: set[str] = set()
         self._cut: set[str] = set()
+        self._stale: set[str] = set()  # PEs that were given the table of another spec
         self._incarnations = dict.fromkeys(spec.pes, 0)
-        self._disks = {node: Disk(spec) for node in MANAGER_NODES}
+        self.disks = {node: Disk(spec) for node in MANAGER_NODES}  # by seat
         self._frames = FrameDigest()
         self.wires = {
             bus.name: tuple(
@@ -111,7 +115,7 @@ class Simulation:
     def manager(self) -> SimulatedManager | None:
         """The manager that reigns; where none does, the first one there is."""
         reigning = [one for one in self.managers.values() if one.core.reigns]
-        first = next((self.managers[node] for node in sorted(self.managers)), None)
+        first = next((self.managers[seat] for seat in sorted(self.managers, key=abs)), None)
         return max(reigning, key=lambda one: one.core.term, default=first)
 
     @property
@@ -237,12 +241,13 @@ class Simulation:
         if pe in self.pes:
             return
         self._incarnations[pe] += 1
-        self._down.discard(f"pe:{pe}")
+        if pe not in self._stale:
+            self._down.discard(f"pe:{pe}")
         self._cut.discard(f"pe:{pe}")
         self.pes[pe] = SimulatedPe(
             self.clock,
             self._drawn_clock(self._random.randrange(_CLOCKS_APART_NS)),
-            self._prepared.tables[pe],
+            self._table(pe),
             self.wires,
             incarnation=self._incarnations[pe] % 256,
             secret=self._secret(pe),
@@ -252,6 +257,19 @@ class Simulation:
             broke=lambda module: self.failed(f"module:{module}"),
             witness=self.checks.channels.copy,
         )
+
+    def make_stale(self, pe: str) -> None:
+        """Let a PE start with another spec's table from now on: it counts as down, since it can run nothing of ours."""
+        self._stale.add(pe)
+        self._down.add(f"pe:{pe}")
+
+    def make_fresh(self, pe: str) -> None:
+        """Let it start with the right one again."""
+        self._stale.discard(pe)
+
+    def _table(self, pe: str) -> PeTable:
+        table = self._prepared.tables[pe]
+        return replace(table, spec_digest=_OTHER_DIGEST) if pe in self._stale else table
 
     def cut(self, pe: str) -> None:
         """Break the wires of a PE that lives on; of one that is dead nothing is left to cut off."""
@@ -305,24 +323,43 @@ class Simulation:
         """Take note that an element has failed for good."""
         self._down.add(element)
 
-    def start_manager(self, node: int = FIRST_MANAGER, *, advise: bool = False) -> None:
-        """Start a manager, with its journal; one that only advises, where that is asked for."""
-        self.managers[node] = SimulatedManager(
+    def mended(self, element: str) -> None:
+        """Take note that an element is well again."""
+        self._down.discard(element)
+
+    def start_manager(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
+        """Start a manager, with its journal; one that only advises, where that is asked for.
+
+        seat: its node, or -node for one that is started on another computer as if that were its own number.
+        standby: whether it stands by where another one reigns; by default where there are two.
+        """
+        self.managers[seat] = SimulatedManager(
             self.clock,
             self._drawn_clock(0),
             self.spec,
             self.wires[self.spec.manager.bus],
-            node=node,
-            disk=self._disks[node],
+            node=abs(seat),
+            disk=self.disks[seat],
+            name=_station(seat),
             advise=advise,
             key=self.key,
-            standby=self.has_standby,
+            standby=self.has_standby if standby is None else standby,
             planners=self._planners,
             ahead=self._prepared,
             decide_ns=lambda: self._random.randint(self._decide_ns // 2, self._decide_ns),
-            tell=lambda told: self._tell(node, told),
+            tell=lambda told: self._tell(seat, told),
             witness=self.checks.channels.copy,
         )
+
+    def double_manager(self, node: int, *, standby: bool) -> None:
+        """Start a manager that runs once more, somewhere else, with a copy of its journal."""
+        self.disks[-node] = Disk(self.spec, self.disks[node].data)
+        self.start_manager(-node, standby=standby)
+
+    def see_who_reigns(self) -> None:
+        """Tell the protocol's state whether some manager can be heard that reigns."""
+        reigning = (m for m in self.managers.values() if m.core.reigns and m.is_awake and m.stations[0][1].can_send)
+        self.protocol.reigned(by_somebody=any(reigning))
 
     def _secret(self, pe: str) -> Secret | None:
         salt = f"{self.seed} {pe} {self._incarnations[pe]}".encode()
@@ -331,10 +368,11 @@ class Simulation:
     def _drawn_clock(self, ahead_ns: int) -> LocalClock:
         return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))
 
-    def _tell(self, node: int, event: dict[str, Any]) -> None:
+    def _tell(self, seat: int, event: dict[str, Any]) -> None:
         """Take an event of a manager; of one that stands by, only what concerns itself, and no phase."""
         reigns = self.manager
-        if reigns is not None and reigns.core.reigns and reigns is not self.managers.get(node):
+        self.see_who_reigns()
+        if reigns is not None and reigns.core.reigns and reigns is not self.managers.get(seat):
             if event["event"] not in _OF_A_STANDBY:
                 return
             event.pop("phase", None)
@@ -345,13 +383,22 @@ class Simulation:
         if event["event"] in _PHASE_EVENTS:
             self.checks.enter(self.now_ns, self.phase)
 
-    def kill_manager(self, node: int | None = None) -> None:
-        """Let a manager die now: this one, or the one that reigns."""
-        victim = self.manager if node is None else self.managers.get(node)
+    def kill_manager(self, seat: int | None = None, *, torn: Random | None = None) -> None:
+        """Let a manager die now: this one, or the one that reigns. `torn`: of power, which tears its journal so."""
+        victim = self.manager if seat is None else self.managers.get(seat)
         for number, one in list(self.managers.items()):
             if one is victim:
                 one.stop()
                 del self.managers[number]
+                if torn is not None:
+                    one.disk.torn(torn, self.now_ns)
+                self.checks.manager_died(self.now_ns, _station(number))
+        self.see_who_reigns()
+
+    def _read_journal(self, station: str) -> bytes | None:
+        """What is on a manager's disk; nothing where the disk takes nothing."""
+        disk = next(disk for seat, disk in self.disks.items() if _station(seat) == station)
+        return None if disk.refuses or disk.problem is not None else disk.data
 
     # How it is put together
 
@@ -373,3 +420,9 @@ class Simulation:
             self.tap(name, self.checks.see)
             if keep_trace:
                 self.tap(name, self.trace.append)
+        if self.checks.authenticity is not None:
+            self.tap(self.spec.manager.bus, self.checks.authenticity.see)
+
+
+def _station(seat: int) -> str:
+    return f"manager {seat}" if seat > 0 else f"manager {-seat} again"

@@ -22,7 +22,7 @@ from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Use, classify, state_id
+from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
 from heronry_wire.management import PeFlags, PeState, StatePage0
 
 End = Callable[[], None]
@@ -75,6 +75,7 @@ class Strikes:
         end = _DO[act.kind](self._simulation, act, self._random(act))
         if end is None:
             return
+        self._simulation.see_who_reigns()
         self.hits[act.kind, state] += 1
         self._simulation.all_excused |= KINDS[act.kind].excuses
         if act.lasts_ms:
@@ -87,6 +88,7 @@ class Strikes:
         end = self._ends.pop(act, None)
         if end is not None:
             end()
+            self._simulation.see_who_reigns()
             self._note(act, self._simulation.now_ns)
 
     def _note(self, act: Act, to_ns: int | None) -> None:
@@ -261,7 +263,7 @@ def _bad_transmitter(pe: SimulatedPe, _act: Act, _random: Random) -> End:
 
 
 def _struck_manager(simulation: Simulation, act: Act) -> tuple[int, SimulatedManager] | None:
-    """Give the manager that an act means, if it runs."""
+    """Give the manager that an act means, with its seat, if it runs."""
     node = MANAGERS[act.target]
     reigns = simulation.manager
     for number, one in simulation.managers.items():
@@ -270,13 +272,21 @@ def _struck_manager(simulation: Simulation, act: Act) -> tuple[int, SimulatedMan
     return None
 
 
-def _manager_crash(simulation: Simulation, act: Act, _random: Random) -> End | None:
+def _manager_dies(simulation: Simulation, act: Act, torn: Random | None) -> End | None:
     struck = _struck_manager(simulation, act)
     if struck is None:
         return None
-    node, _ = struck
-    simulation.kill_manager(node)
-    return lambda: simulation.start_manager(node) if node not in simulation.managers else None
+    seat, _ = struck
+    simulation.kill_manager(seat, torn=torn)
+    return lambda: simulation.start_manager(seat) if seat > 0 and seat not in simulation.managers else None
+
+
+def _manager_crash(simulation: Simulation, act: Act, _random: Random) -> End | None:
+    return _manager_dies(simulation, act, None)
+
+
+def _manager_power(simulation: Simulation, act: Act, random: Random) -> End | None:
+    return _manager_dies(simulation, act, random)
 
 
 def _manager_pause(simulation: Simulation, act: Act, _: Random) -> End | None:
@@ -287,13 +297,77 @@ def _manager_pause(simulation: Simulation, act: Act, _: Random) -> End | None:
     return _nothing
 
 
-def _manager_cut(simulation: Simulation, act: Act, _: Random) -> End | None:
+def _manager_wire(direction: str) -> "_Do":
+    """Break the wires of a manager, in one direction or in both."""
+
+    def strike(simulation: Simulation, act: Act, _: Random) -> End | None:
+        struck = _struck_manager(simulation, act)
+        if struck is None:
+            return None
+        manager = struck[1]
+        manager.wire(**{direction: True})
+        return lambda: manager.wire(**{direction: False}) if manager.running else None
+
+    return strike
+
+
+def _manager_double(simulation: Simulation, act: Act, _: Random) -> End | None:
+    struck = _struck_manager(simulation, act)
+    if struck is None or struck[0] < 0 or -struck[0] in simulation.managers:
+        return None
+    seat, _manager = struck
+    simulation.double_manager(seat, standby=act.level == 0)
+    return lambda: simulation.kill_manager(-seat)
+
+
+def _disk_full(simulation: Simulation, act: Act, _: Random) -> End | None:
     struck = _struck_manager(simulation, act)
     if struck is None:
         return None
-    manager = struck[1]
-    manager.wire(cut_off=True)
-    return lambda: manager.wire(cut_off=False) if manager.running else None
+    disk = struck[1].disk
+    disk.refuses = True
+
+    def end() -> None:
+        disk.refuses = False
+
+    return end
+
+
+def _stale_table(simulation: Simulation, act: Act, _: Random) -> End | None:
+    """A PE is restarted with the table of another spec, and at the end with the right one."""
+    if act.name not in simulation.pes:
+        return None
+
+    def restart() -> None:
+        simulation.kill(act.name)
+        simulation.restore(act.name)
+
+    def end() -> None:
+        simulation.make_fresh(act.name)
+        if act.name in simulation.pes:
+            restart()
+
+    simulation.make_stale(act.name)
+    restart()
+    return end
+
+
+def _bus_split(simulation: Simulation, act: Act, random: Random) -> End:
+    """Break a bus in the middle: the managers are on two sides, and each PE is on one of them."""
+    managers = [f"manager {node}" for node in random.sample(MANAGER_NODES, 2)]
+    beyond = {managers[0], *(pe for pe in simulation.spec.pes if random.randrange(2))}
+    wires, one_way = simulation.wires[act.name], act.level == 1
+
+    def apart(sender: str, receiver: str) -> bool:
+        return (sender in beyond) > (receiver in beyond) or (not one_way and (receiver in beyond) > (sender in beyond))
+
+    def end() -> None:
+        for wire in wires:
+            wire.apart = None
+
+    for wire in wires:
+        wire.apart = apart
+    return end
 
 
 def _share(field: str) -> "_Do":
@@ -460,7 +534,14 @@ _DO: dict[str, _Do] = {
     "inspect": _inspect,
     "manager_crash": _manager_crash,
     "manager_pause": _manager_pause,
-    "manager_cut": _manager_cut,
+    "manager_cut": _manager_wire("cut_off"),
+    "manager_mute": _manager_wire("mute"),
+    "manager_deaf": _manager_wire("deaf"),
+    "manager_power": _manager_power,
+    "manager_double": _manager_double,
+    "disk_full": _disk_full,
+    "stale_table": _stale_table,
+    "bus_split": _bus_split,
     "loss": _share("loss"),
     "omission": _share("omission"),
     "doubled": _share("doubled"),

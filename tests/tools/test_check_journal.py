@@ -1,0 +1,197 @@
+"""The journal on the simulated disk, and its judge: what is there is what the frames show, whatever happens to it."""
+
+from random import Random
+
+import pytest
+
+from heronry_manager.journal import recovered, whole_journal
+from heronry_manager.memory import (
+    EPOCHS,
+    NOTHING,
+    Latched,
+    Memory,
+    PhaseEntered,
+    Record,
+    Reserved,
+    Runs,
+    TermBegun,
+)
+from heronry_tools.simulator.check_journal import JournalCheck
+from heronry_tools.simulator.disk import SYNCED_AFTER_NS, Disk
+from heronry_tools.simulator.simulation import Simulation
+from heronry_wire.management import (
+    Control,
+    ElementKind,
+    Lease,
+    ManagementMessage,
+    Operation,
+    Ping,
+    Prepare,
+    SliceHead,
+    Step,
+)
+from scenarios.flights import MS, big_blue, two_tails
+
+PHASES = list(big_blue().phases)
+MODULES = list(big_blue().modules)
+WHOLE = (
+    TermBegun(3),
+    Reserved(EPOCHS, 48),
+    Runs(33, 7, "00"),
+    PhaseEntered(PHASES[1]),
+    Latched(f"module:{MODULES[2]}", "nav", "REPORTED", 0),
+)
+
+
+def memory(*records: Record) -> Memory:
+    known = NOTHING
+    for record in records:
+        known = known.after(record)
+    return known
+
+
+def judged(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died: bool = False) -> list[str]:
+    """What is said of a manager that says this, with these records on its disk."""
+    data = whole_journal(big_blue(), memory(*records))
+    check = JournalCheck(big_blue(), lambda _: data)
+    for message in said:
+        check.commanded(0, "manager 126", message)
+    if died:
+        check.died(1, "manager 126")
+    assert {violation.rule for violation in check.violations} <= {"journal"}
+    return [violation.story for violation in check.violations]
+
+
+def test_a_manager_that_says_what_it_has_written_is_well() -> None:
+    said = (
+        Lease(3, 0, Step.PREPARED, 0),
+        Prepare(3, 33, 7),
+        SliceHead(92, 33, 0, 0),
+        Ping(3, 92, 0),
+        Lease(3, 33, Step.BREAK, 7),
+        Lease(3, 33, Step.GO_ALL, 7),
+        Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 1),
+        Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2),
+        Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 1),
+        Control(3, 92, Operation.ACKNOWLEDGE, ElementKind.MODULE, 5),
+    )
+    assert judged(*said, died=True) == []
+    assert judged(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0), records=(TermBegun(3),)) == []
+
+
+def test_a_frame_that_waited_while_another_epoch_was_activated_is_no_contradiction() -> None:
+    assert judged(Lease(3, 32, Step.GO_ALL, 9)) == []
+
+
+@pytest.mark.parametrize(
+    ("message", "lacks", "story"),
+    [
+        (Lease(3, 0, Step.PREPARED, 0), TermBegun, "has spoken in term 3, and its journal has 0"),
+        (Prepare(3, 33, 7), Reserved, "has prepared epoch 33, and has reserved None"),
+        (Lease(3, 33, Step.BREAK, 7), Runs, "says that epoch 33 runs, and its journal says None"),
+        (Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2), Latched, "says HOLDS of module:"),
+    ],
+)
+def test_what_is_said_and_not_written_is_seen(message: ManagementMessage, lacks: type, story: str) -> None:
+    assert judged(message) == []
+    (found,) = judged(message, records=tuple(record for record in WHOLE if not isinstance(record, lacks)))
+    assert story in found
+
+
+def test_what_is_written_and_not_so_is_seen() -> None:
+    assert "its journal says Runs(epoch=33, digest=7" in judged(Lease(3, 33, Step.GO_ALL, 8))[0]
+    assert f"holds phase {PHASES[2]}" in judged(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
+    assert "says CLEAR of module:" in judged(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
+
+
+def test_numbers_that_are_gone_when_it_dies_are_seen_and_facts_may_go() -> None:
+    data = [whole_journal(big_blue(), memory(*WHOLE))]
+    check = JournalCheck(big_blue(), lambda _: data[0])
+    for message in (Lease(3, 33, Step.GO_ALL, 7), Prepare(3, 40, 9)):
+        check.commanded(0, "manager 126", message)
+    data[0] = whole_journal(big_blue(), memory(*WHOLE[:2]))
+    check.died(1, "manager 126")
+    check.died(1, "manager 127")  # has never said anything
+    assert check.violations == []
+    data[0] = whole_journal(big_blue(), memory(TermBegun(1), Reserved(EPOCHS, 32)))
+    check.died(2, "manager 126")
+    assert [violation.story.split(",")[0] for violation in check.violations] == [
+        "manager 126 has spoken in term 3",
+        "manager 126 has prepared epoch 40",
+    ]
+
+
+def test_of_a_disk_that_takes_nothing_nothing_is_promised() -> None:
+    check = JournalCheck(big_blue(), lambda _: None)
+    check.commanded(0, "manager 126", Lease(3, 33, Step.GO_ALL, 7))
+    check.died(1, "manager 126")
+    assert check.violations == []
+
+
+# The disk
+
+
+def test_a_power_cut_takes_what_was_not_synced_and_no_number() -> None:
+    for seed in range(200):
+        disk, random = Disk(two_tails()), Random(seed)
+        disk.opened()
+        for n, record in enumerate(WHOLE):
+            disk.write(record, n * MS)
+        disk.torn(random, 5 * MS)
+        left = disk.opened()
+        assert (left.term, left.reserved) == (3, {EPOCHS: 48})
+        assert left in [memory(*WHOLE[:n]) for n in range(2, 6)]
+    assert disk.data == whole_journal(two_tails(), left)
+
+
+def test_what_was_synced_stays() -> None:
+    disk = Disk(two_tails())
+    disk.opened()
+    for record in WHOLE:
+        disk.write(record, 0)
+    disk.torn(Random(1), SYNCED_AFTER_NS)
+    assert disk.opened() == memory(*WHOLE)
+
+
+def test_a_disk_that_takes_nothing_says_so_and_gets_all_of_it_when_it_can() -> None:
+    disk = Disk(two_tails())
+    disk.opened()
+    disk.write(WHOLE[0], 0)
+    disk.refuses = True
+    disk.write(WHOLE[1], 1)
+    disk.write(WHOLE[2], 2)
+    assert disk.problem is not None
+    assert recovered(disk.data)[0] == memory(WHOLE[0])
+    disk.refuses = False
+    disk.write(WHOLE[3], 3)
+    assert disk.problem is None
+    assert recovered(disk.data)[0] == memory(*WHOLE[:4])
+
+
+def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_and_says_so() -> None:
+    simulation = Simulation(two_tails(), 1)
+    simulation.disks[126].refuses = True
+    simulation.run_for(2_000 * MS)
+    assert len(simulation.events_of("journal_failed")) == 1
+    simulation.disks[126].refuses = False
+    simulation.kill("tail_pe")
+    simulation.run_for(500 * MS)
+    assert len(simulation.events_of("journal_kept")) == 1
+    assert simulation.settle() == []
+
+
+# A manager that does not keep what it should
+
+
+@pytest.mark.parametrize("lost", [TermBegun, Reserved, Runs])
+def test_a_journal_that_loses_records_is_seen_in_flight(lost: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep = Disk.write
+
+    def forgetful(disk: Disk, record: Record, now_ns: int) -> None:
+        if not isinstance(record, lost):
+            keep(disk, record, now_ns)
+
+    monkeypatch.setattr(Disk, "write", forgetful)
+    simulation = Simulation(two_tails(), 1)
+    simulation.run_for(2_000 * MS)
+    assert {violation.rule for violation in simulation.broken()} == {"journal"}

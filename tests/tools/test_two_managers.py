@@ -1,0 +1,217 @@
+"""Flights with two managers: what can befall them, how it is drawn, and how each is flown again."""
+
+import json
+import shlex
+from random import Random
+
+import pytest
+
+from heronry_tools.cli import main
+from heronry_tools.simulator.act import KINDS, MANAGER, read_act
+from heronry_tools.simulator.bus import Faults, SimulatedBus
+from heronry_tools.simulator.campaign import Coverage
+from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.check_terms import TermCheck
+from heronry_tools.simulator.clock import Clock
+from heronry_tools.simulator.protocol_state import ProtocolState
+from heronry_tools.simulator.scenario import Outcome, Scenario, need_key, play
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
+from heronry_wire.frame import Frame
+from scenarios.flights import MS, big_blue, two_tails
+
+OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
+
+
+def flight(*texts: str, seed: int = 1, seconds: float = 2.0) -> Outcome:
+    """What becomes of two_tails with two managers."""
+    acts = tuple(read_act(two_tails(), text) for text in texts)
+    return play(two_tails(), Scenario(seed, seconds, acts, standby=True))
+
+
+def flying(seed: int = 1) -> Simulation:
+    simulation = Simulation(two_tails(), seed, standby=True)
+    while not simulation.events_of("reconfigured") or simulation.unsettled():
+        simulation.run_for(50 * MS)
+    return simulation
+
+
+# What befalls two managers
+
+
+@pytest.mark.parametrize("target", ["manager", "primary", "standby"])
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.strikes == MANAGER])
+def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind: str, target: str) -> None:
+    outcome = flight(f"0.1 {kind} {target} for 0.4")
+    assert outcome.violations == ()
+    assert sum(outcome.hits.values()) == 1
+
+
+@pytest.mark.parametrize("kind", ["bus_split bus:can0", "stale_table pe:tail_pe", "attack bus:can0"])
+@pytest.mark.parametrize("level", ["", " level 1"])
+def test_every_other_fault_of_two_does(kind: str, level: str) -> None:
+    outcome = flight(f"0.1 {kind} for 0.6{level}")
+    assert outcome.violations == ()
+    assert sum(outcome.hits.values()) == 1
+
+
+def test_a_stale_table_runs_nothing_of_ours_until_the_right_one_is_back() -> None:
+    simulation = flying()
+    strikes = Strikes(simulation, (read_act(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns)
+    simulation.run_for(700 * MS)
+    assert simulation.events_of("pe_refused")[-1]["reason"] == "DIGEST"
+    assert "pe:tail_pe" in simulation.truth.down
+    simulation.run_for(200 * MS)
+    assert simulation.truth.down == frozenset()
+    strikes.heal()
+    assert simulation.settle() == []
+
+
+def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dead() -> None:
+    simulation = flying()
+    acts = ("0 stale_table pe:tail_pe for 0.4", "0.1 crash pe:tail_pe for 0.1", "0.3 crash pe:tail_pe")
+    Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    simulation.run_for(250 * MS)
+    assert "pe:tail_pe" in simulation.truth.down
+    simulation.run_for(350 * MS)
+    assert "tail_pe" not in simulation.pes
+
+
+def test_a_manager_that_runs_twice_runs_once_more_at_most_and_is_gone_when_it_is_over() -> None:
+    simulation = flying()
+    acts = (
+        "0 manager_double primary for 0.5",
+        "0.1 manager_double primary for 0.5",
+        "0.2 manager_crash primary for 0.1",
+    )
+    strikes = Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    simulation.run_for(150 * MS)
+    assert sorted(simulation.managers) == [-126, 126, 127]
+    assert strikes.hits.total() == 1
+    simulation.run_for(500 * MS)
+    assert sorted(simulation.managers) == [126, 127]
+    assert simulation.settle() == []
+
+
+# The bus in two halves
+
+
+class Halves:
+    """Two stations on each side of a bus."""
+
+    def __init__(self) -> None:
+        self.clock = Clock()
+        self.bus = SimulatedBus("can0", 1_000_000, self.clock, Random(1), Faults())
+        self.heard: list[tuple[str, str]] = []
+        self.stations = {
+            name: self.bus.join(name, 0, lambda e, n=name: self.hear(n, e.frame)) for name in ("a1", "a2", "b1", "b2")
+        }
+
+    def hear(self, name: str, frame: Frame) -> None:
+        self.heard.append((name, frame.data.decode()))
+
+    def send(self, *names: str) -> None:
+        for name in names:
+            self.bus.offer(self.stations[name], Frame(0x100, name.encode()))
+        self.clock.run_until(self.clock.now_ns + 10 * MS)
+
+
+def test_two_halves_of_a_bus_do_not_hear_each_other_nor_collide() -> None:
+    halves = Halves()
+    halves.bus.apart = lambda sender, receiver: sender[0] != receiver[0]
+    halves.send("a1", "b1")
+    assert sorted(halves.heard) == [("a2", "a1"), ("b2", "b1")]
+    assert halves.bus.clashes == []
+    halves.bus.apart = None
+    halves.heard.clear()
+    halves.send("a1")
+    assert sorted(name for name, _ in halves.heard) == ["a2", "b1", "b2"]
+
+
+def test_one_half_may_hear_the_other_that_does_not_hear_it() -> None:
+    halves = Halves()
+    halves.bus.apart = lambda sender, receiver: sender < receiver and sender[0] != receiver[0]
+    halves.send("a1", "b1")
+    assert sorted(halves.heard) == [("a1", "b1"), ("a2", "a1"), ("a2", "b1"), ("b2", "b1")]
+    assert halves.bus.clashes == []
+
+
+# Who speaks in a term
+
+
+def voices(*said: tuple[int, str]) -> list[str]:
+    check = TermCheck(two_tails())
+    for t_ms, station in said:
+        check.alive(t_ms * MS, station, 3)
+    return [violation.story for violation in check.violations]
+
+
+def test_two_of_one_number_that_go_on_in_one_term_are_seen() -> None:
+    both = [(t_ms, station) for t_ms in range(0, 400, 20) for station in ("manager 126", "manager 126 again")]
+    assert voices(*both) == ["manager 126 and manager 126 again both speak for term 3"]
+
+
+def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:
+    alone = [(t_ms, "manager 126") for t_ms in range(0, 2000, 20)]
+    assert voices(*alone, (60, "manager 126 again"), (80, "manager 126 again")) == []
+
+
+# What is drawn, and what it reaches
+
+
+def test_what_needs_two_managers_is_drawn_where_there_are_two_and_asked_for_anywhere() -> None:
+    one = {act.kind for seed in range(30) for act in drawn_acts(big_blue(), seed, 60.0)}
+    two = {act.kind for seed in range(30) for act in drawn_acts(big_blue(), seed, 60.0, of_two=True)}
+    assert one.isdisjoint(OF_TWO)
+    assert two >= set(OF_TWO)
+    assert "forge" not in two
+    assert {act.kind for act in drawn_acts(big_blue(), 1, 60.0, ["disk_full"])} >= {"disk_full"}
+
+
+def test_either_manager_is_struck_and_whichever_reigns_and_more_often_than_others() -> None:
+    acts = [act for seed in range(20) for act in drawn_acts(two_tails(), seed, 60.0, of_two=True)]
+    targets = [act.target for act in acts]
+    assert {"manager", "primary", "standby"} <= set(targets)
+    assert all(read_act(two_tails(), str(act)) == act for act in acts)
+    assert "orphaned" in {act.during for act in acts}
+
+
+def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
+    table = Coverage(two_tails(), of_two=True)
+    table.add(flight("0.1 manager_pause manager for 0.3"))
+    rows = {line.split()[0] for line in table.table()}
+    assert set(OF_TWO) <= rows
+    assert ("disk_full", "orphaned") in table.cells()
+
+
+def test_the_state_of_the_protocol_knows_that_nobody_reigns() -> None:
+    protocol = ProtocolState(Clock())
+    protocol.take({"event": "plan_requested"})
+    protocol.reigned(by_somebody=False)
+    protocol.reigned(by_somebody=False)
+    assert (protocol.now, protocol.entered["orphaned"]) == ("orphaned", 1)
+    protocol.reigned(by_somebody=True)
+    assert protocol.now == "planning"
+    protocol.take({"event": "taken_over"})
+    assert protocol.now == "idle"
+
+
+def test_a_flight_has_a_key_where_somebody_attacks() -> None:
+    attack = read_act(two_tails(), "0.1 attack bus:can0 for 0.1")
+    assert need_key((attack,))
+    assert not need_key(())
+
+
+# The command
+
+
+def test_a_campaign_of_two_is_told_so_that_each_flight_can_be_flown_again(capsys: pytest.CaptureFixture[str]) -> None:
+    assert (
+        main(["sim", "elevator_and_chute", "--standby", "--seed", "5", "--runs", "2", "--seconds", "3", "--json"]) == 0
+    )
+    *flights, whole = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {cell["kind"] for cell in whole["coverage"]["cells"]} >= set(OF_TWO)
+    program, *words = shlex.split(flights[1]["replay"])
+    assert (program, words[-1]) == ("heronry", "--standby")
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == flights[1]

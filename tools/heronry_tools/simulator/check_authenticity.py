@@ -1,0 +1,179 @@
+"""Every command that a PE accepts was authentic and fresh: what PEs say that they did, against what was proven.
+
+Judged in flights with a key, on the managers' bus, from frames alone; `proven_commands` works every tag out again. A PE
+shows what it has accepted:
+
+    it hears a LEASE          page 0, HEARS_LEASE        a LEASE, and it was accepted not long ago
+    it has been asked         page 1, staged epoch       a PREPARE of that epoch
+    it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
+    it takes a fault back     EMCY RESET                 a CLEAR of that element, and not long ago
+
+Behind each there must be a proven pair that the PE could accept when it was said. *Fresh* is what lies beyond the last
+command that it certainly had accepted before. That place is known from below: the earliest one that explains what the
+PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
+soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since.
+
+"Not long ago" is what the PE may go on by (T_lease), and how long what it says may be on its way: in its own queue, and
+in that of a gateway. A PE that hears LEASEs which nothing explains must go on saying so for as long.
+"""
+
+from dataclasses import dataclass, field
+
+from heronry_dg.model import Spec
+from heronry_manager.topology import uplink_bus
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.proven_commands import Proven, ProvenCommands
+from heronry_tools.simulator.stranger import STRANGER
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.authentication import Key, Place
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import MANAGER_NODES, emcy_id, state_id
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    Activate,
+    Control,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Prepare,
+    StatePage0,
+    StatePage1,
+    Step,
+    decode_emergency,
+    decode_state,
+)
+
+_LEAST_STEP = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO}
+_ON_ITS_WAY_LEASES = 2  # times T_lease: in the queue of the PE, and of a gateway
+_Accepted = tuple[int, Place]  # manager, place
+
+
+@dataclass(slots=True)
+class _Pe:
+    """What one PE could accept so far, and what it certainly has."""
+
+    name: str
+    lease_ns: int
+    incarnation: int | None = None
+    least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
+    leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
+    clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
+    asked: set[int] = field(default_factory=set)  # epochs
+    steps: dict[int, Step] = field(default_factory=dict)  # by epoch: the furthest
+    unexplained_ns: int | None = None  # since when it says that it hears a LEASE, and none explains it
+    told: set[tuple[object, ...]] = field(default_factory=set)  # what was found of it already
+
+
+class AuthenticityCheck:
+    """Follows what is commanded, and what PEs say that they did."""
+
+    def __init__(self, spec: Spec, key: Key) -> None:
+        self.violations: list[Violation] = []
+        self._bus = spec.manager.bus
+        self._proven = ProvenCommands(key)
+        self._pes: dict[int, _Pe] = {}  # by identifier of their states
+        self._emcys: dict[int, _Pe] = {}
+        for pe in spec.pes.values():
+            lease_ns = LEASE_PERIODS * spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns
+            known = _Pe(pe.name, lease_ns)
+            self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
+
+    def see(self, sent: Sent) -> None:
+        """Take a frame of the managers' bus, whoever has sent it."""
+        if sent.bus != self._bus:
+            return
+        pe = self._pes.get(sent.frame.can_id)
+        if pe is not None:
+            if not sent.sender.startswith(STRANGER):
+                self._state(pe, sent)
+            return
+        pe = self._emcys.get(sent.frame.can_id)
+        if pe is not None:
+            self._emergency(pe, sent)
+            return
+        proven = self._proven.take(sent)
+        if proven is not None:
+            for pe in self._pes.values():
+                if proven.place > pe.least.get(proven.manager, Place(0, -1)):
+                    _could_accept(pe, sent.end_ns, proven)
+
+    # What PEs say
+
+    def _state(self, pe: _Pe, sent: Sent) -> None:
+        data = sent.frame.data
+        page = decode_state(data)
+        match page:
+            case StatePage0():
+                if page.incarnation != pe.incarnation:
+                    self._begins(pe, page.incarnation)
+                if PeFlags.HEARS_LEASE in page.flags:
+                    self._hears(pe, sent.end_ns)
+                else:
+                    pe.unexplained_ns = None
+                if page.epoch != NO_EPOCH and page.state in _LEAST_STEP:
+                    self._runs(pe, sent.end_ns, page)
+            case StatePage1() if page.staged_epoch != NO_EPOCH:
+                self._staged(pe, sent.end_ns, page)
+            case _:
+                pass
+
+    def _begins(self, pe: _Pe, incarnation: int) -> None:
+        pe.incarnation, pe.unexplained_ns = incarnation, None
+        pe.least = {manager: self._proven.newest(manager) for manager in MANAGER_NODES}
+        for known in (pe.leases, pe.clears, pe.asked, pe.steps, pe.told):
+            known.clear()
+
+    def _hears(self, pe: _Pe, t_ns: int) -> None:
+        pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= t_ns - pe.lease_ns * 3 // 2}
+        managers = {manager for manager, _ in pe.leases}
+        if len(managers) == 1:
+            pe.least[managers.pop()] = min(place for _, place in pe.leases)
+        if pe.leases:
+            pe.unexplained_ns = None
+        elif pe.unexplained_ns is None:
+            pe.unexplained_ns = t_ns
+        elif t_ns - pe.unexplained_ns > _ON_ITS_WAY_LEASES * pe.lease_ns:
+            self._tell(pe, t_ns, ("hears",), "says that it hears a LEASE, and none came that was authentic and fresh")
+
+    def _runs(self, pe: _Pe, t_ns: int, page: StatePage0) -> None:
+        least = _LEAST_STEP[page.state]
+        if pe.steps.get(page.epoch, Step.PREPARED) < least:
+            story = f"is {page.state.name} in epoch {page.epoch}, and was never told so by who has the key"
+            self._tell(pe, t_ns, (page.epoch, page.state), story)
+
+    def _staged(self, pe: _Pe, t_ns: int, page: StatePage1) -> None:
+        if page.staged_epoch not in pe.asked:
+            story = f"has been asked for epoch {page.staged_epoch}, and by nobody who has the key"
+            self._tell(pe, t_ns, (page.staged_epoch,), story)
+
+    def _emergency(self, pe: _Pe, sent: Sent) -> None:
+        said = decode_emergency(sent.frame.data)
+        if isinstance(said, Malformed) or said.code is not FaultCode.RESET:
+            return
+        cleared_ns = pe.clears.get((said.kind, said.index))
+        if cleared_ns is None or sent.end_ns - cleared_ns > (1 + _ON_ITS_WAY_LEASES) * pe.lease_ns:
+            story = (
+                f"takes back what it said of {said.kind.name.lower()} {said.index}, and nobody with the key cleared it"
+            )
+            self._tell(pe, sent.end_ns, (said.kind, said.index), story)
+
+    def _tell(self, pe: _Pe, t_ns: int, about: tuple[object, ...], story: str) -> None:
+        if about not in pe.told:
+            pe.told.add(about)
+            self.violations.append(Violation(t_ns, "authentic", f"{pe.name} {story}"))
+
+
+def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
+    """A command was said that this PE could believe: keep what it would do upon it."""
+    message = proven.message
+    if isinstance(message, Lease):
+        pe.leases[proven.manager, proven.place] = t_ns
+    if isinstance(message, Lease | Activate):
+        pe.steps[message.epoch] = max(message.step, pe.steps.get(message.epoch, message.step))
+    elif isinstance(message, Prepare):
+        pe.asked.add(message.epoch)
+    elif isinstance(message, Control) and message.operation is Operation.CLEAR:
+        pe.clears[message.a, message.b] = t_ns

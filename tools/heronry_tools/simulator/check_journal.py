@@ -1,0 +1,133 @@
+"""A manager's journal, read back, is what its frames show: at every moment at which they show something new.
+
+Whoever restarts knows no more than the bytes on its disk. They are read again as that manager would (`recovered`), and
+held against what it has said, in that reign:
+
+    term         a frame that names a term: the journal has it, or a higher one. A term that is not on the disk before
+                 it is spoken in might be spoken in twice
+    epochs       a PREPARE of a number that nobody has prepared before: it lies within what is reserved
+    what runs    a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
+    phase        HOLDS of a phase: it is that one
+    faults       HOLDS of an element: it is latched; CLEAR: it is not
+
+When a manager has died (`died`) the numbers are asked for again, in what a power cut has left: they were synced before
+they were used. Facts may go with the power.
+
+Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
+deposed manager says (the caller tells nothing of it). A frame that waited long may be older than the journal: then
+that is newer, and not another.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_manager.journal import recovered
+from heronry_manager.memory import EPOCHS, Memory
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.management import (
+    NO_EPOCH,
+    Control,
+    ElementKind,
+    Lease,
+    ManagementMessage,
+    Operation,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    Step,
+    is_newer,
+)
+
+Read = Callable[[str], bytes | None]  # what is on the disk of who has this station; None where nobody promises anything
+
+
+@dataclass(slots=True)
+class _Said:
+    """What one manager has said, over all its reigns."""
+
+    term: int = 0
+    prepared: int = NO_EPOCH
+    leased: tuple[int, int] = (NO_EPOCH, 0)
+
+
+class JournalCheck:
+    """Compares what managers say with what they have written."""
+
+    def __init__(self, spec: Spec, read: Read) -> None:
+        self.violations: list[Violation] = []
+        self._read = read
+        self._names = {
+            ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
+            ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
+            ElementKind.MODULE: [f"module:{module}" for module in spec.modules],
+            ElementKind.BUS: [f"bus:{bus}" for bus in spec.buses],
+        }
+        self._phases = list(spec.phases)
+        self._said: dict[str, _Said] = {}  # by station
+        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first
+
+    def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
+        """A manager, known by its station, was heard."""
+        if isinstance(message, SliceHead | SliceBody):
+            return
+        said = self._said.setdefault(manager, _Said())
+        news = self._news(manager, said, message)
+        memory = self._memory(manager) if news or message.term > said.term else None
+        said.term = max(said.term, message.term)
+        if memory is not None:
+            self._tell(t_ns, manager, [*_numbers(said, memory), *self._facts(memory, message)])
+
+    def died(self, t_ns: int, manager: str) -> None:
+        """A manager has died; what it finds when it starts again is on its disk now."""
+        said, memory = self._said.get(manager), self._memory(manager)
+        if said is not None and memory is not None:
+            self._tell(t_ns, manager, _numbers(said, memory))
+
+    def _memory(self, manager: str) -> Memory | None:
+        data = self._read(manager)
+        return None if data is None else recovered(data)[0]
+
+    def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
+        self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
+
+    def _news(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
+        """Take a command down; tells whether it shows anything new."""
+        match message:
+            case Prepare(_, epoch, _) if self._prepared.setdefault(epoch, manager) == manager:
+                said.prepared = epoch
+            case Lease(_, epoch, step, digest) if step is not Step.PREPARED and (epoch, digest) != said.leased:
+                said.leased = epoch, digest
+            case Control(_, _, Operation.HOLDS | Operation.CLEAR, _, _):
+                pass
+            case _:
+                return False
+        return True
+
+    def _facts(self, memory: Memory, message: ManagementMessage) -> list[str]:
+        match message:
+            case Lease(_, epoch, step, digest) if step is not Step.PREPARED:
+                runs = memory.runs
+                is_known = runs is not None and (
+                    is_newer(runs.epoch, epoch) or (runs.epoch, runs.digest) == (epoch, digest)
+                )
+                if not is_known:
+                    return [f"says that epoch {epoch} runs, and its journal says {runs}"]
+            case Control(_, _, Operation.HOLDS, ElementKind.PHASE, index):
+                if memory.phase not in (None, self._phases[index]):
+                    return [f"holds phase {self._phases[index]}, and its journal says {memory.phase}"]
+            case Control(_, _, Operation.HOLDS | Operation.CLEAR as operation, kind, index):
+                element = self._names[ElementKind(kind)][index]
+                if (element in memory.latched) is not (operation is Operation.HOLDS):
+                    return [f"says {operation.name} of {element}, and its journal says {sorted(memory.latched)}"]
+        return []
+
+
+def _numbers(said: _Said, memory: Memory) -> list[str]:
+    """What is wrong with the numbers: none may be used that is not on the disk."""
+    stories = []
+    if memory.term < said.term:
+        stories.append(f"has spoken in term {said.term}, and its journal has {memory.term}")
+    if said.prepared != NO_EPOCH and is_newer(said.prepared, memory.reserved.get(EPOCHS, NO_EPOCH)):
+        stories.append(f"has prepared epoch {said.prepared}, and has reserved {memory.reserved.get(EPOCHS)}")
+    return stories
