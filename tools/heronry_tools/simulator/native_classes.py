@@ -80,6 +80,8 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
     target = node.targets[0] if isinstance(node, ast.Assign) else node.target
     if not isinstance(target, ast.Name) or not _CONSTANT.fullmatch(target.id) or node.value is None:
         return
+    if isinstance(node.value, ast.Tuple):  # mypyc takes a Final tuple of numbers for one that was never set
+        return
     line, kind = lines[node.lineno - 1], "_typing.Final"
     if isinstance(node, ast.AnnAssign):
         if node.annotation.end_lineno != node.lineno:
