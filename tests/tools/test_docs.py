@@ -15,6 +15,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,7 @@ TIMEOUT_S = 180
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MENTION = re.compile(r"`((heronry [a-z]+|pe-agent|make [a-z]+|tools/[a-z-]+|python -m [a-z_.]+)( [^`\n]+)?)`")
+WRITTEN = re.compile(r"(?:-o |--write |>\s?)(\S+)")
 LINK = re.compile(r"\]\((?!\w+:|#)([^)#]+)[^)]*\)")
 
 
@@ -176,6 +178,14 @@ def test_every_command_line_runs(document: Path, workspace: Path) -> None:
     assert [failure for failure in outcomes if failure is not None] == []
 
 
+def makers(line: CommandLine) -> list[CommandLine]:
+    """The lines of its document before it that write what it reads."""
+    before = takewhile(lambda other: other != line, command_lines(Path(line.place.rpartition(":")[0])))
+    named = set(shlex.split(line.text, comments=True))
+    runs = [other for other in before if other.rule is not None and other.rule.how is How.RUN]
+    return [other for other in runs if named.intersection(WRITTEN.findall(other.text))]
+
+
 LONGER = [line for line in all_lines() if line.rule is not None and line.rule.how is How.LIVE]
 
 
@@ -185,6 +195,9 @@ def test_every_command_line_that_takes_longer_runs(line: CommandLine, workspace:
     assert line.rule is not None
     if line.rule.in_checkout and subprocess.run(["make", "-q", ".venv/ready-to-run"], check=False).returncode != 0:
         pytest.skip("this checkout's .venv was not made by make: make would install into it first")
+    for maker in makers(line):
+        assert maker.rule is not None
+        assert tried(maker, maker.rule, workspace) is None
     assert tried(line, line.rule, workspace) is None
 
 
