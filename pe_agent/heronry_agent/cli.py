@@ -19,7 +19,6 @@ from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
-from heronry_agent.in_process_host import InProcessHost
 from heronry_agent.incarnation import next_incarnation
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
@@ -98,11 +97,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NS",
         help="when the simulated flight took off, in ns of the monotonic clock (default: now)",
     )
-    parser.add_argument(
-        "--in-process",
-        action="store_true",
-        help="run the modules in this process, not in partitions: half the CPU, and no protection from them",
-    )
     parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
     talk = parser.add_mutually_exclusive_group()
     talk.add_argument("-q", "--quiet", action="store_true", help="say only what ends the agent")
@@ -140,7 +134,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         bench = Bench(origin_ns)
         followed = bench.followed_by(device.name for device in table.devices if device.node == table.node_id)
-        host = (InProcessHost if arguments.in_process else PartitionHost)(table, bench)
+        host = PartitionHost(table, bench)
         undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)

@@ -33,7 +33,6 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from heronry_agent.core import AgentCore
-from heronry_agent.in_process_host import InProcessHost
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.vocabulary import Action, ChannelsLost, Event, Left, Note
 from heronry_wire.frame import Frame
@@ -77,7 +76,7 @@ class AgentDriver:
         self,
         table: PeTable,
         new_core: Callable[[], AgentCore],
-        host: PartitionHost | InProcessHost,
+        host: PartitionHost,
         links: Sequence[AnyLink],
         *,
         tell: Callable[[Note], None],

@@ -202,7 +202,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         file = folder / "slower.dg.yaml"
         file.write_text(_slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
         spec = load_spec(str(file))
-        fleet = stack.enter_context(Fleet(spec, file, folder, partitions=True))
+        fleet = stack.enter_context(Fleet(spec, file, folder))
         fleet.start_buses(choose(spec, fleet.folder, {}, None))
         stream = fleet.start_manager()
         campaign = Campaign(spec, fleet, stream, Random(arguments.seed))

@@ -12,6 +12,7 @@ examples:
   heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
   heronry demo elevator_and_chute --for 8 --record flight.log
   heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
+  heronry demo --from 210 --for 40                    the landing
   heronry demo --key fleet.key                        every command and every state is proven
   heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
   heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
@@ -50,17 +51,20 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--for", dest="seconds", metavar="SECONDS", type=float, help=f"how long to run (default {DEFAULT_SECONDS:.0f})"
     )
+    parser.add_argument(
+        "--from",
+        dest="aloft_s",
+        metavar="SECONDS",
+        type=float,
+        default=0.0,
+        help="begin so long after take-off: at 90 the balloon is about to be cut, from 240 on it stands again",
+    )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
     parser.add_argument(
         "--contingencies", metavar="FILE", type=Path, help="plans made ahead by 'heronry contingencies' for this spec"
     )
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="what 'heronry key' made, for the manager and every PE"
-    )
-    parser.add_argument(
-        "--partitions",
-        action="store_true",
-        help="run modules in processes of their own, as a node does: twice the CPU, and nine PEs share it here",
     )
     parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines, and no story")
     parser.add_argument(

@@ -67,24 +67,19 @@ class Fleet:
         contingencies: Path | None = None,
         key: Path | None = None,
         *,
-        partitions: bool = False,
+        aloft_s: float = 0.0,
     ) -> None:
-        """`key` is the file that the manager and every PE are given.
-
-        partitions: modules run in processes of their own, as on a node by itself; all PEs of an aircraft share one
-        computer here, and few have the cores for that.
-        """
+        """`key` is the file that the manager and every PE are given; the simulated flight took off `aloft_s` ago."""
         self.folder = folder
         self._contingencies = contingencies
         self._key_flags = [] if key is None else ["--key", str(key)]
-        self._host_flags = [] if partitions else ["--in-process"]
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
         self._managers: list[tuple[subprocess.Popen[bytes], Path]] = []  # with their sockets; the first one reigns
         self._buses: Mapping[str, BusChoice] = {}
         self._tables = write_tables(spec, spec.pes, folder / "tables", contingencies)
-        self._bench_origin_ns = time.monotonic_ns()
+        self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
 
     def __enter__(self) -> Self:
         return self
@@ -142,7 +137,7 @@ class Fleet:
         """Start a PE's agent; gives its process number."""
         own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
         arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
-        arguments += ["--bench-origin", str(self._bench_origin_ns), *self._key_flags, *self._host_flags]
+        arguments += [f"--bench-origin={self._bench_origin_ns}", *self._key_flags]
         for choice in own:
             arguments += ["--bus", choice.port_argument()]
         self._pes[pe] = self._start(pe, arguments)

@@ -43,7 +43,7 @@ def play(arguments: argparse.Namespace) -> int:
                 folder,
                 arguments.contingencies,
                 arguments.key,
-                partitions=arguments.partitions,
+                aloft_s=arguments.aloft_s,
             )
         )
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
