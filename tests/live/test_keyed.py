@@ -121,8 +121,8 @@ def test_a_pe_with_a_key_gets_its_table_from_who_has_the_key_and_has_it_unlocked
     )  # fmt: skip
     for pe in PES[:2]:
         assert main(["table", str(fleet.spec), pe, "-o", str(fleet.folder / f"{pe}.table")]) == 0
-        fleet.start("heronry_agent", "--in-process", "--table", str(fleet.folder / f"{pe}.table"))
-    fleet.start("heronry_agent", "--in-process", "--node", str(TAIL_NODE))
+        fleet.start("heronry_agent", "--table", str(fleet.folder / f"{pe}.table"))
+    fleet.start("heronry_agent", "--node", str(TAIL_NODE))
     until(manager, "pe_joined", pe="control_pe")
     capsys.readouterr()
     assert fleet.send_table() == 2
