@@ -1,7 +1,7 @@
 # What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-ordinary test-live test-vcan coverage lint clean
+.PHONY: help demo test coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -22,20 +22,11 @@ help:
 demo: .venv/ready-to-run
 	@.venv/bin/heronry demo $(ARGS)
 
-# What needs a CAN bus mostly waits for it: beside that runs what computes, and stands back. Then, alone, what starts
-# processes with heartbeats of 20 ms.
+# Three runs: in parallel what computes, one by one what starts processes, and on a CAN bus what needs one.
 test: .venv/ready-to-test
-	$(MAKE) -j2 test-vcan test-ordinary
-	$(MAKE) test-live
-
-test-ordinary: .venv/ready-to-test
-	nice -n 19 $(PYTEST) -m 'not live and not vcan' -n 2
-
-test-live: .venv/ready-to-test
+	$(PYTEST) -m 'not live and not vcan' -n 2
 	$(PYTEST) -m 'live and not vcan'
-
-test-vcan: .venv/ready-to-test
-	tools/told-when-done tools/with-vcan --timeout 1200 $(PYTEST) -m vcan
+	tools/with-vcan --timeout 900 $(PYTEST) -m vcan
 
 # By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
 coverage: .venv/ready-to-test
