@@ -11,6 +11,7 @@ import os
 import struct
 import subprocess
 import threading
+import time
 import tty
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +20,7 @@ from typing import Self
 from heronry_tools.vcan import debian_packages
 
 _INTERFACES = Path("/sys/class/net")
+_PATIENCE_S = 30.0
 _N_SLCAN, _TIOCSETD = 17, 0x5423  # tty(4): the line discipline
 
 
@@ -75,6 +77,9 @@ class SerialAdapter:
         self._may_read.set()
         os.close(self._kernel_end)
         os.close(self._line)
+        until_s = time.monotonic() + _PATIENCE_S
+        while (_INTERFACES / self.name).exists() and time.monotonic() < until_s:  # the next one gets its name
+            time.sleep(0.05)
 
     @staticmethod
     def _load_driver() -> None:
