@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path, PurePath
 
+import pytest
+
 from heronry_tools.mutation.__main__ import draw
 from heronry_tools.mutation.flight_code import CODEC, CORES, NEITHER, codec_files, core_files
 from heronry_tools.mutation.flights import Flight
@@ -95,6 +97,7 @@ def mutant_of(file: str, function: str) -> Mutant:
     return next(mutant for mutant in every if mutant.function == function)
 
 
+@pytest.mark.live  # by itself: it forks, and measures what is run
 def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
     silenced = mutant_of("pe_agent/heronry_agent/reporting.py", "Reporting._page_0")
     unrun = mutant_of("manager/heronry_manager/operator_orders.py", "OperatorOrders._unlock")
