@@ -30,7 +30,7 @@ Malformed bytes decode to `Malformed` with a reason; encoding a number that does
 Source: docs/protocol.md, rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
@@ -372,6 +372,18 @@ class Emergency:
 
 
 ManagementMessage = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
+
+COMMAND_OF: Mapping[type[ManagementMessage], Command] = {
+    Lease: Command.LEASE,
+    Alive: Command.ALIVE,
+    Prepare: Command.PREPARE,
+    SliceHead: Command.SLICE,
+    SliceBody: Command.SLICE,
+    Activate: Command.ACTIVATE,
+    Ping: Command.PING,
+    Control: Command.CONTROL,
+}
+"""Under which of its manager's identifiers a message goes out."""
 
 
 def is_newer(epoch: int, than: int) -> bool:

@@ -40,15 +40,11 @@ from heronry_manager.numbering import EpochNumbers
 from heronry_manager.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.topology import reached_by_wire
 from heronry_manager.turn import Turn
-from heronry_wire.identifiers import Command
 from heronry_wire.management import (
-    Activate,
+    COMMAND_OF,
     Lease,
     PeState,
-    Prepare,
     Reason,
-    SliceBody,
-    SliceHead,
     StatePage0,
     StatePage1,
     Step,
@@ -429,7 +425,7 @@ class Deployment:
         if epoch is None:
             return
         for message in epoch.outbox:
-            self._turn.send(_COMMAND_OF[type(message)], message)
+            self._turn.send(COMMAND_OF[type(message)], message)
         epoch.outbox.clear()
 
     def _emit_step(self, epoch: Reconfiguration) -> None:
@@ -460,11 +456,3 @@ class Deployment:
 
 def _moved(before: Mapping[str, Running], after: Mapping[str, Running]) -> list[str]:
     return sorted(module for module in before.keys() & after.keys() if before[module].pe != after[module].pe)
-
-
-_COMMAND_OF: dict[type[Prepare | SliceHead | SliceBody | Activate], Command] = {
-    Prepare: Command.PREPARE,
-    SliceHead: Command.SLICE,
-    SliceBody: Command.SLICE,
-    Activate: Command.ACTIVATE,
-}

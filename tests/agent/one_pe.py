@@ -13,8 +13,9 @@ from heronry_agent.vocabulary import Action, Drive, Driven, Event, StartModule, 
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, management_id, state_id
+from heronry_wire.identifiers import management_id, state_id
 from heronry_wire.management import (
+    COMMAND_OF,
     Activate,
     Alive,
     Control,
@@ -131,20 +132,9 @@ FLYING = Slice((RUN_CONTROL, RUN_SERVO_1), remote={RATE: NEIGHBOUR}, publish={DE
 
 Message = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
 
-_COMMANDS = {
-    Lease: Command.LEASE,
-    Alive: Command.ALIVE,
-    Prepare: Command.PREPARE,
-    SliceHead: Command.SLICE,
-    SliceBody: Command.SLICE,
-    Activate: Command.ACTIVATE,
-    Ping: Command.PING,
-    Control: Command.CONTROL,
-}
-
 
 def command_frame(message: Message, manager: int = MANAGER) -> Frame:
-    return Frame(management_id(manager, _COMMANDS[type(message)]), message.encode())
+    return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
 
 
 def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> list[Message]:

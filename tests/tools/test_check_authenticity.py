@@ -16,6 +16,7 @@ from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
+    COMMAND_OF,
     NUMBER_SPAN,
     TAG,
     Activate,
@@ -39,13 +40,6 @@ from heronry_wire.management import (
 SPEC = load_spec("elevator_and_chute")
 NODE = SPEC.pes["tail_pe"].node_id
 MS = 1_000_000
-COMMANDS: dict[type, Command] = {
-    Lease: Command.LEASE,
-    Prepare: Command.PREPARE,
-    Activate: Command.ACTIVATE,
-    Control: Command.CONTROL,
-    SliceHead: Command.SLICE,
-}
 
 
 class Bus:
@@ -62,7 +56,7 @@ class Bus:
 
     def say(self, message: ManagementMessage) -> tuple[Frame, Frame]:
         """A true command."""
-        frame = Frame(management_id(126, COMMANDS[type(message)]), message.encode())
+        frame = Frame(management_id(126, COMMAND_OF[type(message)]), message.encode())
         tag = self.signer.tag(frame)
         assert tag is not None
         self.repeat((frame, tag))

@@ -50,6 +50,7 @@ from heronry_wire.identifiers import (
     state_id,
 )
 from heronry_wire.management import (
+    COMMAND_OF,
     SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
@@ -162,7 +163,7 @@ class _Pe:
     def _command(self, story: Story) -> None:
         term = _TERM + story.number(3)
         for message in self._messages(story, term):
-            frame = Frame(management_id(FIRST_MANAGER, _COMMAND_OF[type(message)]), message.encode())
+            frame = Frame(management_id(FIRST_MANAGER, COMMAND_OF[type(message)]), message.encode())
             self.give(Received(self.table.uplink, frame))
             tag = self._signers[term].tag(frame) if term in self._signers else None
             if tag is not None:
@@ -217,18 +218,6 @@ class _Pe:
             ImagesMissing(frozenset({"servo_driver_1"})),
         )
         self.give(events[story.number(256) % len(events)])
-
-
-_COMMAND_OF = {
-    Lease: Command.LEASE,
-    Alive: Command.ALIVE,
-    Prepare: Command.PREPARE,
-    SliceHead: Command.SLICE,
-    SliceBody: Command.SLICE,
-    Activate: Command.ACTIVATE,
-    Ping: Command.PING,
-    Control: Command.CONTROL,
-}
 
 
 @cache

@@ -2,7 +2,6 @@
 
     scenario    every file of tests/scenarios: what it expects, what the manager decided, and all checkers
     sim         flights whose faults are drawn from a seed: the checkers alone
-    exhaust     one message of a reconfiguration is struck: the checkers alone
 
 What is flown here is imported late, in the process that is to fly it: it may be flight code with a defect.
 """
@@ -20,13 +19,12 @@ from heronry_tools.spec_argument import spec_path
 class Flight:
     """One flight; as text the command that flies it, in the folder of the checkout."""
 
-    what: str  # scenario, sim, exhaust
+    what: str  # scenario, sim
     file: Path  # scenario, or spec
     seed: int = 0
     seconds: float = 0.0
     kinds: tuple[str, ...] = ()  # of faults, where not all
     loss: float = 0.0
-    case: str = ""
 
     def __str__(self) -> str:
         words = ["heronry", self.what, str(self.file)]
@@ -34,8 +32,6 @@ class Flight:
             words += ["--seed", str(self.seed), "--seconds", f"{self.seconds:g}"]
             words += [word for kind in self.kinds for word in ("--kind", kind)]
             words += ["--loss", f"{self.loss:g}"] if self.loss else []
-        if self.what == "exhaust":
-            words += ["--case", f"'{self.case}'"]
         return " ".join(words)
 
 
@@ -97,13 +93,8 @@ _DRAWN = {"demux_actuators": 6, "triplex_voting": 4, "fail_over": 4, "radio_link
 def fly(flight: Flight, checkout: Path) -> Landed:
     """Fly it; whatever the flight code dies of is wrong."""
     try:
-        match flight.what:
-            case "scenario":
-                return _fly_scenario(checkout / flight.file)
-            case "sim":
-                return _fly_drawn(flight, checkout)
-            case _:
-                return _fly_case(flight, checkout)
+        is_scenario = flight.what == "scenario"
+        return _fly_scenario(checkout / flight.file) if is_scenario else _fly_drawn(flight, checkout)
     except Exception as error:  # noqa: BLE001 - a defect may raise anything
         return Landed(f"{type(error).__name__}: {error}".partition("\n")[0][:200])
 
@@ -127,12 +118,3 @@ def _fly_drawn(flight: Flight, checkout: Path) -> Landed:
     acts = drawn_acts(spec, flight.seed, flight.seconds, flight.kinds)
     outcome = play(spec, Scenario(flight.seed, flight.seconds, acts, flight.loss, drawn=True))
     return Landed(str(outcome.violations[0]) if outcome.violations else None, outcome.digest)
-
-
-def _fly_case(flight: Flight, checkout: Path) -> Landed:
-    from heronry_dg.loader import load  # noqa: PLC0415
-    from heronry_tools.simulator.exhaustive import fly_case, read_case  # noqa: PLC0415
-
-    spec = load(checkout / flight.file)
-    violations = fly_case(spec, read_case(spec, flight.case))
-    return Landed(str(violations[0]) if violations else None)

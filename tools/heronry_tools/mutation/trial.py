@@ -85,8 +85,7 @@ class Trials:
     def __init__(self, checkout: Path, flights: Sequence[Flight], jobs: int) -> None:
         """Import everything that flies."""
         import heronry_tools.scenario.in_simulator  # noqa: PLC0415 - slow, and not for --list
-        import heronry_tools.simulator.chaos  # noqa: PLC0415
-        import heronry_tools.simulator.exhaustive  # noqa: F401, PLC0415
+        import heronry_tools.simulator.chaos  # noqa: F401, PLC0415
 
         self._checkout, self.flights, self._jobs = checkout, flights, jobs
         self._imports = imports_of_ours()

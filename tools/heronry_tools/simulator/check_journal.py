@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from heronry_dg.model import Spec
 from heronry_manager.journal import recovered
 from heronry_manager.memory import EPOCHS, Memory
+from heronry_tools.simulator.commanded import elements_by_kind
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.management import (
     NO_EPOCH,
@@ -57,12 +58,7 @@ class JournalCheck:
     def __init__(self, spec: Spec, read: Read) -> None:
         self.violations: list[Violation] = []
         self._read = read
-        self._names = {
-            ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
-            ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
-            ElementKind.MODULE: [f"module:{module}" for module in spec.modules],
-            ElementKind.BUS: [f"bus:{bus}" for bus in spec.buses],
-        }
+        self._names = elements_by_kind(spec)
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first

@@ -24,7 +24,7 @@ from heronry_manager.radio_links import STEPS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios
 from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.commanded import Epoch
+from heronry_tools.simulator.commanded import Epoch, elements_by_kind
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
@@ -50,12 +50,7 @@ class ServiceCheck:
         """CONTROL names elements by their place in this spec."""
         self.violations: list[Violation] = []
         self._spec = spec
-        self._elements = {
-            ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
-            ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
-            ElementKind.MODULE: [f"module:{module}" for module in spec.modules],
-            ElementKind.BUS: [f"bus:{bus}" for bus in spec.buses],
-        }
+        self._elements = elements_by_kind(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._acknowledged: dict[str, int] = {}  # and when first
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who

@@ -19,6 +19,7 @@ from heronry_wire.configuration_slice import Slice, SliceError, configuration_di
 from heronry_wire.management import (
     SLICE_BYTES_PER_FRAME,
     Activate,
+    ElementKind,
     Lease,
     ManagementMessage,
     Prepare,
@@ -28,6 +29,16 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.pe_table import PeTable
+
+
+def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:
+    """Elements in the order in which CONTROL and EMCY number them."""
+    return {
+        ElementKind.PE: [f"pe:{pe}" for pe in spec.pes],
+        ElementKind.DEVICE: [f"device:{device}" for device in spec.devices],
+        ElementKind.MODULE: [f"module:{module}" for module in spec.modules],
+        ElementKind.BUS: [f"bus:{bus}" for bus in spec.buses],
+    }
 
 
 def _low(message: ManagementMessage) -> int:
