@@ -7,6 +7,9 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTEST := .venv/bin/pytest
 
+# Demos and tests start hundreds of Pythons: what one of them has compiled, the next need not compile again.
+unexport PYTHONDONTWRITEBYTECODE
+
 help:
 	@echo 'heronry: graceful degradation for CAN-bus avionics'
 	@echo

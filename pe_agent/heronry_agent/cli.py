@@ -20,6 +20,7 @@ from heronry_agent.bench import Bench
 from heronry_agent.core import AgentCore
 from heronry_agent.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.incarnation import next_incarnation
+from heronry_agent.partition_groups import open_groups
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.ports import bus_configs
 from heronry_agent.table_waiting import HEARTBEAT_NS, MISSES, Waiting, WaitingCore
@@ -134,7 +135,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         bench = Bench(origin_ns)
         followed = bench.followed_by(device.name for device in table.devices if device.node == table.node_id)
-        host = PartitionHost(table, bench)
+        host = PartitionHost(table, bench, open_groups(tell))
         undo.callback(host.close)
         service = ServiceManager()
         undo.callback(service.close)

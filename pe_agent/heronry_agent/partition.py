@@ -102,6 +102,7 @@ def main(arguments: list[str]) -> int:
     """Serve the agent until it is gone; gives the exit code."""
     die_with(int(arguments[0]))
     os.closerange(SOCKET + 1, _DESCRIPTORS)  # what the agent itself was given by whoever started it
+    os.set_inheritable(SOCKET, False)  # else a program that a module has started keeps our end from being seen
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
     partition = Partition(ModuleRunner(time.monotonic_ns))

@@ -21,6 +21,7 @@ from contextlib import suppress
 from heronry_agent.bench import Bench
 from heronry_agent.devices import Devices
 from heronry_agent.host import orders_of
+from heronry_agent.partition_groups import PartitionGroups
 from heronry_agent.partition_messages import (
     Answer,
     Done,
@@ -65,8 +66,10 @@ _REAP_NS = 2_000_000
 class PartitionHost:
     """The partitions of one PE."""
 
-    def __init__(self, table: PeTable, bench: Bench) -> None:
+    def __init__(self, table: PeTable, bench: Bench, groups: PartitionGroups | None = None) -> None:
+        """`groups`: the control groups in which partitions are to live, where there are any."""
         self._devices = Devices(table, bench)
+        self._groups = groups
         self._entries = {module.index: module for module in table.modules}
         self._processes: dict[str, PartitionProcess] = {}
         self._load_by_ns: dict[str, int] = {}  # loading partitions
@@ -252,7 +255,7 @@ class PartitionHost:
 
     def _spawn(self, name: str, now_ns: int) -> None:
         own = [entry for entry in self._entries.values() if entry.partition == name]
-        process = self._processes[name] = PartitionProcess(name, sum(entry.ram for entry in own))
+        process = self._processes[name] = PartitionProcess(name, sum(entry.ram for entry in own), self._groups)
         process.send(Load(tuple(sorted({entry.image for entry in own}))))
         self._load_by_ns[name], self._waiting[name] = now_ns + LOADING_NS, []
         if name in self._cold:

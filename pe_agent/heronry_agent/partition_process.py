@@ -16,7 +16,8 @@ before, is taken off a charge as well, which is in its favour.
 
 Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
 modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
-MemoryError in its own step, or dies of it in C.
+MemoryError in its own step, or dies of it in C. Where the agent has control groups to give away (`partition_groups`),
+the same holds for the partition with all that it has started and shares; then the kernel kills it.
 """
 
 import os
@@ -29,6 +30,7 @@ from collections import Counter, deque
 from contextlib import suppress
 from dataclasses import dataclass
 
+from heronry_agent.partition_groups import PartitionGroups
 from heronry_agent.partition_messages import ANSWER_BYTES, SOCKET, Order, encode_orders
 
 SLACK_BYTES = 8 * 1024 * 1024
@@ -55,9 +57,9 @@ class _Asked:
 class PartitionProcess:
     """A partition from its exec to its end."""
 
-    def __init__(self, name: str, ram: int) -> None:
+    def __init__(self, name: str, ram: int, groups: PartitionGroups | None = None) -> None:
         """Start it. `ram` is what the spec gives its modules, in bytes. Raises OSError."""
-        self.name, self._ram = name, ram
+        self.name, self._ram, self._groups = name, ram, groups
         self.loading = True
         self.broken: str | None = None  # why it is no good any more
         self.refusals_due: Counter[int] = Counter()  # STARTs that it may still refuse, by module
@@ -71,6 +73,7 @@ class PartitionProcess:
         self._socket.setblocking(False)
         with theirs:
             self.pid = _spawn(name, theirs.fileno())
+        self._group = None if groups is None else groups.enclose(self.pid)
         os.setpriority(os.PRIO_PROCESS, self.pid, os.getpriority(os.PRIO_PROCESS, 0) + _STANDS_BACK)
         self._schedstat = _open(f"/proc/{self.pid}/schedstat")
 
@@ -159,6 +162,8 @@ class PartitionProcess:
             resource.prlimit(self.pid, resource.RLIMIT_DATA, (most, most))
         except (OSError, ValueError):
             pass  # it has ended: that is read from the socket
+        if self._group is not None:
+            self._group.limit(self._ram + SLACK_BYTES)
 
     def kill(self) -> None:
         """End it by force; `reap` tells when it is gone."""
@@ -166,6 +171,8 @@ class PartitionProcess:
         if self._schedstat is not None:
             os.close(self._schedstat)
             self._schedstat = None
+        if self._group is not None:
+            self._group.kill()
         with suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGKILL)
 
@@ -175,6 +182,8 @@ class PartitionProcess:
         if not pid:
             return None
         code = os.waitstatus_to_exitcode(status)
+        if self._groups is not None and self._group is not None and self._groups.retire(self._group):
+            return "it took more memory than it was given"
         return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
     def _waited_ns(self) -> int:

@@ -3,6 +3,7 @@
 # ruff: noqa: ARG002 - none of them looks at anything
 
 import ctypes
+import mmap
 import os
 import sys
 import time
@@ -64,6 +65,23 @@ class Stops(Misbehaving):
 class Eats(Misbehaving):
     def misbehave(self) -> None:
         bytearray(64 * 1024 * 1024)
+
+
+class Shares(Misbehaving):
+    """Takes memory that RLIMIT_DATA does not count."""
+
+    def misbehave(self) -> None:
+        shared = mmap.mmap(-1, 64 * 1024 * 1024)
+        for page in range(0, len(shared), mmap.PAGESIZE):
+            shared[page] = 1
+
+
+class Multiplies(Misbehaving):
+    """Ends, and leaves a child behind that would live on."""
+
+    def misbehave(self) -> None:
+        os.posix_spawn("/bin/sleep", ["sleep", "1000"], {})
+        os._exit(3)
 
 
 class Floods(Misbehaving):

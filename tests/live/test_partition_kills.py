@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_tools.partition_kills import main
+from heronry_tools.partition_kills.__main__ import main
 
 pytestmark = pytest.mark.live
 

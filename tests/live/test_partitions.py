@@ -13,6 +13,7 @@ import pytest
 
 from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
 from heronry_agent.bench import Bench
+from heronry_agent.partition_groups import PartitionGroups
 from heronry_agent.partition_host import PartitionHost
 from heronry_agent.schedule import HUNG_NS
 from heronry_agent.vocabulary import (
@@ -49,7 +50,7 @@ def _path(monkeypatch: pytest.MonkeyPatch) -> None:
 class Hosted:
     """A host with `control` in one partition, and `monitor` and `servo_1` in another, or all in one."""
 
-    def __init__(self, image: str, good: str = "good") -> None:
+    def __init__(self, image: str, good: str = "good", groups: PartitionGroups | None = None) -> None:
         images = {CONTROL: image, MONITOR: "Misbehaving", SERVO_1: "Misbehaving"}
         modules = tuple(
             replace(
@@ -61,7 +62,7 @@ class Hosted:
             if module.index in images
         )
         self.entries = {module.index: module for module in modules}
-        self.host = PartitionHost(replace(TABLE, modules=modules), Bench(0))
+        self.host = PartitionHost(replace(TABLE, modules=modules), Bench(0), groups)
         self.releases = 0
 
     def do(self, action: object) -> ModuleEvent | None:

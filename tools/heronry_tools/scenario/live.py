@@ -1,8 +1,10 @@
 """A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
 
 Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, and no
-golden trace is compared. Kill, restore and phase can be done to processes, and a radio can be made a bad one
-(`bad_radios`); other faults of wires, clocks and controllers can be made in the simulator alone.
+golden trace is compared. Partitions load their code when their first module is started, so times count from when all
+that the first configuration serves has been heard; what is not heard in LOADING_S is left to the expectations. Kill,
+restore and phase can be done to processes, and a radio can be made a bad one (`bad_radios`); other faults of wires,
+clocks and controllers can be made in the simulator alone.
 
 The flight ends with everything that it has started, whichever way it ends (`Fleet`).
 """
@@ -32,6 +34,7 @@ from heronry_tools.simulator.planning import plan_ahead
 from heronry_wire.key_file import make_key
 
 SLACK_NS = 100_000_000
+LOADING_S = 10.0
 _LONGEST_START_S = 60.0
 _LONGEST_WAIT_S = 0.1
 
@@ -119,6 +122,8 @@ class _Show:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
         self._heard = Observations(script.spec)
         self._deeds = list(script.deeds)
+        self._served: list[str] = []  # functions, by the last plan
+        self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
         self._trace: list[str] = []
         self._unread = b""
@@ -136,6 +141,7 @@ class _Show:
             select.select(readers, [], [], self._wait_s())
             self._take_events(stream)
             self._take_frames()
+            self._begin()
             self._act()
             words = self._fleet.ended()
             if words is None and self._start_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
@@ -177,8 +183,20 @@ class _Show:
         line = event_line(event)
         if line is not None:
             self._trace.append(line)
-        if event["event"] == "reconfigured" and self._start_ns is None:
-            self._start_ns = event["t_ns"]
+        if event["event"] == "plan_ready":
+            self._served = [name for name, function in event["plan"]["functions"].items() if function["served"]]
+        elif event["event"] == "reconfigured" and self._runs_ns is None:
+            self._runs_ns = event["t_ns"]
+
+    def _begin(self) -> None:
+        """Let the script begin when all that the first configuration serves is heard."""
+        if self._start_ns is not None or self._runs_ns is None:
+            return
+        now_ns, functions = time.monotonic_ns(), self._script.spec.functions
+        heard = {output.module for output in self._heard.outputs}
+        loaded = all(heard.intersection(functions[name].outputs) for name in self._served)
+        if loaded or now_ns - self._runs_ns > LOADING_S * 1e9:
+            self._start_ns = now_ns
 
     def _take_frames(self) -> None:
         for seconds, frame in self._ear.hear():

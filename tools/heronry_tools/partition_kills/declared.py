@@ -1,0 +1,82 @@
+"""Whether what becomes of modules is what their spec declares: a judge of the manager's events, apart from who strikes.
+
+A module fails because its partition was struck, and for no other reason. Its PE builds it anew and counts, from one,
+as long as each failure comes within a minute of the last; when its `restarts` are used up, the next failure makes the
+PE give it up, and the manager plans without it. An agent that is started anew counts from one again.
+
+It is a failure when a module is reported that lives in no partition of that PE that was struck lately; when a PE counts
+otherwise than one after the other, or goes on counting when it should give up; and when it gives up too early.
+
+An EMCY that is still being told when its cause comes again is told once, so a count may be passed over, never said
+twice.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+LATELY_S = 20.0
+FORGIVEN_S = 60.0
+_DELAY_S = 5.0  # by so much the manager may hear of two failures further apart, or closer, than they were
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What the spec says of a module."""
+
+    partition: str
+    restarts: int
+
+
+class DeclaredJudge:
+    """Follows one flight; `failures` are sentences."""
+
+    def __init__(self, modules: Mapping[str, Declared]) -> None:
+        self._modules = modules
+        self._struck_s: dict[tuple[str, str], float] = {}  # by PE and partition
+        self._counted: dict[tuple[str, str], tuple[int, float]] = {}  # by PE and module: how often, and when last
+        self.failures: list[str] = []
+
+    def struck(self, pe: str, partition: str, now_s: float) -> None:
+        """Somebody kills a partition of a PE, or lets it hang."""
+        self._struck_s[pe, partition] = now_s
+
+    def agent_killed(self, pe: str) -> None:
+        """The next agent of this PE knows nothing of what was."""
+        self._counted = {key: count for key, count in self._counted.items() if key[0] != pe}
+
+    def heard(self, event: Mapping[str, Any], now_s: float) -> None:
+        """Judge an event that tells of a module."""
+        kind, _, module = event["element"].partition(":")
+        if kind != "module":
+            return
+        pe = event["by"]
+        if now_s - self._struck_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
+            self.failures.append(f"{module} failed on {pe}, where nobody had struck it: {_words(event)}")
+        if event["event"] == "module_restarted":
+            self._restarted(pe, module, event["times"], now_s)
+        else:
+            self._given_up(pe, module, now_s)
+
+    def _restarted(self, pe: str, module: str, times: int, now_s: float) -> None:
+        before, then_s = self._counted.get((pe, module), (0, 0.0))
+        apart_s, most = now_s - then_s, self._modules[module].restarts
+        goes_on = before < times and apart_s <= FORGIVEN_S + _DELAY_S
+        begins_anew = times == 1 and (before == 0 or apart_s >= FORGIVEN_S - _DELAY_S)
+        if times > most or not (goes_on or begins_anew):
+            self.failures.append(
+                f"{module} was restarted on {pe} for the time no. {times} of {most}, after no. {before}"
+            )
+        self._counted[pe, module] = times, now_s
+
+    def _given_up(self, pe: str, module: str, now_s: float) -> None:
+        before, then_s = self._counted.pop((pe, module), (0, now_s))
+        most = self._modules[module].restarts
+        if before < most or now_s - then_s > FORGIVEN_S + _DELAY_S:
+            self.failures.append(f"{module} was given up on {pe} after {before} of {most} restarts")
+
+
+def _words(event: Mapping[str, Any]) -> str:
+    if event["event"] == "module_restarted":
+        return f"restarted, {event['times']}"
+    return f"given up, {event['code']}"
