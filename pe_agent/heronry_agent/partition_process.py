@@ -12,7 +12,8 @@ Time that a partition *spent* leaves out what it waited for a processor: of a st
 that (schedstat); of one that is not, a process that could run is charged its processor time alone, since the wait that
 it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is. How long it had waited
 before a step is read once in SAMPLE_NS, and anew after a step that was late: what it waited since then, in the steps
-before, is taken off a charge as well, which is in its favour.
+before, is taken off a charge as well, which is in its favour. A step whose answer is there, unread because the agent
+itself had to wait, is over, and charged when it is read.
 
 Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
 modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
@@ -132,13 +133,25 @@ class PartitionProcess:
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
-        """What a step has spent that is not over; 0 for one that is not under way."""
+        """What a step has spent that is not over; 0 for one that is not under way, or whose answer is there."""
         if self.loading or not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
+            return 0
+        if self._has_spoken():
             return 0
         asked = self._asked[0]
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns() - asked.cpu_ns
         return max(0, now_ns - asked.since_ns - (self._waited_ns() - self._waited_before_ns))
+
+    def _has_spoken(self) -> bool:
+        """Tell whether there is something to read, if only that it has ended."""
+        try:
+            self._socket.recv(1, socket.MSG_PEEK)
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass  # it has ended
+        return True
 
     def receive(self) -> bytes | None:
         """Next packet; None when there is none, or nothing will come any more (`broken`)."""

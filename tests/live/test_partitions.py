@@ -13,8 +13,11 @@ import pytest
 
 from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
 from heronry_agent.bench import Bench
+from heronry_agent.module_runner import Orders
 from heronry_agent.partition_groups import PartitionGroups
 from heronry_agent.partition_host import PartitionHost
+from heronry_agent.partition_messages import Answer, Done, Load, Loaded, Start, Step, decode_answer
+from heronry_agent.partition_process import PartitionProcess
 from heronry_agent.schedule import HUNG_NS
 from heronry_agent.vocabulary import (
     Drive,
@@ -169,6 +172,33 @@ def test_a_hang_is_measured_and_ended_from_outside(hosted: Hosted) -> None:
     assert hosted.demand(CONTROL) == 1.0
     assert hosted.pids()["bad"] != before["bad"]
     assert hosted.pids()["good"] == before["good"]
+
+
+def test_a_step_whose_answer_waits_to_be_read_does_not_hang() -> None:
+    process = PartitionProcess("one", 0)
+    image = "live.modules_that_misbehave:Misbehaving"
+    try:
+        process.send(Load((image,)))
+        process.flush(0)
+        assert answer_of(process) == Loaded({})
+        process.loading = False
+        process.send(Start(CONTROL, Orders("control", image, "only", 1, has_device=False), ()))
+        process.ask(CONTROL, 1, time.monotonic_ns())
+        process.send(Step(CONTROL, 1, 0, LONG_NS + time.monotonic_ns(), None, []))
+        process.flush(0)
+        select.select([process], [], [], PATIENCE_S)
+        assert process.spent_ns(CONTROL, 1, time.monotonic_ns() + LONG_NS) == 0
+        assert isinstance(answer_of(process), Done)
+        assert process.spent_ns(CONTROL, 1, time.monotonic_ns() + LONG_NS) >= LONG_NS // 2
+    finally:
+        process.kill()
+
+
+def answer_of(process: PartitionProcess) -> Answer:
+    select.select([process], [], [], PATIENCE_S)
+    packet = process.receive()
+    assert packet is not None
+    return decode_answer(packet)
 
 
 def test_who_computes_is_known_when_several_were_asked() -> None:

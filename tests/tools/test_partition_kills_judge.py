@@ -30,6 +30,13 @@ def test_two_restarts_and_then_it_is_given_up_and_after_that_it_counts_anew(judg
     assert judge.failures == []
 
 
+def test_a_count_may_be_told_again_at_once(judge: DeclaredJudge) -> None:
+    judge.heard(restarted(1), 1.0)
+    judge.heard(restarted(1), 1.2)
+    judge.heard(restarted(2), 2.0)
+    assert judge.failures == []
+
+
 def test_what_is_forgiven_or_forgotten_counts_from_one(judge: DeclaredJudge) -> None:
     judge.heard(restarted(2), 1.0)
     judge.struck("nav", "B", 70.0)

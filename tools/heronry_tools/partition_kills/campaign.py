@@ -176,13 +176,13 @@ class Campaign:
         self._judge.agent_killed(pe)
         self._fleet.kill_pe(pe)
         gone = self._comes_true(lambda: pe not in self._counted_on and all(m["pe"] != pe for m in self._plan.values()))
-        left = [name for owner, name in self._partitions().values() if owner == agent]
+        alone = self._comes_true(lambda: agent not in {owner for owner, _ in self._partitions().values()})
         self._agents[pe] = self._fleet.start_pe(pe)
         back = gone and self._comes_true(lambda: pe in self._counted_on)
         self._killed = None
         call(self._fleet.control_socket(), ClearElement(f"pe:{pe}"))  # else each hold-down is longer than the last
-        if left:
-            self._own_failures.append(f"the agent of {pe} was killed, and partitions outlived it: {', '.join(left)}")
+        if not alone:
+            self._own_failures.append(f"the agent of {pe} was killed, and partitions outlived it")
         if not back:
             what = "it did not join again" if gone else "nobody planned around it"
             self._own_failures.append(f"the agent of {pe} was killed: {what}")

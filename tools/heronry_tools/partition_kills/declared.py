@@ -7,15 +7,15 @@ PE give it up, and the manager plans without it. An agent that is started anew c
 It is a failure when a module is reported that lives in no partition of that PE that was struck lately; when a PE counts
 otherwise than one after the other, or goes on counting when it should give up; and when it gives up too early.
 
-An EMCY that is still being told when its cause comes again is told once, so a count may be passed over, never said
-twice.
+An EMCY is told until it is acknowledged: the same count may be heard again at once, and one that comes meanwhile is not
+told. One that was stopped while it loaded its code is noticed when loading has taken too long, after 20 s.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-LATELY_S = 20.0
+LATELY_S = 30.0
 FORGIVEN_S = 60.0
 _DELAY_S = 5.0  # by so much the manager may hear of two failures further apart, or closer, than they were
 
@@ -61,6 +61,8 @@ class DeclaredJudge:
     def _restarted(self, pe: str, module: str, times: int, now_s: float) -> None:
         before, then_s = self._counted.get((pe, module), (0, 0.0))
         apart_s, most = now_s - then_s, self._modules[module].restarts
+        if times == before and apart_s < _DELAY_S:
+            return
         goes_on = before < times and apart_s <= FORGIVEN_S + _DELAY_S
         begins_anew = times == 1 and (before == 0 or apart_s >= FORGIVEN_S - _DELAY_S)
         if times > most or not (goes_on or begins_anew):
