@@ -22,6 +22,9 @@ Guessing. 24 bits are found by chance in 16 million tries, so once many tags of 
 counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
 guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
 
+Who only watches (a standby) follows the sessions that another manager opens: it hears the nonce and the answer, and the
+TAG of that proves both. What it has missed, or is older than what it knows, opens nothing for it.
+
 Another manager is believed if what it says is tagged, and its numbers rise; nobody else can end a reign. Who stands by
 has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be. One with
 this manager's number is another one if it has come further than this one: what this one has said could be said again.
@@ -56,10 +59,12 @@ from heronry_wire.authentication import (
     split_state,
 )
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
-from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
+from heronry_wire.identifiers import MANAGER_NODES, Command
 from heronry_wire.management import (
     LEASE_PERIODS,
     NO_EPOCH,
+    TAG,
+    WELCOME_KIND,
     Control,
     Operation,
     PeFlags,
@@ -76,6 +81,8 @@ GUESSES = 8  # tags that did not fit, until a state needs another one before it
 FORGIVEN_PERIODS = 256  # without one, until they are forgotten
 _OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
 _NAMED = 3
+_NONCES = 4  # of one PE, to which an answer to be overheard may belong
+_ANSWERS = 40  # of one manager that wait for their TAG: it may answer all PEs at once
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
 _IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
@@ -99,6 +106,7 @@ class _Peer:
     offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
     named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests of what it runs, as it says
     answered_ns: int | None = None  # when its nonce was last answered
+    nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has said
     doubted_ns: int | None = None  # since when it is heard, and not believed
     wrong: int = 0  # tags that did not fit, while they kept coming
     wrong_ns: int = 0
@@ -113,6 +121,15 @@ class _Peer:
     def sessions(self) -> list[_Opened]:
         """Every session in which a state may be tagged."""
         return [*([] if self.opened is None else [self.opened]), *self.offers]
+
+
+@dataclass(frozen=True, slots=True)
+class _Overheard:
+    """What another manager has said to a PE that asked."""
+
+    peer: _Peer
+    session: Session
+    said: bytes
 
 
 class Authenticity:
@@ -138,8 +155,9 @@ class Authenticity:
         self._peers = {
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
+        self._by_node = {peer.node: peer for peer in self._peers.values()}
         self._answers: list[tuple[_Peer, int]] = []  # that this turn gives
-        self.tag_ids = {management_id(node, Command.TAG): node for node in MANAGER_NODES}
+        self._overheard: dict[int, deque[_Overheard]] = {node: deque(maxlen=_ANSWERS) for node in MANAGER_NODES}
         turn.seal = self._seal
 
     def status(self, pe: str) -> dict[str, Any]:
@@ -187,10 +205,11 @@ class Authenticity:
                 return self._proven(pe, peer, page, split_state(data)[0])
             case StatePage1():
                 return self._staged(peer, page, split_state(data)[0])
+            case StatePage2(nonce=nonce):
+                if nonce not in peer.nonces:
+                    peer.nonces.append(nonce)
             case StatePage3():
                 self._told(pe, peer, page)
-            case _:
-                pass
         return page
 
     def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
@@ -218,12 +237,22 @@ class Authenticity:
         return proven or None
 
     def overhear(self, manager: int, control: bytes) -> None:
-        """Another manager has opened a session, perhaps: whoever only watches follows it there."""
+        """Another manager answers a nonce, perhaps: whoever only watches follows it once the TAG has come."""
         order = decode_command(Command.CONTROL, control)
-        peers = {peer.node: peer for peer in self._peers.values()}
-        if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in peers:
+        if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in self._by_node:
             session = Session(manager, order.term, order.a << 16 | order.b)
-            peers[order.node].offers.append(_Opened(session))
+            self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
+
+    def _follow(self, manager: int, tag: bytes) -> None:
+        """A TAG may be that of an answer to a nonce of some PE: then that is the PE's session, if it is newer."""
+        kind, _, proof = TAG.unpack(tag) or (None, 0, 0)
+        for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
+            peer, place = answer.peer, Place(answer.session.term, answer.session.number)
+            covers = (self._key.command_tag(manager, WELCOME_KIND, place, answer.said, one) for one in peer.nonces)
+            if proof in covers:
+                self._overheard[manager].remove(answer)
+                if all(place > Place(known.session.term, known.session.number) for known in peer.sessions()):
+                    peer.offers.append(_Opened(answer.session))
 
     def hold(self, manager: int, command: Command, event: Received) -> None:
         """Take a command of another manager; it counts when its TAG comes."""
@@ -231,6 +260,7 @@ class Authenticity:
 
     def proven(self, manager: int, tag: bytes) -> Held | None:
         """Take the TAG of another manager; gives the command that it proves."""
+        self._follow(manager, tag)
         found = self._managers.tagged(manager, tag, self._turn.now_ns)
         if not isinstance(found, Held) or self._was_mine(manager):
             return None

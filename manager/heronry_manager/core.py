@@ -190,7 +190,9 @@ class ManagerCore:
         if key is not None:
             self._authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._speaks)
         self._announcer = Announcer(spec, self._situation)
-        self._following = Following(spec, turn, self._situation, self._exclusion, self._window_ns)
+        self._following = Following(
+            spec, turn, self._situation, self._exclusion, self._window_ns, on_board=self._on_board
+        )
 
     @property
     def reigns(self) -> bool:
@@ -280,7 +282,7 @@ class ManagerCore:
             return
         pe = self._pe_of_state_id.get(frame.can_id)
         if pe is not None:
-            self._on_state(pe, self._believed(pe, frame.data))
+            self._hear_state(pe, frame.data)
         elif frame.can_id in self._pe_of_emcy_id:
             self._hear_emergency(self._pe_of_emcy_id[frame.can_id], frame.data)
         elif frame.can_id in self._situation.links.records:
@@ -290,12 +292,16 @@ class ManagerCore:
         elif frame.can_id in self._manager_ids:
             self._on_manager(*self._manager_ids[frame.can_id], frame)
 
-    def _believed(self, pe: str, data: bytes) -> StatePage | Malformed | None:
-        """What a PE says of itself, as far as it is believed."""
+    def _hear_state(self, pe: str, data: bytes) -> None:
+        """A PE speaks of itself; with a key that counts as far as it is believed."""
         page = decode_state(data)
         if self._authenticity is None or isinstance(page, Malformed):
-            return page
-        return self._authenticity.believed(pe, page, data)
+            self._on_state(pe, page)
+            return
+        believed = self._authenticity.believed(pe, page, data)
+        self._on_state(pe, believed)
+        if believed is None and isinstance(page, StatePage0):
+            self._following.state(pe, page, is_proven=False)
 
     def _hear_emergency(self, pe: str, data: bytes) -> None:
         """A PE reports something; with a key it counts when it is proven, unless nothing follows from it."""
@@ -425,6 +431,7 @@ class ManagerCore:
         )
         known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
         self._planning.causes.append(Cause("nobody reigned", now_ns, known_ns))
+        self._health.await_again(followed.unbelieved(), now_ns, self._window_ns)
         if not self._health.starting():
             self._ask_for_plan()
 
@@ -477,9 +484,10 @@ class ManagerCore:
         self._situation.channels.beat()
         counted_on = self._health.counted_on()
         suspects = [pe for pe in counted_on if self._health.standing(pe) is Standing.SUSPECT]
+        named = [*counted_on, *self._health.awaited_again()]
         lease = self._deployment.lease()
-        self._turn.ask(*self._beacon.beat(now_ns, lease, self._nodes(counted_on), self._nodes(suspects)))
-        self._exclusion.named(counted_on, now_ns)
+        self._turn.ask(*self._beacon.beat(now_ns, lease, self._nodes(named), self._nodes(suspects)))
+        self._exclusion.named(named, now_ns)
         fact = self._announcer.next()
         if fact is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))

@@ -7,6 +7,12 @@
 
 Where no manager was ever heard, the start-up window is waited for, and the PEs that are heard are asked.
 
+With a key it may be that a PE speaks and cannot be believed: whoever was started after the sessions were opened knows
+none of them, and nobody opens another one while nobody reigns. If its word counted for nothing, no manager might ever
+take over. So where a PE has proven nothing within T_lease, it counts unproven: this manager has not heard a LEASE for
+as long with its own ears, and a liar can make it reign too early, but command nothing. The next reign waits for those
+(`unbelieved`), as after a restart: they prove who they are once they have heard it.
+
 Lost: a LEASE that is missed here alone makes nobody take over, since the PEs have heard it. Late, doubled: nothing
 happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged states of more than half of the PEs and the
 manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
@@ -17,8 +23,10 @@ the digest in LEASE vouches for them. By that digest the states of PEs are read,
 """
 
 from collections import OrderedDict
+from collections.abc import Mapping
 
 from heronry_dg.model import Spec
+from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.memory import TermBegun
@@ -41,15 +49,23 @@ class Following:
     """What is known of the manager that reigns."""
 
     def __init__(
-        self, spec: Spec, turn: Turn, situation: KnownSituation, exclusion: Exclusion, patience_ns: int
+        self,
+        spec: Spec,
+        turn: Turn,
+        situation: KnownSituation,
+        exclusion: Exclusion,
+        patience_ns: int,
+        *,
+        on_board: ContingencyNumbers | None = None,
     ) -> None:
-        """`patience_ns` is how long a manager that was never heard is waited for."""
+        """`patience_ns` is how long a manager that was never heard is waited for; `on_board` as for `Overheard`."""
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
-        self._overheard = Overheard(spec, turn)
+        self._overheard = Overheard(spec, turn, on_board)
         self._counted_on: frozenset[str] = frozenset()
-        self._said: dict[str, tuple[int, bool]] = {}  # when a PE was heard, and whether it hears a LEASE
+        self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
+        self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
         self._orphaned_ns = turn.now_ns + patience_ns  # not before this
         self.node: int | None = None  # the manager that reigns
         self.term = 0
@@ -88,19 +104,30 @@ class Following:
         """Digest of an epoch of the manager that reigns, or has reigned; None of one that is not known."""
         return self._digests.get(epoch)
 
-    def state(self, pe: str, page: StatePage0) -> None:
+    def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
         """A PE has said what it runs, and whether it hears a manager."""
-        self._said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
+        said = self._said if is_proven else self._unproven
+        said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
 
     def is_orphaned(self) -> bool:
         """Tell whether the PEs have no manager any more."""
         now_ns = self._turn.now_ns
         if now_ns < self._orphaned_ns:
             return False
-        heard = {pe: hears for pe, (at_ns, hears) in self._said.items() if now_ns - at_ns <= self._lease_ns}
+        heard = self._recently(self._unproven) | self._recently(self._said)
         asked = self._counted_on or heard.keys()
         orphans = sum(1 for pe in asked if heard.get(pe) is False)
         return 2 * orphans > len(asked)
+
+    def unbelieved(self) -> frozenset[str]:
+        """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
+        speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
+        return frozenset(speak & self._counted_on if self._counted_on else speak)
+
+    def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
+        """Who was heard within T_lease, and whether it hears a LEASE."""
+        now_ns = self._turn.now_ns
+        return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._lease_ns}
 
     def next_deadline_ns(self) -> int | None:
         """When it may come to be orphaned without a word from anybody."""

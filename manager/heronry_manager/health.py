@@ -18,6 +18,10 @@ which it reports, while the manager speaks, has certainly let go of what is excl
 failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
 left, it is the manager that is not heard; then nobody is failed for it, and what runs goes on.
 
+A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
+proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, for that
+is but the word of the reign before, and nothing that it drives is given to anybody meanwhile.
+
 One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
 
 Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
@@ -85,6 +89,7 @@ class _Record:
     cause: str | None = None  # why it is down
     deaf_since_ns: int | None = None  # since when it has said that it hears no lease
     barred: bool = False
+    awaited_again: bool = False  # another reign counted on it
 
     def suspect_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * 5 // 4
@@ -203,6 +208,17 @@ class Health:
         if waiting:
             longest_ns = max(r.period_ns * (r.misses + 1) for r in waiting)
             self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
+
+    def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
+        """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
+        for record in map(self._records.__getitem__, sorted(pes)):
+            if not record.barred and not self.is_counted_on(record.name):
+                record.standing, record.cause, record.awaited_again = Standing.WAITING, None, True
+                self._window_closes_ns = now_ns + window_ns
+
+    def awaited_again(self) -> list[str]:
+        """Who has not done so yet, while the window is open."""
+        return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
 
     def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """The operator counts a PE out, whatever it says."""

@@ -5,6 +5,9 @@ says that it runs. A body that was heard once is known by its digest for as long
 of what runs: bodies that did not change are not sent again. What is put together counts only if it has the digest that
 was announced; what cannot be (a body was missed, or sent before this manager listened) is not known, and whoever takes
 over then plans anew.
+
+A contingency that PREPARE calls by its number (rule 5) is looked up in this manager's own file: no slice is sent of it.
+It counts if it has the digest beside the number, which it has not where the other manager flies with another file.
 """
 
 from collections import OrderedDict
@@ -14,6 +17,7 @@ from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.memory import Runs
 from heronry_manager.turn import Turn
 from heronry_wire.configuration_slice import SliceError, decode_slice, slice_digest
@@ -34,8 +38,9 @@ _SLICES_KEPT = 512
 class Overheard:
     """Follows one manager's epochs, and remembers the one that runs."""
 
-    def __init__(self, spec: Spec, turn: Turn) -> None:
-        self._spec, self._turn = spec, turn
+    def __init__(self, spec: Spec, turn: Turn, on_board: ContingencyNumbers | None = None) -> None:
+        """`on_board`: the configurations that can be called by a number, if there are any."""
+        self._spec, self._turn, self._on_board = spec, turn, on_board
         self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
         self._names = _Names(spec)
         self._known: OrderedDict[int, bytes] = OrderedDict()  # slices by digest
@@ -82,16 +87,25 @@ class Overheard:
         runs = self._turn.memory.runs
         if runs is not None and (runs.epoch, runs.digest) == (epoch, digest):
             return
-        if any(head.digest not in self._known for head in self._heads.values()):
-            return
-        try:
-            configuration = self._names.configuration(
-                {node: self._known[head.digest] for node, head in self._heads.items()}
-            )
-        except (SliceError, LookupError):
-            return
-        if self._know(configuration) == digest:
+        configuration = self._called(digest) or self._put_together()
+        if configuration is not None and self._know(configuration) == digest:
             self._turn.keep(Runs(epoch, digest, self._code.encode(configuration).hex()))
+
+    def _called(self, digest: int) -> Configuration | None:
+        """The configuration that PREPARE has called by its number, if it is that one here, too."""
+        if self._on_board is None or self._prepared is None:
+            return None
+        called = self._on_board.configuration(self._prepared.contingency)
+        return called if called is not None and self._compiler.configuration(called).digest == digest else None
+
+    def _put_together(self) -> Configuration | None:
+        """The configuration that the slices say, if each is known and they are this spec's."""
+        if any(head.digest not in self._known for head in self._heads.values()):
+            return None
+        try:
+            return self._names.configuration({node: self._known[head.digest] for node, head in self._heads.items()})
+        except (SliceError, LookupError):
+            return None
 
     def _know(self, configuration: Configuration) -> int:
         """Know every slice of a configuration; gives its digest."""

@@ -395,17 +395,49 @@ def test_its_own_lease_said_again_ends_no_reign_and_that_of_a_double_that_is_fur
     assert len(manager.stops) == stops
 
 
-def test_a_welcome_of_another_manager_is_followed_by_who_only_advises() -> None:
-    advisor = OneManager(key=KEY)
-    advisor.core = ManagerCore(advisor.spec, 127, NOTHING, advisor.now_ns, advise=True, key=KEY)
-    advisor.pass_time(6 * BEAT_NS)
-    control, _ = CommandSigner(KEY, NODE, 4).welcome(LEFT, 5)
-    other = Frame(control.can_id, Control(4, LEFT, Operation.ACKNOWLEDGE).encode())
-    for frame in (other, control):
-        advisor.hear(frame)
-    pe = Pe(advisor, session=Session(NODE, 4, 0))
+@pytest.fixture
+def advisor() -> OneManager:
+    """Give a manager that only advises, beside one that reigns and has spoken; so it knows no session."""
+    one = OneManager(key=KEY)
+    one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, advise=True, key=KEY)
+    one.pass_time(6 * BEAT_NS)
+    return one
+
+
+def overheard_welcome(one: OneManager, signer: CommandSigner, asked: int = 5, answered: int = 5) -> Session:
+    """Let it hear a nonce of the left PE, other talk, the answer, and its TAG."""
+    control, tag = signer.welcome(LEFT, answered)
+    other = Frame(control.can_id, Control(signer.term, LEFT, Operation.ACKNOWLEDGE).encode())
+    nobody, _ = CommandSigner(KEY, NODE, signer.term).welcome(125, answered)
+    asks = Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), asked).encode())
+    for frame in (asks, asks, other, nobody, control, tag, tag):
+        one.hear(frame)
+    return Session(NODE, signer.term, signer.number)
+
+
+def test_a_welcome_of_another_manager_is_followed_by_who_only_advises(advisor: OneManager) -> None:
+    pe = Pe(advisor, session=overheard_welcome(advisor, CommandSigner(KEY, NODE, 4)))
     pe.say()
     assert pe.counts()
+
+
+@pytest.mark.parametrize(("key", "answered"), [(FOREIGN, 5), (KEY, 6)], ids=["another key", "another nonce"])
+def test_one_that_does_not_answer_what_was_asked_is_not(advisor: OneManager, key: Key, answered: int) -> None:
+    pe = Pe(advisor, session=overheard_welcome(advisor, CommandSigner(key, NODE, 4), answered=answered))
+    pe.say()
+    assert not pe.counts()
+
+
+def test_an_older_one_that_is_said_again_takes_the_place_of_none(advisor: OneManager) -> None:
+    signer = CommandSigner(KEY, NODE, 4)
+    old = overheard_welcome(advisor, signer)
+    pe = Pe(advisor, session=overheard_welcome(advisor, signer))
+    pe.say()
+    assert pe.counts()
+    assert overheard_welcome(advisor, CommandSigner(KEY, NODE, 4)) == old
+    advisor.pass_time(6 * BEAT_NS)
+    pe.say(session=old)
+    assert not pe.counts()
 
 
 def test_a_reigning_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> None:
@@ -424,7 +456,9 @@ def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_what_it_s
             one.hear(frame)
     pes = []
     for name, pe in one.spec.pes.items():
-        one.hear(reigning.welcome(pe.node_id, 5)[0])
+        one.hear(Frame(state_id(pe.node_id), StatePage2(PeState.UNCONFIGURED, PeFlags(0), 5).encode()))
+        for frame in reigning.welcome(pe.node_id, 5):
+            one.hear(frame)
         pes.append(Pe(one, name, session=Session(NODE, 3, reigning.number)))
     for epoch, runs in ((1, None), (8, 8)):
         for one_pe in pes:

@@ -48,6 +48,21 @@ def beat_until(health: Health, pes: list[str], start_ns: int, end_ns: int) -> li
     return found
 
 
+def test_a_new_reign_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them_out(spec: Spec) -> None:
+    health = everybody_up(spec)
+    health.tick(25 * MS)
+    health.tick(65 * MS)
+    health.bar("tail_pe", "failed", 70 * MS)
+    health.heard("control_pe", 1, 70 * MS)
+    health.await_again(PES, 70 * MS, 1000 * MS)
+    assert health.starting()
+    assert health.awaited_again() == ["sensor_pe", "control_pe"]
+    assert changes(health.heard("sensor_pe", 1, 80 * MS)) == [("sensor_pe", Change.JOINED)]
+    assert health.awaited_again() == ["control_pe"]
+    assert changes(health.tick(1070 * MS))[-1] == ("control_pe", Change.ABSENT)
+    assert health.awaited_again() == []
+
+
 def test_a_missed_period_makes_suspect_and_three_make_it_lost(spec: Spec) -> None:
     health = everybody_up(spec)
     others = ["control_pe", "sensor_pe"]

@@ -5,13 +5,17 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
+from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
-from heronry_manager.memory import NOTHING
+from heronry_manager.memory import NOTHING, Runs
 from heronry_manager.overheard import Overheard
 from heronry_manager.planner.exact import plan
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
+from heronry_tools.simulator.planning import plan_ahead
 from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
@@ -279,6 +283,45 @@ def test_with_a_key_what_a_manager_says_that_nobody_follows_is_passed_over(pair:
     assert standby.frames == []
 
 
+class LateWithAKey:
+    """A standby with a key, started when the PEs had long proven themselves to the manager: it believes none."""
+
+    def __init__(self) -> None:
+        self.one = standing_by()
+        self.one.core = ManagerCore(PHASES, 127, NOTHING, self.one.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
+        self.signer = CommandSigner(Key(bytes(KEY_BYTES)), 126, 1)
+
+    def tell(self, command: Command, message: Lease | Alive) -> None:
+        frame = Frame(management_id(126, command), message.encode())
+        tag = self.signer.tag(frame)
+        assert tag is not None
+        self.one.hear(frame)
+        self.one.hear(tag)
+
+    def hear_all(self, flags: PeFlags) -> None:
+        """Every PE says what it runs, with a tag that nobody here can look into."""
+        for pe in PHASES.pes:
+            self.one.hear(Frame(self.one.state_id(pe), StatePage0(PeState.ACTIVE, flags, 1, 5, 0, 0x123456).encode()))
+
+
+@pytest.mark.parametrize("manager_was_heard", [True, False])
+def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_believed(*, manager_was_heard: bool) -> None:
+    late = LateWithAKey()
+    if manager_was_heard:
+        late.tell(Command.LEASE, Lease(1, 5, Step.GO_ALL, 9))
+        late.tell(Command.ALIVE, Alive(1, 0, frozenset((92, 93))))
+    late.hear_all(PeFlags.HEARS_LEASE)
+    late.one.pass_time(START_UP_WINDOW_NS + LEASE_NS)
+    late.hear_all(PeFlags.HEARS_LEASE)
+    assert state(late.one) == "standby"
+    late.hear_all(PeFlags(0))
+    assert state(late.one) == "starting"
+    late.one.pass_time(MS)
+    named = {92, 93} if manager_was_heard else {92, 93, 94}
+    assert late.one.said(Alive)[0].nodes == named
+    assert late.one.requests == []
+
+
 class TestOverheard:
     """A standby that has missed, or was told, what cannot be put together knows nothing, and says nothing."""
 
@@ -307,6 +350,21 @@ class TestOverheard:
         overheard.take(SliceBody(92, 7, 1, body))
         overheard.take(Activate(1, 7, Step.GO_ALL, 5))
         assert turn.memory.runs is None
+
+    @pytest.mark.parametrize(("number", "is_known"), [(1, True), (2, False), (4095, False)])
+    def test_what_is_called_by_its_number_is_looked_up_and_counts_with_its_digest(
+        self, number: int, *, is_known: bool
+    ) -> None:
+        """Number 2 is another configuration than its digest says, and 4095 none."""
+        made = plan_ahead(PHASES, 0)
+        turn = Turn(127, 0, term=0, memory=NOTHING)
+        overheard = Overheard(PHASES, turn, ContingencyNumbers(PHASES, made, on_board(PHASES, made)))
+        first = made.configuration(1)
+        digest = Compiler(PHASES).configuration(first).digest
+        overheard.take(Prepare(1, 7, digest, number))
+        overheard.take(Activate(1, 7, Step.GO_ALL, digest))
+        row = ConfigurationCode(PHASES).encode(first).hex()
+        assert turn.memory.runs == (Runs(7, digest, row) if is_known else None)
 
     def test_of_many_slices_the_oldest_are_forgotten(self) -> None:
         overheard, turn = self.overheard()

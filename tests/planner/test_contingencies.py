@@ -212,6 +212,7 @@ def test_the_manager_knows_by_which_number_a_configuration_is_called_and_who_hol
     assert [numbers.number(one) for one in MADE.configurations] == list(range(1, len(MADE.configurations) + 1))
     assert numbers.number(Configuration({"state_estimator": MADE.configuration(1).modules["state_estimator"]})) == 0
     assert [numbers.holds(held[0].pe, number) for number in range(4)] == [False, True, True, False]
+    assert [numbers.configuration(number) for number in (0, 1, 4095)] == [None, MADE.configuration(1), None]
 
 
 def test_a_loaded_table_holds_the_slices_with_the_digests_of_their_configurations() -> None:

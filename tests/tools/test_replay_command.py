@@ -19,10 +19,13 @@ from heronry_tools.replay.comparison import compared
 from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns
 from heronry_tools.replay.rerun import Planners, Rerun
 from heronry_tools.simulator import planning
+from heronry_tools.simulator.act import read_act
 from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
+from heronry_wire.authentication import KEY_BYTES
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from scenarios.flights import MS, elevator_and_chute, flying, twin_wires
+from scenarios.flights import KEY, MS, elevator_and_chute, flying, twin_wires
 
 SPEC = "elevator_and_chute"
 
@@ -102,6 +105,62 @@ def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     assert {entry["taken"] for entry in document["reigns"][0]["entries"] if "taken" in entry} >= {"recorded"}
     assert main(["replay", str(file), SPEC]) == 1
     assert "NOT REPLAYED" in capsys.readouterr().out
+
+
+# Flights with a key
+
+
+@pytest.fixture
+def key_file(tmp_path: Path) -> Path:
+    file = tmp_path / "fleet.key"
+    file.write_text(f"{bytes(KEY_BYTES).hex()}\n")
+    file.chmod(0o600)
+    return file
+
+
+def keyed_flight(*acts: str) -> Simulation:
+    spec = elevator_and_chute()
+    simulation = flying(spec, key=KEY, keep_trace=True)
+    Strikes(simulation, tuple(read_act(spec, act) for act in acts), simulation.now_ns)
+    simulation.run_for(2_500 * MS)
+    return simulation
+
+
+def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, key_file: Path
+) -> None:
+    """While somebody without it forges commands, repeats true ones, and slanders; and one report is true."""
+    simulation = keyed_flight(
+        "0 attack bus:can0 for 2", "0.3 raise module:servo_driver_1", "1 crash pe:tail_pe for 0.4"
+    )
+    code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
+    assert code == 0
+    (reign,) = document["reigns"]
+    remarks = [entry.get("remark", "") for entry in reign["entries"]]
+    assert [remark for remark in remarks if "fault reported" in remark] == [
+        "fault reported module:servo_driver_1: tail_pe"
+    ]
+    assert any("pe lost tail_pe" in remark for remark in remarks)
+    assert reign["decisions"] > 4
+
+
+def test_the_reigns_of_a_keyed_manager_that_was_restarted_are_replayed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, key_file: Path
+) -> None:
+    simulation = keyed_flight("0.1 manager_crash manager for 0.3", "1.2 crash pe:tail_pe")
+    code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
+    assert (code, [reign["term"] for reign in document["reigns"]]) == (0, [1, 3])
+
+
+def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path, key_file: Path
+) -> None:
+    keyed = recorded(keyed_flight(), tmp_path / "keyed.log")
+    assert "is of a flight with a key: name it with --key" in refused(capsys, str(keyed), SPEC)
+    assert "without a key: leave --key out" in refused(capsys, str(log), SPEC, "--key", str(key_file))
+    key_file.write_text(f"{'11' * KEY_BYTES}\n")
+    told = refused(capsys, str(keyed), SPEC, "--key", str(key_file))
+    assert f"there is no LEASE to begin from that {key_file} proves" in told
 
 
 class OnlyNothing(Planners):

@@ -281,6 +281,15 @@ def test_a_report_of_what_has_not_failed_is_a_false_one() -> None:
     assert rules(checks) == ["blame"]
 
 
+def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
+    """Somebody beyond who has no key may say anything in the name of anybody: that makes nobody a liar."""
+    checks = Checks(SPEC)
+    slander = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
+    checks.see(sent(Frame(emcy_id(TAIL), slander.encode()), "control_pe"))
+    assert rules(checks) == []
+    assert checks.reported == set()
+
+
 def test_a_clash_is_a_violation() -> None:
     (violation,) = Checks(SPEC).broken(WELL, [Clash(5, "can0", 1536, ("a", "b"))])
     assert str(violation) == "0.000000 s  clash: a and b both wanted to send 1536 on can0"

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from heronry_tools.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
+    from heronry_dg.model import Spec
     from heronry_tools.replay.comparison import Compared, Comparison
     from heronry_tools.replay.rerun import Remark
+    from heronry_wire.frame import LoggedFrame
 
 _EPILOG = """\
 Each PREPARE and each step of ACTIVATE that the manager sent is a decision. The replay is given what the manager heard,
@@ -27,6 +29,7 @@ examples:
   heronry replay flight.log big_blue
   heronry replay flight.log big_blue --json | jq '.reigns[].entries[] | select(.differs)'
   heronry replay can0.log my.dg.yaml --contingencies my.contingencies
+  heronry replay can0.log my.dg.yaml --key fleet.key
 """
 
 
@@ -47,6 +50,7 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--contingencies", type=Path, metavar="FILE", help="plans made ahead that the manager flew with"
     )
+    parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
     parser.add_argument("--json", action="store_true", help="write everything as JSON")
     parser.set_defaults(run=run)
 
@@ -63,9 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     frames, no_frames = read_recording(arguments.recording)
-    found = reigns(spec, on_the_managers_bus(spec, frames, arguments.channel))
+    on_the_bus = _as_proven(spec, on_the_managers_bus(spec, frames, arguments.channel), arguments)
+    found = reigns(spec, on_the_bus)
     if not found:
-        raise UserError(f"no manager speaks in {arguments.recording}: there is no LEASE to begin from")
+        proof = "" if arguments.key is None else f" that {arguments.key} proves"
+        raise UserError(f"no manager speaks in {arguments.recording}: there is no LEASE to begin from{proof}")
     if found[0].epoch:
         raise UserError(
             f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
@@ -82,6 +88,21 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print(comparisons, no_frames)
     return 1 if any(comparison.differences() for comparison in comparisons) else 0
+
+
+def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
+    """What was flown with a key, as the key proves it; raises UserError where there is one too many or too few."""
+    from heronry_tools.errors import UserError  # noqa: PLC0415
+    from heronry_tools.replay.proven import is_tagged, proven  # noqa: PLC0415
+    from heronry_wire.key_file import read_key  # noqa: PLC0415
+
+    if not is_tagged(frames):
+        if arguments.key is not None:
+            raise UserError(f"{arguments.recording} is of a flight without a key: leave --key out")
+        return frames
+    if arguments.key is None:
+        raise UserError(f"{arguments.recording} is of a flight with a key: name it with --key")
+    return proven(spec, read_key(arguments.key), frames)
 
 
 def _print(comparisons: "list[Comparison]", no_frames: int) -> None:

@@ -39,13 +39,17 @@ class ContingencyNumbers:
 
     def __init__(self, spec: Spec, made: Contingencies, held: Iterable[OnBoard]) -> None:
         self._code = ConfigurationCode(spec)
-        called = enumerate(made.configurations[:MOST_NUMBERS], start=1)
-        self._numbers = {self._code.encode(configuration): number for number, configuration in called}
+        self._called = made.configurations[:MOST_NUMBERS]
+        self._numbers = {self._code.encode(one): number for number, one in enumerate(self._called, start=1)}
         self._held = {one.pe: one.held for one in held}
 
     def number(self, configuration: Configuration) -> int:
         """Number of a configuration; 0 where it has none."""
         return self._numbers.get(self._code.encode(configuration), 0)
+
+    def configuration(self, number: int) -> Configuration | None:
+        """Configuration that is called by a number; None where there is none."""
+        return self._called[number - 1] if 0 < number <= len(self._called) else None
 
     def holds(self, pe: str, number: int) -> bool:
         """Tell whether a PE that was given its part of this file holds its slice of a number."""

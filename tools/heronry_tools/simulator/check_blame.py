@@ -2,6 +2,9 @@
 
 An EMCY is latched by the manager for good, so a false one costs the aircraft a healthy servo. What was really done is
 known only to the run, and a fault stays: the reports are compared with the truth whenever somebody asks.
+
+Reports are what a PE says itself, on any bus. What a gateway hands on was heard there already, or was said by somebody
+who has no name here: with a key nobody believes that, and whoever did would plan without what is well (`end_state`).
 """
 
 from heronry_dg.model import Spec

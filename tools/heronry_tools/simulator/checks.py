@@ -212,9 +212,9 @@ class Checks:
             self._commands.staged(node, read)
 
     def _emergency(self, sent: Sent) -> None:
-        self._blame.emergency(sent)
         pe = self._pe_of_emcy[sent.frame.can_id]
         if sent.sender == pe:
+            self._blame.emergency(sent)
             self.channels.emergency(sent, pe, decode_emergency(sent.frame.data))
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
