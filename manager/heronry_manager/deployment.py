@@ -436,8 +436,7 @@ class Deployment:
         before, after = self._before.modules, epoch.configuration.modules
         times, now_ns = epoch.times, self._turn.now_ns
         staged_ns = times.staged_ns or now_ns
-        no_cause = Cause("", times.prepared_ns, times.prepared_ns)  # a reign that begins while everybody is held down
-        first = min(epoch.causes, key=lambda cause: cause.known_ns, default=no_cause)
+        first = min(epoch.causes, key=lambda cause: cause.known_ns)
         self._turn.emit(
             "reconfigured",
             epoch=epoch.epoch,

@@ -14,7 +14,8 @@ No plan is swapped while it is being deployed: that would begin anew what is hal
 An answer that never comes blocks nothing: the next change of the situation asks anew. One that comes twice is dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: what is wrong then is found out again.
+forgets them: what is wrong then is found out again. A question without one, which a reign asks that begins while everybody
+is held down, has that as its cause: a reader of the events never meets a change that nothing has brought about.
 """
 
 from heronry_dg.objective import Placement
@@ -26,6 +27,7 @@ from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
 PLAN_AGAIN_NS = 1_000_000_000
 _AT_LEISURE = "a better plan"  # cause of what follows from being asked at leisure
+_FIRST = "a reign begins"  # and finds nobody to command: whoever is there has caused it
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
 
@@ -44,6 +46,8 @@ class Planning:
         """Ask for a plan in this situation."""
         if not at_leisure:
             self.causes = [cause for cause in self.causes if cause.what != _AT_LEISURE]
+        if not self.causes:
+            self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
         self._request += 1
         self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
         self._turn.ask(RequestPlan(self._request, now.down, now.phase, running, at_leisure, now.limits))

@@ -1,6 +1,7 @@
 """docs/desk.md as it is written, on a vcan, from the bus on; and the files for a node's computer."""
 
 import configparser
+import contextlib
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "deployment"
 PATIENCE_S = 240
+END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: who still writes keeps the pipe open
 
 
 def steps() -> list[str]:
@@ -42,9 +44,9 @@ def test_the_desk_page_ends_in_a_green_doctor(tmp_path: Path) -> None:
         process_group=0,
     )
     try:
-        said, _ = script.communicate("\n".join([*steps(), "kill $(jobs -p)", "wait"]), timeout=PATIENCE_S)
+        said, _ = script.communicate("\n".join([END_ALL, *steps()]), timeout=PATIENCE_S)
     finally:
-        if script.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(script.pid, signal.SIGKILL)
         if not Path("/sys/class/net/vcan0").exists():
             subprocess.run(["ip", "link", "add", "vcan0", "type", "vcan"], check=True)

@@ -21,6 +21,10 @@ from heronry_tools.demo.buses import BusChoice, choose, has_interface
 from heronry_tools.demo.script import Act, default_acts, read_script
 from heronry_tools.errors import UserError
 from heronry_tools.screen import screen
+from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.scenario import KEY
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
 from heronry_tools.story import _SENTENCES, Line, Story
 from heronry_wire.bus_arguments import BusArgumentError
 from scenarios.flights import twin_wires
@@ -367,6 +371,10 @@ from pathlib import Path
 from heronry_dg.loader import load
 from heronry_manager.events import event
 from heronry_tools.screen import screen
+from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.scenario import KEY
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
 show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
 show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
 """
@@ -404,3 +412,14 @@ def test_a_killed_manager_is_not_restored() -> None:
         read_script(BIG_BLUE, ["manager@3"], ["manager@4"])
     with pytest.raises(UserError, match="--kill manager@4: manager does not run then"):
         read_script(BIG_BLUE, ["manager@3", "manager@4"], [])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_two_managers_go_through_can_be_told(seed: int) -> None:
+    acts = drawn_acts(ELEVATOR, seed, 6.0, of_two=True)
+    simulation = Simulation(ELEVATOR, seed, standby=True, key=KEY)
+    strikes = Strikes(simulation, acts, start_ns=2_000 * MS)
+    simulation.run_until(8_000 * MS)
+    strikes.heal()
+    assert simulation.settle() == []
+    assert any("runs: 11 modules" in line.text for line in told(Story(ELEVATOR), simulation.events))

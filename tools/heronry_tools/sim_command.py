@@ -216,8 +216,7 @@ def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     lines = [f"seed {scenario.seed}: {acts or 'nothing is done'} ({end})"]
     for told in outcome.reconfigurations if arguments.runs == 1 else ():
         times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
-        cause = told["causes"][-1] if told["causes"] else ""
-        lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {cause}")
+        lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {told['causes'][-1]}")
     if outcome.violations:
         lines += [f"  VIOLATION {violation}" for violation in outcome.violations]
         lines.append(f"  replay with: {_replay(arguments, scenario)}")
