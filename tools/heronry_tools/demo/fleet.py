@@ -24,7 +24,8 @@ from typing import IO, Self
 
 from heronry_dg.model import Spec
 from heronry_manager.control_client import call
-from heronry_manager.vocabulary import EnterPhase
+from heronry_manager.control_place import ControlError
+from heronry_manager.vocabulary import AskStatus, EnterPhase
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.errors import UserError
 from heronry_tools.softbus.starter import HubProcess, start_hub
@@ -76,7 +77,7 @@ class Fleet:
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
-        self._managers: list[tuple[subprocess.Popen[bytes], Path]] = []  # with their sockets; the first one reigns
+        self._managers: dict[int, subprocess.Popen[bytes]] = {}  # by node
         self._buses: Mapping[str, BusChoice] = {}
         self._tables = write_tables(spec, spec.pes, folder / "tables", contingencies)
         self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
@@ -100,16 +101,15 @@ class Fleet:
 
     def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
         """Start a manager, one of two where there is a standby; gives the stream of its events."""
-        socket = self.control_socket(node)
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--node", str(node), *(["--standby"] if standby else [])]
-        arguments += ["--state-dir", str(self.folder), "--socket", str(socket)]
+        arguments += ["--state-dir", str(self.folder), "--socket", str(self.control_socket(node))]
         arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags]
         if self._contingencies is not None:
             arguments += ["--contingencies", str(self._contingencies)]
         name = "manager" if node == FIRST_MANAGER else "standby"
         process = self._start(name, arguments, stdout=subprocess.PIPE)
-        self._managers.append((process, socket))
+        self._managers[node] = process
         assert process.stdout is not None
         return process.stdout
 
@@ -117,9 +117,19 @@ class Fleet:
         """Where a manager listens to its operator."""
         return self.folder / f"manager-{node}.sock"
 
-    def kill_manager(self) -> int:
-        """Kill the manager that reigns with SIGKILL; gives its process number."""
-        process, _ = self._managers.pop(0)
+    def reigning(self) -> int:
+        """Node of the manager that reigns, as it says itself: on a busy computer the standby may have taken over."""
+        if len(self._managers) > 1:
+            for node in self._managers:
+                with contextlib.suppress(ControlError):
+                    status = call(self.control_socket(node), AskStatus()).status
+                    if status is not None and status["manager"]["state"] in ("starting", "reigning"):
+                        return node
+        return min(self._managers)
+
+    def kill_manager(self, node: int | None = None) -> int:
+        """Kill a manager with SIGKILL, or the one that reigns; gives its process number."""
+        process = self._managers.pop(self.reigning() if node is None else node)
         process.kill()
         process.wait()
         for stream in (process.stdin, process.stdout):
@@ -129,7 +139,7 @@ class Fleet:
 
     def enter_phase(self, phase: str) -> None:
         """Tell the manager that the operator wants this phase; raises UserError where it refuses."""
-        answer = call(self._managers[0][1], EnterPhase(phase))
+        answer = call(self.control_socket(self.reigning()), EnterPhase(phase))
         if not answer.done:
             raise UserError(f"--phase {phase}: {answer.sentence}")
 
@@ -154,7 +164,7 @@ class Fleet:
 
     def ended(self) -> str | None:
         """Sentence about a process that has ended by itself; None while all run."""
-        managers = [("the manager", process) for process, _ in self._managers]
+        managers = [("the manager", process) for process in self._managers.values()]
         for name, process in [*managers, *self._pes.items()]:
             if process.poll() is not None:
                 return f"{name} ended with exit code {process.returncode}: {self.last_words(name.removeprefix('the '))}"
@@ -168,7 +178,7 @@ class Fleet:
 
     def close(self) -> None:
         """End everything: in order first, by force where that does not help."""
-        running = [*self._pes.values(), *(process for process, _ in self._managers)]
+        running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(signal.SIGTERM)
         deadline = time.monotonic() + _STOP_TIMEOUT_S
@@ -182,7 +192,7 @@ class Fleet:
                     stream.close()
         for hub in self._hubs:
             hub.close()
-        self._pes, self._managers, self._hubs = {}, [], []
+        self._pes, self._managers, self._hubs = {}, {}, []
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
