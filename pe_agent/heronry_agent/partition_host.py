@@ -11,6 +11,8 @@ It takes the actions of the core and gives the events that `ModuleHost` gives in
 
 Whatever a partition does that it was not asked for ends it: an answer too many, a packet that cannot be read, one too
 long. So a flood is one packet. Who was computing is for the core to find out: here a partition has ended, and why.
+The core asks what steps have spent that it waits for; of one that it does not wait for any more, because the module was
+stopped, nobody asks, and what is behind it would wait for ever: that one hangs by the same measure, and is ended here.
 """
 
 import time
@@ -36,7 +38,7 @@ from heronry_agent.partition_messages import (
     decode_answer,
 )
 from heronry_agent.partition_process import PartitionProcess
-from heronry_agent.schedule import NS_MHZ
+from heronry_agent.schedule import HUNG_NS, HUNG_PERIODS, NS_MHZ
 from heronry_agent.vocabulary import (
     Action,
     Drive,
@@ -182,6 +184,7 @@ class PartitionHost:
             self._held[name] = [step for step in self._held[name] if step.module != action.module]
         else:
             process.send(Stop(action.module, action.keep))
+            process.disown(action.module)
 
     def _step(self, action: StepModule, now_ns: int) -> None:
         name = self._entries[action.module].partition
@@ -199,8 +202,14 @@ class PartitionHost:
 
     def _measure(self, action: MeasureStep, now_ns: int) -> StepMeasured:
         process = self._processes.get(self._entries[action.module].partition)
-        spent_ns = 0 if process is None else process.spent_ns(action.module, action.release, now_ns)
-        return StepMeasured(action.module, action.release, spent_ns)
+        if process is None:
+            return StepMeasured(action.module, action.release, 0)
+        match process.unwanted(now_ns):
+            case stopped, spent_ns if spent_ns >= max(HUNG_NS, HUNG_PERIODS * self._period_ns(stopped)):
+                process.broken = "it hangs in a module that was stopped"
+            case _:
+                pass
+        return StepMeasured(action.module, action.release, process.spent_ns(action.module, action.release, now_ns))
 
     # What the partitions say
 

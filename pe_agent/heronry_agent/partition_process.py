@@ -12,8 +12,8 @@ Time that a partition *spent* leaves out what it waited for a processor: of a st
 that (schedstat); of one that is not, a process that could run is charged its processor time alone, since the wait that
 it is in is not counted yet. Where the kernel counts no waiting, processor time is all there is. How long it had waited
 before a step is read once in SAMPLE_NS, and anew after a step that was late: what it waited since then, in the steps
-before, is taken off a charge as well, which is in its favour. A step whose answer is there, unread because the agent
-itself had to wait, is over, and charged when it is read.
+before, is taken off a charge as well, which is in its favour. The agent may have to wait for a processor, too: a step
+counts from when the partition was told, and one whose answer is there, unread, is over.
 
 Memory: RLIMIT_DATA, set from here when the code has been loaded, to what it holds then, what the spec gives its
 modules, and SLACK_BYTES for the interpreter, which spec authors do not count. A module that goes beyond gets a
@@ -51,8 +51,9 @@ class _Asked:
 
     module: int
     release: int
-    since_ns: int
-    cpu_ns: int  # processor time of the partition when it began
+    since_ns: int | None = None  # it was told, or the step before it ended; None: it has not been told yet
+    cpu_ns: int = 0  # processor time of the partition then
+    is_wanted: bool = True  # its module has not been stopped since
 
 
 class PartitionProcess:
@@ -103,28 +104,33 @@ class PartitionProcess:
         orders, self._orders = self._orders, []
         if self._asked:
             self.gathers, self.look_ns = True, now_ns + GATHER_NS
+        cpu_ns = self._cpu_ns() if self._asked else 0
         try:
             self._socket.send(encode_orders(orders))
         except BlockingIOError:
             self.broken = "it does not read what it is told"
         except OSError:
             pass  # it has ended: that is read from the socket
+        told_ns = time.monotonic_ns()
+        for asked in self._asked:
+            if asked.since_ns is None:
+                asked.since_ns, asked.cpu_ns = told_ns, cpu_ns
 
     def ask(self, module: int, release: int, now_ns: int) -> None:
         """It is asked for a step."""
         if not self._asked and now_ns >= self._sample_ns:
             self._waited_before_ns, self._sample_ns = self._waited_ns(), now_ns + SAMPLE_NS
-        self._asked.append(_Asked(module, release, now_ns, 0 if self._asked else self._cpu_ns()))
+        self._asked.append(_Asked(module, release))
 
     def answered(self, module: int, release: int, ended_ns: int, period_ns: int) -> int | None:
         """It has answered; gives what the step has spent, or None when it was not asked for that."""
         if not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
             return None
         asked = self._asked.popleft()
-        if self._asked:
+        if self._asked and self._asked[0].since_ns is not None:
             self._asked[0].since_ns = max(self._asked[0].since_ns, ended_ns)
             self._asked[0].cpu_ns = self._cpu_ns()
-        took_ns = max(0, ended_ns - asked.since_ns)
+        took_ns = max(0, ended_ns - (asked.since_ns or ended_ns))
         if took_ns <= period_ns:
             return took_ns
         if self._schedstat is None:
@@ -132,13 +138,25 @@ class PartitionProcess:
         self._sample_ns = 0  # the next step is judged exactly
         return max(0, took_ns - (self._waited_ns() - self._waited_before_ns))
 
+    def disown(self, module: int) -> None:
+        """A module has been stopped: what it still computes is of use to nobody."""
+        for asked in self._asked:
+            asked.is_wanted = asked.is_wanted and asked.module != module
+
+    def unwanted(self, now_ns: int) -> tuple[int, int] | None:
+        """A module that was stopped and still computes, and what its step has spent."""
+        if not self._asked or self._asked[0].is_wanted:
+            return None
+        first = self._asked[0]
+        return first.module, self.spent_ns(first.module, first.release, now_ns)
+
     def spent_ns(self, module: int, release: int, now_ns: int) -> int:
         """What a step has spent that is not over; 0 for one that is not under way, or whose answer is there."""
         if self.loading or not self._asked or (self._asked[0].module, self._asked[0].release) != (module, release):
             return 0
-        if self._has_spoken():
-            return 0
         asked = self._asked[0]
+        if asked.since_ns is None or self._has_spoken():
+            return 0
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns() - asked.cpu_ns
         return max(0, now_ns - asked.since_ns - (self._waited_ns() - self._waited_before_ns))

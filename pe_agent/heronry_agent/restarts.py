@@ -7,8 +7,8 @@
                That is the last that this file knows of it: the manager is told, and decides. Wanted again, it has a new
                budget
 
-Who is charged for the end of a partition: the module that was being stepped; if none was, all that lived in it. The
-others begin again at once, for nothing. Times are the caller's; a restart of the agent forgets everything.
+Who is charged for the end of a partition: the module that was being stepped, unless it has been stopped since; if none
+was, all that lived in it. The others begin again at once, for nothing. Times are the caller's; a restart of the agent forgets everything.
 """
 
 from dataclasses import dataclass

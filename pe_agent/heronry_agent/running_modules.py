@@ -275,7 +275,7 @@ class RunningModules:
         """A partition is gone: charge the culprit, or all of its modules, and let the others begin again."""
         lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
         for module in lived:
-            if culprit in (None, module) or culprit not in lived:
+            if culprit in (None, module):
                 self._failed(module, reason, code)
             else:
                 self._halt(module)

@@ -239,6 +239,17 @@ def test_the_end_of_a_partition_is_charged_to_who_was_computing() -> None:
     assert pe.running.keys() == {CONTROL, SERVO_1, MONITOR}
 
 
+def test_the_end_under_one_that_was_stopped_is_charged_to_nobody_and_the_others_begin_again() -> None:
+    pe = flying()
+    before = pe.running
+    pe.configure(Slice(FLYING.modules, remote=FLYING.remote, publish=FLYING.publish), 8)
+    pe.pass_time(50 * MS)
+    actions = pe.give(PartitionEnded("flight", "it hangs in a module that was stopped", MONITOR))
+    assert pe.heard_of() == {}
+    assert started([*actions, *pe.pass_time(1 * MS)]) == [CONTROL, SERVO_1]
+    assert pe.running.keys() == before.keys() - {MONITOR}
+
+
 def test_if_nobody_was_all_of_them_are_charged_and_given_up_in_the_end() -> None:
     pe = flying(restarts=1, monitor="watch")
     pe.pass_time(0)

@@ -174,7 +174,28 @@ def test_a_hang_is_measured_and_ended_from_outside(hosted: Hosted) -> None:
     assert hosted.pids()["good"] == before["good"]
 
 
-def test_a_step_whose_answer_waits_to_be_read_does_not_hang() -> None:
+def test_one_that_was_stopped_while_it_hangs_does_not_hold_its_partition() -> None:
+    hosted = Hosted("Sleeps", good="bad")
+    try:
+        for module in (CONTROL, MONITOR):
+            hosted.start(module)
+            hosted.demand(module)
+        hosted.demand(CONTROL)
+        for module, release in ((CONTROL, 100), (MONITOR, 101)):
+            hosted.do(StepModule(module, release, {}, time.monotonic_ns() + LONG_NS))
+        hosted.do(StopModule(CONTROL))
+        hosted.host.flush(time.monotonic_ns())
+        events: list[ModuleEvent] = []
+        end_s = time.monotonic() + PATIENCE_S
+        while not events and time.monotonic() < end_s:
+            assert hosted.do(MeasureStep(MONITOR, 101)) == StepMeasured(MONITOR, 101, 0)
+            events = hosted.host.take([], time.monotonic_ns())
+        assert events == [PartitionEnded("bad", "it hangs in a module that was stopped", CONTROL)]
+    finally:
+        hosted.host.close()
+
+
+def test_a_step_counts_from_when_it_was_told_to_when_it_has_answered() -> None:
     process = PartitionProcess("one", 0)
     image = "live.modules_that_misbehave:Misbehaving"
     try:
@@ -184,6 +205,7 @@ def test_a_step_whose_answer_waits_to_be_read_does_not_hang() -> None:
         process.loading = False
         process.send(Start(CONTROL, Orders("control", image, "only", 1, has_device=False), ()))
         process.ask(CONTROL, 1, time.monotonic_ns())
+        assert process.spent_ns(CONTROL, 1, time.monotonic_ns() + LONG_NS) == 0
         process.send(Step(CONTROL, 1, 0, LONG_NS + time.monotonic_ns(), None, []))
         process.flush(0)
         select.select([process], [], [], PATIENCE_S)
