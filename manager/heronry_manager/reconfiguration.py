@@ -282,6 +282,7 @@ class Reconfiguration:
         self.stage, self._broadcast_ns = stage, now_ns
         for progress in self._progress.values():
             progress.owes(now_ns)
+            progress.asked_times = 1
         self._send_step()
 
     def _waiting_for(self) -> dict[str, _Progress]:

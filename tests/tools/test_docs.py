@@ -81,6 +81,7 @@ RULES = [
     Rule(
         r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
     ),
+    Rule(r"python -m heronry_tools\.drill\b.*", How.EXEMPT, "test_drills.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
 ]

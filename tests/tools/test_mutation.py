@@ -122,7 +122,9 @@ def test_who_hangs_is_ended_by_the_kernel_and_who_dies_is_told_apart() -> None:
     ((_, hung),) = forked(["one"], 1, spin)
     assert (hung.told, hung.signal) == (["flying"], signal.SIGPROF)
     ((_, dead),) = forked(["one"], 1, lambda _task, _tell: os._exit(3))
-    assert (dead.told, dead.signal) == ([], 0)
+    assert (dead.told, dead.signal, dead.failed) == ([], 0, True)
+    ((_, well),) = forked(["one"], 1, lambda _task, tell: tell("landed"))
+    assert (well.told, well.failed) == (["landed"], False)
 
 
 def imported(file: Path) -> Iterator[str]:

@@ -1,5 +1,6 @@
-"""The flights that a mutant has to live through: each is a command of `heronry`, and says itself whether all was well.
+"""The flights that a mutant has to live through: each is a command, and says itself whether all was well.
 
+    drill       one node alone, and everybody else played by the book
     scenario    every file of tests/scenarios: what it expects, what the manager decided, and all checkers
     sim         flights whose faults are drawn from a seed: the checkers alone
 
@@ -19,14 +20,16 @@ from heronry_tools.spec_argument import spec_path
 class Flight:
     """One flight; as text the command that flies it, in the folder of the checkout."""
 
-    what: str  # scenario, sim
-    file: Path  # scenario, or spec
+    what: str  # drill, scenario, sim
+    file: Path  # drill, scenario, or spec
     seed: int = 0
     seconds: float = 0.0
     kinds: tuple[str, ...] = ()  # of faults, where not all
     loss: float = 0.0
 
     def __str__(self) -> str:
+        if self.what == "drill":
+            return f"python -m heronry_tools.drill {self.file}"
         words = ["heronry", self.what, str(self.file)]
         if self.what == "sim":
             words += ["--seed", str(self.seed), "--seconds", f"{self.seconds:g}"]
@@ -51,7 +54,9 @@ class Specs:
         self._read = loader.load
 
     def keep(self, flight: Flight, checkout: Path) -> None:
-        """Read what a flight will want."""
+        """Read what a flight will want; drills read what others want, too."""
+        if flight.what == "drill":
+            return
         name = str(flight.file)
         if flight.what == "scenario":
             lines = (checkout / flight.file).read_text(encoding="utf-8").splitlines()
@@ -73,8 +78,11 @@ class Specs:
 
 def flights(checkout: Path) -> list[Flight]:
     """Give every flight that a mutant has to live through."""
+    from heronry_tools.drill.drills import DRILLS  # noqa: PLC0415
+
+    drills = (Flight("drill", Path(name)) for name in DRILLS)
     scenarios = sorted((checkout / "tests" / "scenarios").glob("*.scenario"))
-    return [*(Flight("scenario", file.relative_to(checkout)) for file in scenarios), *_drawn()]
+    return [*drills, *(Flight("scenario", file.relative_to(checkout)) for file in scenarios), *_drawn()]
 
 
 def _drawn() -> Iterator[Flight]:
@@ -93,10 +101,21 @@ _DRAWN = {"demux_actuators": 6, "triplex_voting": 4, "fail_over": 4, "radio_link
 def fly(flight: Flight, checkout: Path) -> Landed:
     """Fly it; whatever the flight code dies of is wrong."""
     try:
-        is_scenario = flight.what == "scenario"
-        return _fly_scenario(checkout / flight.file) if is_scenario else _fly_drawn(flight, checkout)
+        match flight.what:
+            case "drill":
+                return _drill(str(flight.file))
+            case "scenario":
+                return _fly_scenario(checkout / flight.file)
+            case _:
+                return _fly_drawn(flight, checkout)
     except Exception as error:  # noqa: BLE001 - a defect may raise anything
         return Landed(f"{type(error).__name__}: {error}".partition("\n")[0][:200])
+
+
+def _drill(name: str) -> Landed:
+    from heronry_tools.drill.drills import drilled  # noqa: PLC0415
+
+    return Landed(*drilled(name))
 
 
 def _fly_scenario(file: Path) -> Landed:

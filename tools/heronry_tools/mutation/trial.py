@@ -77,6 +77,7 @@ class Report:
     told: list[Any] = field(default_factory=list)
     cpu_s: float = 0.0
     signal: int = 0
+    failed: bool = False  # it has not come to its end
 
 
 class Trials:
@@ -84,7 +85,8 @@ class Trials:
 
     def __init__(self, checkout: Path, flights: Sequence[Flight], jobs: int) -> None:
         """Import everything that flies."""
-        import heronry_tools.scenario.in_simulator  # noqa: PLC0415 - slow, and not for --list
+        import heronry_tools.drill.drills  # noqa: PLC0415 - slow, and not for --list
+        import heronry_tools.scenario.in_simulator  # noqa: PLC0415
         import heronry_tools.simulator.chaos  # noqa: F401, PLC0415
 
         self._checkout, self.flights, self._jobs = checkout, flights, jobs
@@ -127,7 +129,7 @@ class Trials:
         for flight in flights:
             self._records[flight].flown += 1
         killed_by, how = None, ""
-        if report.signal or len(landed) < len(flights):
+        if report.failed or len(landed) < len(flights):
             killed_by = str(flights[-1]) if flights else "the import"
             how = "it hangs" if report.signal == signal.SIGPROF else "its process died"
         elif landed and landed[-1].wrong is not None:
@@ -262,7 +264,8 @@ def _settle_in(reading: int) -> None:
 def _ended(pid: int, told: bytearray) -> Report:
     """Wait for a process that has closed its pipe, and read what it has told; its last word may be torn."""
     _, status, used = os.wait4(pid, 0)
-    report = Report(cpu_s=used.ru_utime + used.ru_stime, signal=os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0)
+    signalled = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+    report = Report(cpu_s=used.ru_utime + used.ru_stime, signal=signalled, failed=status != 0)
     words = BytesIO(told)
     with suppress(EOFError, pickle.UnpicklingError):
         while True:

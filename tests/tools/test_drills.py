@@ -1,0 +1,32 @@
+"""Drills: a PE and a manager alone with somebody who plays the rest of the aircraft by the book."""
+
+import pytest
+
+from heronry_tools.drill import pe_speaking
+from heronry_tools.drill.__main__ import main
+from heronry_tools.drill.drills import DRILLS, drilled
+from heronry_tools.drill.pe_under_test import PeUnderTest
+
+
+@pytest.mark.parametrize("name", DRILLS)
+def test_a_node_does_everything_by_the_book(name: str) -> None:
+    wrong, _ = drilled(name)
+    assert wrong is None
+
+
+def test_a_drill_is_the_same_each_time_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "pe_speaking.it_counts_to_255_and_on"
+    assert drilled(name) == drilled(name) != drilled("pe_speaking.it_answers_a_ping_at_once")
+    monkeypatch.setattr(pe_speaking, "PeUnderTest", lambda: PeUnderTest(clock_ppm=500_000))
+    wrong, _ = drilled(name)
+    assert wrong is not None
+    assert wrong.startswith("DrillError: sequences")
+
+
+def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["pe_obeying", "who_answers_in_time_stays"]) == 0
+    assert capsys.readouterr().out == "8 of 8 drills went by the book\n"
+    with pytest.raises(SystemExit) as ended:
+        main(["nothing_is_named_so"])
+    assert ended.value.code == 2
+    assert "no drill is named so" in capsys.readouterr().err

@@ -1,0 +1,37 @@
+"""Drills a PE and a manager: `python -m heronry_tools.drill` plays all drills, or those whose names hold a word.
+
+    python -m heronry_tools.drill                        all of them
+    python -m heronry_tools.drill pe_staging             those of one file
+    python -m heronry_tools.drill a_lease_is_as_good     one
+
+Exit code 0 when the node has done everything by the book, 1 when not, 2 usage.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from heronry_tools.drill.drills import DRILLS, drilled
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; gives its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m heronry_tools.drill",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("words", nargs="*", metavar="WORD", help="which drills: those whose names hold one of these")
+    words = parser.parse_args(argv).words
+    chosen = [name for name in DRILLS if not words or any(word in name for word in words)]
+    if not chosen:
+        parser.error(f"no drill is named so; there is {', '.join(DRILLS)}")
+    wrong = {name: story for name in chosen if (story := drilled(name)[0]) is not None}
+    for name, story in wrong.items():
+        print(f"{name}: {story}")
+    print(f"{len(chosen) - len(wrong)} of {len(chosen)} drills went by the book")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

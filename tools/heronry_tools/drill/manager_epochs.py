@@ -1,0 +1,326 @@
+"""How a manager brings a configuration about: whom it asks, how often, and what it waits for (rule 4)."""
+
+from itertools import pairwise
+
+from heronry_manager.vocabulary import ClearElement, FailElement
+from heronry_tools.drill.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, example
+from heronry_tools.drill.player import MS, demand, equal
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, state_id
+from heronry_wire.management import (
+    SLICE_BYTES_PER_FRAME,
+    Activate,
+    Alive,
+    PeFlags,
+    PeState,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    StatePage1,
+    Step,
+)
+
+
+def _asks_anew(manager: ManagerUnderTest, pe: str = "tail_a") -> int:
+    """Let a PE be lost, so that there is another epoch; gives when it was."""
+    manager.pes[pe].speaks = False
+    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - MS)), 100, "nobody is lost")
+    return manager.now_ns
+
+
+def every_pe_gets_its_slice() -> None:
+    """PREPARE, then head and body of each: all bytes, in frames of five, in the epoch's number."""
+    manager = ManagerUnderTest().flies()
+    began = manager.said(Prepare)[0]
+    prepare = began[1]
+    heads = {head.node: head for _, head in manager.said(SliceHead)}
+    equal(set(heads), {pe.node for pe in manager.pes.values()}, "nodes with a head")
+    demand(all(t_ns > began[0] for t_ns, _ in manager.said(SliceHead)), "a head comes before PREPARE")
+    for node, head in heads.items():
+        bodies = [body for _, body in manager.said(SliceBody) if body.node == node]
+        equal(len(bodies), -(-head.length // SLICE_BYTES_PER_FRAME), f"frames of the body of node {node}")
+        equal([body.index for body in bodies], list(range(1, len(bodies) + 1)), "their numbers")
+        equal({body.epoch_low for body in bodies} | {head.epoch_low}, {prepare.epoch & 0xFF}, "their epoch")
+    equal(prepare.term, manager.lease().term, "its term")
+    equal(len(manager.said(Prepare)), 1, "PREPAREs while nobody is late")
+    equal((manager.lease().epoch, manager.lease().digest), (prepare.epoch, prepare.digest), "what LEASE repeats")
+    equal(manager.lease().step, Step.GO_ALL, "the step that LEASE repeats")
+    equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, prepare.epoch)}, "what the PEs run")
+
+
+def bodies_take_half_of_the_bus() -> None:
+    """At most: their identifier outranks all data."""
+    manager = ManagerUnderTest(example("elevator_and_chute")).flies()
+    frames = manager.heard(-1, Command.SLICE)
+    demand(len(frames) > 8, "the slices of this drill are too short")
+    bits = 135 * len(frames)
+    took_ns = frames[-1].t_ns - frames[0].t_ns
+    share = bits * 1_000_000_000 / took_ns / manager.main.bus.bitrate
+    demand(0.35 < share < 0.62, f"slices take {share:.0%} of the bus")
+
+
+def who_does_not_stage_is_asked_again() -> None:
+    """After a heartbeat period, then after 2, 4 and 8; with PREPARE for all; given up after 25 periods."""
+    manager = ManagerUnderTest().flies()
+    lazy = manager.pes["tail_b"]
+    lazy.stages = False
+    began_ns = _asks_anew(manager)
+    manager.run(700)
+    asked = [(t_ns, one) for t_ns, one in manager.said(SliceHead, began_ns) if one.node == lazy.node]
+    epoch_low = asked[0][1].epoch_low
+    times = [t_ns for t_ns, one in asked if one.epoch_low == epoch_low]
+    waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
+    equal(waits, [1, 2, 4, 8, 8], "periods between questions")
+    lost = [one for one in manager.told("pe_lost", began_ns) if one["pe"] == "tail_b"]
+    equal([one["cause"] for one in lost], ["it does not acknowledge"], "why it is given up")
+    after_ns = lost[0]["t_ns"] - times[0]
+    demand(
+        0 <= after_ns - 25 * PERIOD_NS < PERIOD_NS + 3 * MS,
+        f"it is given up after {after_ns / MS} ms",
+    )
+    prepares = [t_ns for t_ns, one in manager.said(Prepare, began_ns) if one.epoch & 0xFF == epoch_low]
+    equal(len(prepares), len(times), "PREPAREs")
+    equal([t for t, a in manager.said(Activate, began_ns) if a.epoch & 0xFF == epoch_low], [], "ACTIVATEs")
+
+
+def who_does_not_take_a_step_is_asked_again() -> None:
+    """By ACTIVATE, at the same pace, and by LEASE every period; it is failed at last, and planned around."""
+    manager = ManagerUnderTest()
+    manager.pes["tail_b"].steps = False
+    manager.run(450)
+    demand(not manager.told("reconfigured"), "somebody does not take the step, and it is done")
+    times = [t_ns for t_ns, _ in manager.said(Activate)]
+    waits = [round((b - a) / PERIOD_NS) for a, b in pairwise(times)]
+    equal(waits, [1, 2, 4, 8], "periods between ACTIVATEs")
+    manager.run(400)
+    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_b"], "who is failed")
+    demand(bool(manager.told("reconfigured")), "nothing runs without who was failed")
+
+
+def who_misses_frames_gets_them_again() -> None:
+    """INCOMPLETE is answered with head and body at once."""
+    manager = ManagerUnderTest()
+    late = manager.pes["flight"]
+    late.stages = False
+    manager.run(150)
+    count = len({body.index for _, body in manager.said(SliceBody) if body.node == late.node})
+    demand(count > 0, "no body is sent")
+    late.answer(Reason.INCOMPLETE)
+    began_ns = manager.run(9)
+    bodies = [body.index for _, body in manager.said(SliceBody, began_ns) if body.node == late.node]
+    equal(bodies, list(range(1, count + 1)), "frames that are sent again")
+    late.stages = True
+    late.take(manager.said(SliceHead)[-1][1])
+    manager.run(60)
+    demand(bool(manager.told("reconfigured")), "after that it does not go on")
+
+
+def who_refuses_is_failed() -> None:
+    """For each reason that no repetition mends; and for no other."""
+    for reason, fails in (
+        (Reason.DIGEST, True),
+        (Reason.UNKNOWN_INDEX, True),
+        (Reason.IMAGE, True),
+        (Reason.INCOMPLETE, False),
+        (Reason.STALE_EPOCH, False),
+        (Reason.STALE_TERM, False),
+        (Reason.NOT_ON_BOARD, False),
+    ):
+        manager = ManagerUnderTest()
+        manager.pes["tail_b"].refuses = reason
+        manager.run(250)
+        lost = [(one["pe"], one["cause"]) for one in manager.told("pe_lost")]
+        wanted = [("tail_b", f"it cannot stage its slice: {reason.name}")] if fails else []
+        equal(lost, wanted, f"who is failed when one says {reason.name}")
+
+
+def an_answer_about_something_else_does_not_count() -> None:
+    """Page 1 of another epoch, or with another digest."""
+    manager = ManagerUnderTest()
+    late = manager.pes["tail_b"]
+    late.stages = False
+    manager.run(150)
+    prepare = manager.said(Prepare)[-1][1]
+    for epoch, digest in ((prepare.epoch - 1, prepare.digest), (prepare.epoch, prepare.digest + 1), (prepare.epoch, 0)):
+        page = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest, Reason.NONE, 0)
+        manager.main.say(Frame(state_id(late.node), page.encode()))
+        manager.run(5)
+        equal(manager.said(Activate), [], f"ACTIVATEs after page 1 of {epoch}, {digest}")
+    page = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, prepare.epoch, prepare.digest, Reason.STALE_TERM, 0)
+    manager.main.say(Frame(state_id(late.node), page.encode()))
+    manager.run(5)
+    demand(bool(manager.said(Activate)), "who has staged, and refuses another manager, has not staged")
+
+
+def a_change_before_activate_gives_the_number_up() -> None:
+    """For ever; nothing is said of it any more, and the next one has a new number."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_b"].stages = False
+    began_ns = _asks_anew(manager)
+    manager.run(30)
+    given_up = manager.said(Prepare)[-1][1].epoch
+    manager.obey(FailElement("pe:tail_b"))
+    changed_ns = manager.now_ns
+    manager.pes["tail_b"].stages = True
+    manager.run(300)
+    equal([one["epoch"] for one in manager.told("epoch_abandoned", began_ns)], [given_up], "epochs given up")
+    later = {one.epoch for _, one in manager.said(Prepare, changed_ns + MS)}
+    demand(bool(later) and min(later) == given_up + 1, f"epochs after {given_up}: {later}")
+    demand(all(a.epoch != given_up for _, a in manager.said(Activate)), "an epoch that was given up is activated")
+
+
+def what_is_driven_breaks_before_it_makes() -> None:
+    """BREAK where a healthy PE must let go: nobody goes before it has said BROKEN."""
+    manager = ManagerUnderTest().flies()
+    driver, rival = manager.pes["tail_a"], manager.pes["tail_b"]
+    driver.steps = False
+    rival.holds = True
+    began_ns = manager.now_ns
+    manager.obey(FailElement("device:elevator_servo_1"))
+    manager.run(110)
+    steps = {one.step for _, one in manager.said(Activate, began_ns)}
+    equal(steps, {Step.BREAK}, "steps while the driver has not broken")
+    equal(manager.lease().step, Step.BREAK, "step that LEASE repeats")
+    equal(manager.told("epoch_step", began_ns)[0]["waiting_for"], ["tail_a"], "who is waited for")
+    driver.steps = True
+    manager.run(60)
+    steps_in_order = [one["step"] for one in manager.told("epoch_step", began_ns)]
+    equal(steps_in_order, ["BREAK", "GO_ALL"], "steps")
+    equal(len(manager.told("reconfigured", began_ns)), 1, "reconfigurations")
+
+
+def a_silent_driver_is_given_t_lease() -> None:
+    """From the last ALIVE that named it on; all that need not wait goes before."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_b"].holds = True
+    began_ns = _asks_anew(manager, "tail_a")
+    manager.run(400)
+    steps = [(one["t_ns"], one["step"]) for one in manager.told("epoch_step", began_ns)]
+    equal([step for _, step in steps], ["GO", "GO_ALL"], "steps")
+    node = manager.pes["tail_a"].node
+    named_ns = max(t_ns for t_ns, alive in manager.said(Alive) if node in alive.nodes)
+    waited_ns = steps[1][0] - named_ns
+    demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"GO_ALL comes {waited_ns / MS} ms after the last ALIVE that named it")
+
+
+def who_comes_late_to_what_runs_is_admitted() -> None:
+    """Where it has nothing to do: PREPARE and its slice in the same epoch, and LEASE; the others are left alone."""
+    manager = ManagerUnderTest().flies()
+    began_ns = _asks_anew(manager, "tail_b")  # which has nothing to do
+    manager.run(300)
+    epoch = manager.lease().epoch
+    late = manager.pes["tail_b"]
+    late.reboot()
+    late.speaks = True
+    began_ns = manager.now_ns
+    manager.run(500)
+    equal(manager.lease().epoch, epoch, "the epoch")
+    equal((late.state, late.epoch), (PeState.ACTIVE, epoch), "what the late one runs")
+    equal({one.node for _, one in manager.said(SliceHead, began_ns)}, {late.node}, "who gets a slice")
+    equal(manager.said(Activate, began_ns), [], "ACTIVATEs")
+    equal(len(manager.told("plan_unchanged", began_ns)), 1, "plans that change nothing")
+
+
+def who_runs_what_nobody_commanded_is_failed() -> None:
+    """Another epoch, another digest, or nothing at all any more."""
+    for change, cause in (
+        ({"epoch": 999}, "which nobody commanded"),
+        ({"digest": 0x99}, "which nobody commanded"),
+        ({"state": PeState.UNCONFIGURED, "epoch": 0, "digest": 0}, "it runs nothing although it was configured"),
+    ):
+        manager = ManagerUnderTest().flies()
+        stray = manager.pes["tail_b"]
+        stray.steps = False
+        for name, value in change.items():
+            setattr(stray, name, value)
+        began_ns = manager.run(45)
+        lost = manager.told("pe_lost", began_ns)
+        demand(bool(lost) and lost[0]["pe"] == "tail_b" and cause in lost[0]["cause"], f"after {change}: {lost}")
+        demand("pe:tail_b" in manager.asked()[-1].down, "it is not planned around")
+
+
+def it_adopts_what_runs() -> None:
+    """A manager that starts in flight, and plans what runs already, opens no epoch: it repeats the one there is."""
+    first = ManagerUnderTest().flies()
+    lease = first.lease()
+    manager = ManagerUnderTest()
+    for name, pe in first.pes.items():
+        played = manager.pes[name]
+        played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+    manager.run(400)
+    equal([one["epoch"] for one in manager.told("adopted")], [lease.epoch], "adopted")
+    equal(manager.said(Prepare), [], "PREPAREs")
+    equal((manager.lease().epoch, manager.lease().digest), (lease.epoch, lease.digest), "what LEASE repeats")
+    equal(manager.lease().step, Step.GO_ALL, "its step")
+
+
+def it_adopts_nothing_that_is_not_clean() -> None:
+    """One PE with another digest, in another epoch, or not ACTIVE: a new epoch, newer than all that is run."""
+    first = ManagerUnderTest().flies()
+    for change in ({"digest": 0x99}, {"epoch": 4000}, {"state": PeState.BROKEN}):
+        manager = ManagerUnderTest()
+        for name, pe in first.pes.items():
+            played = manager.pes[name]
+            played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+        for name, value in change.items():
+            setattr(manager.pes["tail_a"], name, value)
+        manager.run(600)
+        equal(manager.told("adopted"), [], f"adopted with {change}")
+        epochs = [one.epoch for _, one in manager.said(Prepare)]
+        demand(bool(epochs) and min(epochs) > max(first.lease().epoch, change.get("epoch", 0)), f"epochs {epochs}")
+
+
+def a_foreseen_fault_is_called_by_its_number() -> None:
+    """Where a PE holds the contingency PREPARE is all; one that says NOT_ON_BOARD gets its slice in the same epoch."""
+    manager = ManagerUnderTest(contingencies=1).flies()
+    stubborn = manager.pes["flight"]
+    stubborn.stages = False
+    began_ns = _asks_anew(manager)
+    manager.until(lambda: bool(manager.said(Prepare, began_ns)), 50, "no PREPARE comes")
+    prepare = manager.said(Prepare, began_ns)[-1][1]
+    demand(prepare.contingency > 0, "a foreseen fault is not called by its number")
+    equal(manager.said(SliceHead, began_ns), [], "heads while nobody says that it has nothing on board")
+    stubborn.answer(Reason.NOT_ON_BOARD)
+    stubborn.answer(Reason.NOT_ON_BOARD)
+    manager.run(8)
+    heads = [one for _, one in manager.said(SliceHead, began_ns)]
+    equal([head.node for head in heads], [stubborn.node], "who gets a head")
+    equal(heads[0].epoch_low, prepare.epoch & 0xFF, "its epoch")
+
+
+def epochs_of_a_term_begin_with_its_block() -> None:
+    """Sixteen in a block, every second block; never one twice."""
+    manager = ManagerUnderTest().flies()
+    epochs = [manager.lease().epoch]
+    for _ in range(18):
+        began_ns = manager.now_ns
+        manager.obey(FailElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
+        manager.run(400)
+        manager.obey(ClearElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
+        manager.run(400)
+        epochs += [one.epoch for _, one in manager.said(Prepare, began_ns)]
+    numbers = sorted(set(epochs))
+    equal(numbers[:16], list(range(1, 17)), "the first epochs")
+    demand(len(numbers) > 16, "the drill is too short")
+    equal(numbers[16], 33, "the epoch after the first block of term 1")
+
+
+DRILLS = (
+    every_pe_gets_its_slice,
+    bodies_take_half_of_the_bus,
+    who_does_not_stage_is_asked_again,
+    who_does_not_take_a_step_is_asked_again,
+    who_misses_frames_gets_them_again,
+    who_refuses_is_failed,
+    an_answer_about_something_else_does_not_count,
+    a_change_before_activate_gives_the_number_up,
+    what_is_driven_breaks_before_it_makes,
+    a_silent_driver_is_given_t_lease,
+    who_comes_late_to_what_runs_is_admitted,
+    who_runs_what_nobody_commanded_is_failed,
+    it_adopts_what_runs,
+    it_adopts_nothing_that_is_not_clean,
+    a_foreseen_fault_is_called_by_its_number,
+    epochs_of_a_term_begin_with_its_block,
+)

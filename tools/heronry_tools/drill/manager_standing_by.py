@@ -1,0 +1,386 @@
+"""A manager that stands by, and one with a key: whom it follows and believes (rules 7 and 11)."""
+
+from dataclasses import replace
+
+from heronry_manager.vocabulary import AskStatus, FailElement, UnlockPe
+from heronry_tools.drill.manager_under_test import PERIOD_NS, ManagerUnderTest, PlayedPe, example
+from heronry_tools.drill.player import MS, demand, equal
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.command_tags import CommandSigner
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    TAG,
+    WELCOME_KIND,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Ping,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    Step,
+    is_welcome,
+)
+
+KEY = Key(bytes(range(KEY_BYTES)))
+_ALL = frozenset((92, 93, 94))
+
+
+class _Reigning:
+    """Another manager, 126, that reigns in term 1 while the one under test, 127, stands by."""
+
+    def __init__(self, manager: ManagerUnderTest) -> None:
+        self.speaks, self.counts_on = True, _ALL
+        self.lease = Lease(1, 0, Step.PREPARED, 0)
+        self._manager, self._beats = manager, 0
+        self._beat()
+
+    def _beat(self) -> None:
+        manager = self._manager
+        self._beats += 1
+        if self.speaks:
+            alive = Alive(self.lease.term, self._beats % 256, self.counts_on)
+            manager.main.command(self.lease, alive, manager=126)
+        for pe in manager.pes.values():
+            pe.hears = pe.hears if not self.speaks else True
+        manager.clock.at(manager.now_ns + PERIOD_NS, self._beat)
+
+
+def _standing_by() -> tuple[ManagerUnderTest, _Reigning]:
+    manager = ManagerUnderTest(node=127, standby=True)
+    reigning = _Reigning(manager)
+    manager.run_until(505 * MS)
+    equal(manager.heard(-1, *Command), [], "commands of a manager that stands by")
+    equal([one["node"] for one in manager.told("standing_by")], [126], "whom it says it follows")
+    return manager, reigning
+
+
+def it_takes_over_when_the_pes_hear_nobody() -> None:
+    """The lease has expired, and more than half of those counted on say that they hear none; in its next term."""
+    manager, reigning = _standing_by()
+    reigning.speaks = False
+    leased_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
+    manager.run_until(leased_ns + 300 * MS)
+    equal(manager.heard(-1, *Command), [], "commands while the PEs hear somebody")
+    manager.pes["flight"].hears = False
+    manager.run(60)
+    equal(manager.heard(-1, *Command), [], "commands while one of three hears nobody")
+    manager.pes["tail_a"].hears = False
+    began_ns = manager.run(60)
+    leases = manager.said(Lease, began_ns)
+    demand(bool(leases), "most hear nobody, and it does not take over")
+    equal(leases[0][1].term, 2, "its term")
+    equal(len(manager.told("taken_over")), 1, "how often it takes over")
+
+
+def it_waits_for_the_lease_to_expire() -> None:
+    """T_lease after the last one that it has heard, whatever the PEs say."""
+    manager, reigning = _standing_by()
+    reigning.speaks = False
+    last_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run_until(last_ns + 97 * MS)
+    equal(manager.heard(-1, *Command), [], "commands within T_lease")
+    manager.run_until(last_ns + 107 * MS)
+    demand(bool(manager.said(Lease)), "T_lease is over, and it does not take over")
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "whom it counts on")
+
+
+def only_who_was_counted_on_is_asked() -> None:
+    """And only what was said within T_lease counts."""
+    manager, reigning = _standing_by()
+    reigning.counts_on = frozenset((92,))
+    manager.run(50)
+    reigning.speaks = False
+    for name in ("tail_a", "tail_b"):
+        manager.pes[name].hears = False
+    manager.run(300)
+    equal(manager.heard(-1, *Command), [], "commands while those who were not counted on hear nobody")
+    manager.pes["flight"].hears = False
+    manager.run(1)
+    manager.pes["flight"].speaks = False
+    manager.run(200)
+    equal(manager.heard(-1, *Command), [], "commands when who was counted on is silent")
+    manager.pes["flight"].speaks = True
+    manager.run(60)
+    demand(bool(manager.said(Lease)), "who was counted on hears nobody, and it does not take over")
+
+
+def where_nobody_reigns_127_lets_126_go_first() -> None:
+    """For the start-up window; then it asks those that are heard."""
+    manager = ManagerUnderTest(node=127, standby=True)
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run_until(4950 * MS)
+    equal(manager.heard(-1, *Command), [], "commands within the start-up window")
+    manager.run_until(5150 * MS)
+    demand(bool(manager.said(Lease)), "nobody reigns, and it does not take over")
+    first = ManagerUnderTest(node=126, standby=True)
+    first.run_until(130 * MS)
+    demand(bool(first.said(Lease)), "126 does not go first")
+
+
+def of_a_deposed_manager_it_believes_nothing() -> None:
+    """While the one that deposed it speaks."""
+    manager, reigning = _standing_by()
+    reigning.lease = replace(reigning.lease, term=3)
+    manager.run(50)
+    manager.main.command(Lease(1, 5, Step.GO_ALL, 5), manager=126)
+    manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal(manager.told("fault_reported"), [], "faults that a deposed term holds")
+    manager.main.command(Control(3, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal(
+        [one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "faults that it holds"
+    )
+    manager.main.command(Control(3, 0, Operation.CLEAR, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal([one["element"] for one in manager.told("fault_cleared")], ["device:elevator_servo_1"], "faults cleared")
+    reply = manager.obey(FailElement("pe:flight"))
+    demand(not reply.done and "126" in reply.sentence, "who stands by obeys an order")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["manager"]["state"], "standby", "its state in the status")
+
+
+def what_it_has_overheard_is_adopted() -> None:
+    """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
+    first = ManagerUnderTest(example("phases")).flies()
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    manager.run(200)
+    manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
+    manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, 0), manager=126)
+    reigning.lease = first.lease()
+    for name, pe in first.pes.items():
+        played = manager.pes[name]
+        played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+    manager.run(200)
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(300)
+    for pe in manager.pes.values():
+        pe.hears = True
+    equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
+    own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
+    equal(own, [], "PREPAREs after a take-over")
+    equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
+
+
+def who_reigns_stands_by_before_a_higher_term() -> None:
+    """It forgets what it planned, says so, and takes over again when that one is gone."""
+    manager = ManagerUnderTest(standby=True).flies()
+    manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=127)
+    manager.run(5)
+    began_ns = manager.now_ns
+    manager.run(80)
+    equal(manager.heard(began_ns, *Command), [], "commands after a higher term was heard")
+    equal([one["term"] for one in manager.told("stepped_down")], [2], "steps down before")
+    for pe in manager.pes.values():
+        pe.hears = False
+    began_ns = manager.run(200)
+    leases = manager.said(Lease, began_ns)
+    demand(bool(leases) and leases[0][1].term == 3, "it does not take over with its next term")
+
+
+# With a key
+
+
+class _KeyedPe:
+    """Lets a played PE prove what it says, as soon as it was welcomed."""
+
+    def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
+        self.session: Session | None = None
+        self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
+        self._manager, self._pe, self._beat, self._nonce = manager, pe, 0, 0x1234 + pe.node
+        pe.say = self._say
+        manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
+
+    def _ask(self) -> None:
+        if self.session is None and self.asks and self._pe.speaks:
+            page = StatePage2(self._pe.state, PeFlags(0), self._nonce)
+            self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
+        self._manager.clock.at(self._manager.now_ns + PERIOD_NS, self._ask)
+
+    def take(self, control: Control, number: int) -> None:
+        if control.node == self._pe.node and control.operation is Operation.WELCOME:
+            self.session, self._beat = Session(self._manager.node, control.term, number), 0
+            page = StatePage3(self._pe.state, PeFlags(0), self._pe.digest, 0, 0)
+            self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
+        if control.node == self._pe.node and control.operation is Operation.RENEW:
+            self.session = None
+            self._nonce += 1
+
+    def _say(self, frame: Frame) -> None:
+        said, digest = split_state(frame.data)
+        is_first = frame.data[0] < 0x40
+        tag = 0
+        if self.session is not None and self.proves:
+            beat = self._beat if is_first else PAGE_1_BEAT
+            pending = self.emergency if is_first else NO_EMERGENCY
+            if is_first and self.emergency:
+                said = bytes((said[0] | PeFlags.FAULT_PENDING,)) + said[1:]
+            said = said[:4] + bytes((beat % 256,)) + said[5:] if is_first else said
+            tag = KEY.state_tag(self._pe.node, self.session, beat, said, digest, emergency=pending)
+        self._beat += is_first
+        self._manager.main.say(Frame(frame.can_id, joined_state(said, tag)))
+
+
+def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
+    manager = ManagerUnderTest(key=KEY)
+    provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
+    plain = manager.main.hears
+    numbers: list[bytes] = []
+
+    def hears(frame: Frame) -> None:
+        assert plain is not None
+        plain(frame)
+        if frame.can_id == management_id(126, Command.CONTROL):
+            message = manager.hears[-1][1]
+            assert isinstance(message, Control)
+            for prover in provers.values():
+                prover.take(message, message.a << 16 | message.b)
+        numbers.append(frame.data)
+
+    manager.main.hears = hears
+    return manager, provers
+
+
+def every_command_is_tagged() -> None:
+    """With its number in this term, from 0 on, by who has the key; a WELCOME with the nonce it answers."""
+    manager, _ = _keyed()
+    manager.run(800)
+    demand(bool(manager.told("reconfigured")), "with a key nothing is brought about")
+    checker = CommandSigner(KEY, 126, 1)
+    frames = [one.frame for one in manager.main.heard if 200 <= one.frame.can_id < 208]
+    tags = [frame for frame in frames if frame.can_id == 207]
+    commands = [frame for frame in frames if frame.can_id != 207]
+    equal(len(tags), len(commands), "tags")
+    fields = [TAG.unpack(tag.data) for tag in tags]
+    equal([one[1] for one in fields if one is not None][:50], list(range(50)), "numbers")
+    true = [checker.tag(frame) for frame in commands if not is_welcome(frame.data) or frame.can_id != 206]
+    demand(all(tag is not None for tag in true), "tags")
+    welcomes = [frame for frame in commands if frame.can_id == 206 and is_welcome(frame.data)]
+    equal(len(welcomes), 3, "welcomes")
+    equal([one[0] for one in fields if one is not None].count(WELCOME_KIND), 3, "tags of welcomes")
+
+
+def a_state_counts_when_it_is_proven() -> None:
+    """One that is not is as good as silence; who is heard and not believed for T_lease is told to begin anew."""
+    manager, provers = _keyed()
+    manager.run(800)
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on")
+    provers["tail_b"].proves = False
+    began_ns = manager.run(100)
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when it proves nothing")
+    manager.run(100)
+    renewed = [one.node for one in manager.acknowledged(began_ns) if one.operation is Operation.RENEW]
+    demand(renewed[:1] == [94], f"who is told to begin anew: {renewed}")
+    provers["tail_b"].proves = True
+    manager.run(800)
+    demand("tail_b" in manager.counts_on(), "who proves itself again is not taken back")
+
+
+def a_nonce_is_answered_once_in_a_period() -> None:
+    """However often it is asked; and the nonce 0 never."""
+    manager, provers = _keyed()
+    provers["tail_b"].asks = False
+    manager.run(300)
+    for nonce, most in ((0, 0), (77, 1)):
+        began_ns = manager.now_ns
+        for _ in range(4):
+            page = StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce)
+            manager.main.say(Frame(state_id(94), page.encode()))
+            manager.run(2)
+        welcomes = [one for one in manager.acknowledged(began_ns) if one.operation is Operation.WELCOME]
+        equal(len(welcomes), most, f"answers to the nonce {nonce}")
+
+
+def an_emergency_counts_when_it_is_proven() -> None:
+    """By the next page 0 that says FAULT_PENDING; without that it is as good as unsaid."""
+    manager, provers = _keyed()
+    manager.run(800)
+    said = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 3).encode()
+    began_ns = manager.now_ns
+    manager.main.say(Frame(emcy_id(93), said))
+    manager.run(100)
+    equal(manager.told("fault_reported", began_ns), [], "faults that nobody has proven")
+    provers["tail_a"].emergency = said
+    manager.main.say(Frame(emcy_id(93), said))
+    manager.run(45)
+    provers["tail_a"].emergency = NO_EMERGENCY
+    equal([one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "proven faults")
+    demand(
+        any(one.operation is Operation.ACKNOWLEDGE for one in manager.acknowledged(began_ns)), "it is not acknowledged"
+    )
+
+
+def a_page_1_counts_when_it_is_proven() -> None:
+    """A forged one cannot make it fail a PE."""
+    manager, _ = _keyed()
+    manager.run(800)
+    lease = manager.lease()
+    page = StatePage1(PeState.ACTIVE, PeFlags.HEARS_LEASE, lease.epoch, lease.digest, 4, 0)  # type: ignore[arg-type]
+    began_ns = manager.now_ns
+    manager.main.say(Frame(state_id(94), page.encode()))
+    manager.run(10)
+    equal(manager.told("pe_lost", began_ns), [], "who is failed for a page 1 that is not proven")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    demand("refused_states" in str(status), "refusals are not in the status")
+
+
+def who_is_guessed_at_needs_two_states_in_a_row() -> None:
+    """After eight tags that did not fit a true state counts only right after another true one."""
+    manager, _ = _keyed()
+    manager.run(800)
+    page = manager.pes["tail_b"].page_0()
+    for number in range(12):
+        manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
+        manager.run(1)
+    began_ns = manager.now_ns
+    equal(len(manager.told("states_doubted")), 1, "how often it is told that states are doubted")
+    manager.run(300)
+    equal(manager.told("pe_lost", began_ns), [], "who is lost while somebody guesses")
+    demand("tail_b" in manager.counts_on(), "who is guessed at is not counted on")
+
+
+def the_lock_is_opened_by_order() -> None:
+    """UNLOCK names one PE, for half a minute."""
+    manager, _ = _keyed()
+    manager.run(800)
+    began_ns = manager.now_ns
+    demand(manager.obey(UnlockPe("pe:tail_b")).done, "the lock cannot be opened")
+    demand(not manager.obey(UnlockPe("module:servo_driver_1")).done, "a module has a lock")
+    manager.run(5)
+    said = [(one.node, one.a) for one in manager.acknowledged(began_ns) if one.operation is Operation.UNLOCK]
+    equal(said, [(94, 30)], "UNLOCKs")
+
+
+DRILLS = (
+    it_takes_over_when_the_pes_hear_nobody,
+    it_waits_for_the_lease_to_expire,
+    only_who_was_counted_on_is_asked,
+    where_nobody_reigns_127_lets_126_go_first,
+    of_a_deposed_manager_it_believes_nothing,
+    what_it_has_overheard_is_adopted,
+    who_reigns_stands_by_before_a_higher_term,
+    every_command_is_tagged,
+    a_state_counts_when_it_is_proven,
+    a_nonce_is_answered_once_in_a_period,
+    an_emergency_counts_when_it_is_proven,
+    a_page_1_counts_when_it_is_proven,
+    who_is_guessed_at_needs_two_states_in_a_row,
+    the_lock_is_opened_by_order,
+)

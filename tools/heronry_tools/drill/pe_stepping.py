@@ -1,0 +1,398 @@
+"""How a PE takes a configuration into use, step by step, and what it may drive meanwhile (rules 4 and 6)."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from heronry_agent.module import Context, Inputs, Value
+from heronry_tools.drill import puppets
+from heronry_tools.drill.pe_under_test import (
+    DEMAND,
+    DEMAND_ID,
+    EVERYTHING,
+    GAUGE,
+    HEIGHT,
+    HEIGHT_ID,
+    HELP_ID,
+    HELPER,
+    LAMP,
+    NEIGHBOUR,
+    NODE,
+    OTHER_HEIGHT_ID,
+    PERIOD_NS,
+    SERVO,
+    THINKER,
+    PeUnderTest,
+    at_once,
+    datum,
+    moments,
+)
+from heronry_tools.drill.player import MS, demand, equal
+from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import emcy_id, state_id
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage0,
+    StatePage1,
+    Step,
+)
+
+_EPOCH, _DIGEST = 17, 0x111111
+_NEXT, _NEXT_DIGEST = 18, 0x222222
+_GAUGE, _SERVO = ModuleSlice(GAUGE, 0, ()), ModuleSlice(SERVO, 0, (DEMAND,))
+_FINE, _COARSE = ModuleSlice(THINKER, 0, (HEIGHT,)), ModuleSlice(THINKER, 1, ())
+_LAMP, _HELPER = ModuleSlice(LAMP, 0, (DEMAND,)), ModuleSlice(HELPER, 0, ())
+
+
+def _attended() -> PeUnderTest:
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    return pe
+
+
+def _quiet(pe: PeUnderTest) -> None:
+    """Go on to the quiet part of the next period."""
+    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+
+
+def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState) -> None:
+    """Demand that a step is taken, and said at once."""
+    _quiet(pe)
+    pe.activate(epoch, step, digest)
+    began_ns = pe.run(1.5)
+    pages = [page for t_ns, page in pe.pages_0(began_ns) if at_once(t_ns, began_ns)]
+    equal([(p.state, p.epoch, p.digest) for p in pages], [(state, epoch, digest)], f"after {step.name} it says at once")
+
+
+def it_takes_one_step_after_the_other() -> None:
+    """BROKEN, PARTIAL while a new branch is held, ACTIVE; each is said at once, and taken once."""
+    pe = _attended()
+    pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
+    pe.run(15)
+    for step, state in ((Step.BREAK, PeState.BROKEN), (Step.GO, PeState.PARTIAL), (Step.GO_ALL, PeState.ACTIVE)):
+        _takes(pe, _EPOCH, step, _DIGEST, state)
+        pe.main.command(Activate(5, _EPOCH, step, _DIGEST), Activate(5, _EPOCH, Step.BREAK, _DIGEST))
+        began_ns = pe.run(2)
+        equal(pe.pages_0(began_ns), [], f"pages 0 after {step.name} again")
+        began_ns = pe.run(60)
+        drives = bool([t for t in pe.drives if t > began_ns])
+        equal(drives, step is Step.GO_ALL, f"at {step.name} its branch is driven")
+        speaks = bool(pe.data(HEIGHT_ID, began_ns))
+        equal(speaks, step >= Step.GO, f"at {step.name} it publishes")
+    equal({page.sequence for _, page in pe.pages_0(-1)} >= {0, 1}, True, "sequences")
+
+
+def without_a_branch_go_is_the_last_step() -> None:
+    """ACTIVE at GO where nothing is held; and GO_ALL contains all steps."""
+    pe = _attended()
+    pe.prepare(_EPOCH, Slice((_GAUGE,), publish={HEIGHT: 1}), _DIGEST)
+    pe.run(5)
+    _takes(pe, _EPOCH, Step.GO, _DIGEST, PeState.ACTIVE)
+    pe.prepare(_NEXT, EVERYTHING, _NEXT_DIGEST)
+    pe.run(5)
+    _takes(pe, _NEXT, Step.GO_ALL, _NEXT_DIGEST, PeState.ACTIVE)
+    pe.prepare(_NEXT + 1, EVERYTHING, _DIGEST)
+    pe.run(5)
+    _takes(pe, _NEXT + 1, Step.GO, _DIGEST, PeState.ACTIVE)  # the branch is not new here
+
+
+def a_lease_is_as_good_as_an_activate() -> None:
+    """Who has missed ACTIVATE catches up with the next LEASE; one at PREPARED, or of epoch 0, takes nothing."""
+    pe = _attended()
+    pe.prepare(_EPOCH, EVERYTHING, _DIGEST)
+    pe.run(15)
+    pe.lease = Lease(5, _EPOCH, Step.PREPARED, _DIGEST)
+    pe.run(45)
+    equal(pe.page_0().state, PeState.UNCONFIGURED, "after a LEASE at PREPARED it is")
+    for step, state in ((Step.BREAK, PeState.BROKEN), (Step.GO_ALL, PeState.ACTIVE)):
+        pe.lease = Lease(5, _EPOCH, step, _DIGEST)
+        pe.run(45)
+        equal((pe.page_0().state, pe.page_0().epoch), (state, _EPOCH), f"after a LEASE at {step.name} it is")
+    pe.lease = Lease(5, 0, Step.GO_ALL, 0)
+    pe.run(45)
+    equal((pe.page_0().state, pe.page_0().epoch), (PeState.ACTIVE, _EPOCH), "after a LEASE of epoch 0 it is")
+    demand(PeFlags.OUTPUT_HELD not in pe.page_0().flags, "a LEASE of epoch 0 holds its outputs")
+
+
+def what_was_not_staged_is_not_run() -> None:
+    """ACTIVATE of another epoch or digest changes nothing but what may be driven."""
+    pe = _attended().flies()
+    demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "its outputs are held")
+    for order in (Activate(5, _EPOCH - 1, Step.GO_ALL, 1), Activate(5, _NEXT, Step.PREPARED, 1)):
+        pe.main.command(order)
+        pe.run(1)
+        demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, f"{order} holds its outputs")
+    for order in (Activate(5, _EPOCH, Step.GO_ALL, 1), Activate(5, _NEXT, Step.GO_ALL, 1)):
+        _quiet(pe)
+        pe.main.command(order)
+        pe.run(1)
+        page = pe.pinged()
+        equal((page.state, page.epoch, page.digest), (PeState.ACTIVE, _EPOCH, _DIGEST), f"after {order}")
+        demand(PeFlags.OUTPUT_HELD in page.flags, f"{order} does not hold its outputs")
+        pe.run(22)  # a LEASE names what runs
+        demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "a LEASE that names what runs does not free its outputs")
+
+
+def break_takes_away_and_adds_nothing() -> None:
+    """At BREAK a module that is not wanted, or in another mode, stops; nothing new is published before GO."""
+    pe = _attended()
+    both = Slice((_GAUGE, _COARSE, _SERVO), publish={HEIGHT: 1})
+    pe.flies(both)
+    after = Slice((_GAUGE, _FINE, _LAMP, _HELPER), publish={HEIGHT: 1, DEMAND: 1, 2: 1})
+    pe.prepare(_NEXT, after, _NEXT_DIGEST)
+    pe.run(10)
+    _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
+    began_ns = pe.run(100)
+    demand(bool(pe.data(HEIGHT_ID, began_ns)), "what stays and was published is published no more")
+    for identifier in (DEMAND_ID, HELP_ID):
+        equal(pe.data(identifier, began_ns), [], f"data under {identifier} at BREAK")
+    demand(not [t for t in pe.drives if t > began_ns], "a branch that is not wanted is driven after BREAK")
+    _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
+    began_ns = pe.run(100)
+    for identifier in (HEIGHT_ID, DEMAND_ID, HELP_ID):
+        demand(bool(pe.data(identifier, began_ns)), f"nothing is published under {identifier} after GO")
+    equal(pe.data(DEMAND_ID, began_ns)[0][1].value, 100.0, "demand")
+
+
+def a_branch_that_ran_is_not_held() -> None:
+    """Also in another epoch: nobody else has it. One that is new waits for GO_ALL."""
+    pe = _attended()
+    pe.flies(Slice((_GAUGE, _COARSE, _SERVO), publish={HEIGHT: 1}))
+    pe.prepare(_NEXT, EVERYTHING, _NEXT_DIGEST)
+    pe.run(10)
+    _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
+    began_ns = pe.run(60)
+    demand(bool([t for t in pe.drives if t > began_ns]), "a branch that stays is stopped by BREAK")
+    _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
+
+
+def a_module_that_can_goes_on_in_another_mode() -> None:
+    """Kept over BREAK where it says so, built anew where it does not; dropped where a newer epoch has no use for it."""
+    for keeps in (False, True):
+        pe = _attended()
+        if keeps:
+            puppets.CHANGES_MODE.add("thinker")
+        pe.flies(Slice((_GAUGE, _FINE), publish={DEMAND: 1}))
+        puppets.BUILT.clear()
+        pe.prepare(_NEXT, Slice((_GAUGE, _COARSE), publish={DEMAND: 1}), _NEXT_DIGEST)
+        pe.run(10)
+        _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
+        _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
+        began_ns = pe.run(100)
+        equal(puppets.BUILT, [] if keeps else ["thinker"], "modules built when a mode changes")
+        equal({d.value for _, d in pe.data(DEMAND_ID, began_ns)}, {0.5}, "what it gives in the other mode")
+        equal({d.service_code & 15 for _, d in pe.data(DEMAND_ID, began_ns)}, {2}, "the version that it gives there")
+        pe.prepare(_NEXT + 1, Slice((_GAUGE, _FINE)), _DIGEST)
+        pe.run(10)
+        _takes(pe, _NEXT + 1, Step.BREAK, _DIGEST, PeState.BROKEN)
+        pe.prepare(_NEXT + 2, Slice((_GAUGE,)), _NEXT_DIGEST)
+        pe.run(10)
+        _takes(pe, _NEXT + 2, Step.GO_ALL, _NEXT_DIGEST, PeState.ACTIVE)
+        puppets.BUILT.clear()
+        pe.prepare(_NEXT + 3, Slice((_GAUGE, _FINE), publish={DEMAND: 1}), _DIGEST)
+        pe.run(10)
+        _takes(pe, _NEXT + 3, Step.GO_ALL, _DIGEST, PeState.ACTIVE)
+        pe.run(10)
+        equal(puppets.BUILT, ["thinker"], "modules built when one was given up in between")
+
+
+def data_come_and_go_as_wired() -> None:
+    """Of the node named, in its type and version, for three periods of the source; before that, the initial one."""
+    pe = _attended()
+    puppets.PULLED["lamp"] = _watch
+    lamp = Slice((_LAMP,), remote={DEMAND: NEIGHBOUR})
+    pe.flies(lamp)
+    _SEEN.clear()
+    pe.run(110)
+    equal(_SEEN, [(0.25, 1)], "before the first datum it sees the initial value")
+    for frame in (
+        datum(DEMAND_ID, 1.0, node=NEIGHBOUR + 1),
+        datum(DEMAND_ID, 1.0, version=3),
+        datum(DEMAND_ID, 1.0)._replace(data=datum(DEMAND_ID, 1.0).data[:-1]),
+        datum(DEMAND_ID, 1.0)._replace(data=bytes((NEIGHBOUR, 3, 0x11, 0, 0, 0, 0, 1))),
+        datum(DEMAND_ID, 1.0)._replace(data=bytes((NEIGHBOUR, 2, 0x10, 0, 0, 0, 0, 1))),
+    ):
+        pe.main.say(frame)
+        _SEEN.clear()
+        pe.run(110)
+        if frame == datum(DEMAND_ID, 1.0, version=3):
+            equal(_SEEN, [], "what it sees of a version that it does not accept")
+            continue
+        equal([one for one in _SEEN if one[0] not in (0.25, None)], [], f"what it sees of {frame}")
+    pe.main.say(datum(DEMAND_ID, 3.0, version=2))
+    came_ns = pe.now_ns
+    _SEEN.clear()
+    pe.run_until(came_ns + 230 * MS)
+    equal(set(_SEEN), {(3.0, 2)}, "what it sees of a datum that it accepts")
+    demand(1 <= len(_SEEN) <= 2, f"an old datum was seen {len(_SEEN)} times within 230 ms, at 10 Hz")
+    demand(max(_AGES) <= 120 * MS, f"a datum was seen when it was {max(_AGES)} ns old")
+
+
+_SEEN: list[tuple[object, int]] = []
+_AGES: list[int] = []
+
+
+def _watch(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
+    found = inputs.get("demand")
+    if found is not None:
+        _SEEN.append((found.value, found.version))
+        _AGES.append(found.age_ns)
+    return {}
+
+
+def what_another_node_may_send_is_taken_back() -> None:
+    """Frames of a source that moves away, and has not been sent yet, are not sent after BREAK."""
+    pe = _attended().flies()
+    pe.run(40)
+    pe.prepare(_NEXT, Slice((_GAUGE,), publish={HEIGHT: 1}), _NEXT_DIGEST)
+    pe.run(10)
+    pe.activate(_NEXT, Step.BREAK, _NEXT_DIGEST)
+    began_ns = pe.run(100)
+    broken_ns = pe.pages_0(began_ns)[0][0]
+    late = [t_ns for identifier in (DEMAND_ID, HELP_ID) for t_ns, _ in pe.data(identifier, broken_ns)]
+    equal(late, [], "data after it has said that it is broken")
+    demand(bool(pe.data(HEIGHT_ID, broken_ns)), "what stays is taken back, too")
+
+
+def a_branch_needs_its_name_in_alive() -> None:
+    """Nothing is driven before ALIVE names it, and nothing from the first ALIVE on that does not."""
+    pe = PeUnderTest()
+    pe.lease = Lease(5, 0, Step.PREPARED, 0)
+    pe.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
+    pe.run(150)
+    pe.flies()
+    demand(PeFlags.OUTPUT_HELD in pe.pinged().flags, "it drives before any ALIVE")
+    equal(pe.drives, [], "when its branch was stepped before any ALIVE")
+    pe.alive = frozenset((NODE,))
+    pe.run(45)
+    demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "ALIVE names it, and it holds back")
+    demand(bool(pe.drives), "ALIVE names it, and its branch is not stepped")
+    pe.alive = frozenset((NODE - 1, NODE + 1, NEIGHBOUR))
+    pe.run(21)
+    began_ns = pe.run(60)
+    demand(PeFlags.OUTPUT_HELD in pe.pinged().flags, "ALIVE names others, and it does not hold back")
+    demand(not [t for t in pe.drives if t > began_ns], "its branch is stepped, and ALIVE names others")
+
+
+def a_branch_needs_somebody_to_be_heard() -> None:
+    """For T_lease after the last page 0, LEASE or ALIVE; data, pages 1 and EMCYs do not count."""
+    for heard in ("neighbour", "manager"):
+        pe = _attended().flies()
+        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
+        last_ns = pe.now_ns // PERIOD_NS * PERIOD_NS
+        if heard == "neighbour":
+            pe.lease = pe.alive = None
+            pe.run(300)
+            last_ns = pe.now_ns // PERIOD_NS * PERIOD_NS
+        pe.neighbour = pe.lease = pe.alive = None
+        pe.said = lambda pe=pe: pe.main.say(*_NO_EVIDENCE)
+        pe.run_until(last_ns + 300 * MS)
+        last_drive_ns = max(pe.drives)
+        demand(
+            last_ns + 75 * MS < last_drive_ns <= last_ns + 102 * MS,
+            f"after the last word of anybody it drives for {(last_drive_ns - last_ns) / MS} ms",
+        )
+        demand(PeFlags.OUTPUT_HELD in pe.page_0().flags, "it hears nobody, and does not say that it holds back")
+
+
+_NO_EVIDENCE = (
+    Frame(emcy_id(NEIGHBOUR), Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 2, 0).encode()),
+    Frame(state_id(NEIGHBOUR), StatePage1(PeState.ACTIVE, PeFlags.HEARS_LEASE, 0, 0, Reason.NONE, 0).encode()),
+    datum(OTHER_HEIGHT_ID, 1.0),
+)
+
+
+def after_a_silence_an_alive_must_name_it() -> None:
+    """Or others must be heard for T_lease: until then it is in doubt."""
+    pe = _attended().flies()
+    kept = pe.neighbour
+    pe.lease = pe.alive = pe.neighbour = None
+    pe.run(200)
+    pe.neighbour = kept
+    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS)
+    again_ns = pe.now_ns
+    pe.run_until(again_ns + 300 * MS)
+    first_ns = min(t for t in pe.drives if t > again_ns)
+    demand(
+        95 * MS < first_ns - again_ns < 125 * MS,
+        f"after a silence it drives again {(first_ns - again_ns) / MS} ms after somebody is heard",
+    )
+    pe.neighbour = None
+    pe.run(200)
+    pe.main.command(Lease(5, _EPOCH, Step.GO_ALL, _DIGEST), Alive(5, 0, frozenset((NODE,))))
+    began_ns = pe.run(25)
+    demand(bool([t for t in pe.drives if t > began_ns]), "after a silence ALIVE names it, and it does not drive")
+
+
+def a_newer_epoch_elsewhere_stops_it() -> None:
+    """What a neighbour runs and it has not followed; an older one, or none, does not matter."""
+    pe = _attended().flies()
+    assert pe.neighbour is not None
+    pe.lease = None
+    for epoch, held in ((0, False), (_EPOCH - 1, False), (_EPOCH, False), (_EPOCH + 1, True)):
+        pe.neighbour = replace(pe.neighbour, epoch=epoch)
+        pe.run(45)
+        equal(PeFlags.OUTPUT_HELD in pe.pinged().flags, held, f"held, while a neighbour runs epoch {epoch}")
+    pe.neighbour = replace(pe.neighbour, epoch=_EPOCH)
+    pe.run(45)
+    demand(PeFlags.OUTPUT_HELD in pe.pinged().flags, "what was newer once is forgotten")
+    pe.lease = Lease(5, _EPOCH, Step.GO_ALL, _DIGEST)
+    pe.run(45)
+    demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "the manager names what runs here, and it holds back")
+
+
+def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
+    """After the last word of anybody; it goes on computing, and what cannot be elsewhere goes on being sent."""
+    pe = _attended().flies()
+    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
+    pe.neighbour = pe.lease = pe.alive = None
+    last_ns = pe.now_ns // PERIOD_NS * PERIOD_NS
+    pe.run_until(last_ns + 300 * MS)
+    sent = moments(pe.data(DEMAND_ID, last_ns))
+    demand(last_ns + 20 * MS < max(sent) < last_ns + 43 * MS, f"demand is sent until {(max(sent) - last_ns) / MS} ms")
+    demand(bool(pe.data(HEIGHT_ID, last_ns + 250 * MS)), "what cannot be elsewhere is sent no more")
+    codes = [d.message_code for _, d in pe.data(DEMAND_ID, -1)]
+    equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes")
+
+
+def an_output_is_echoed() -> None:
+    """What an actuator was told, and that an output ran which tells none; each frame with the next code."""
+    pe = _attended().flies()
+    began_ns = pe.run(1000)
+    told = [d for _, d in pe.echoes(began_ns)]
+    equal({d.value for d in told if d.service_code == 1}, {100.0}, "what the servo was told")
+    ran = [d for d in told if d.service_code == 0]
+    equal({d.value for d in ran}, {LAMP}, "which output ran")
+    demand(49 <= len(told) - len(ran) <= 51, f"a servo of 50 Hz is echoed {len(told) - len(ran)} times in a second")
+    demand(9 <= len(ran) <= 11, f"an output of 10 Hz is echoed {len(ran)} times in a second")
+    codes = [d.message_code for d in told]
+    equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes of echoes")
+    equal({d.node_id for d in told}, {NODE}, "who echoes")
+    equal(set(pe.world.written[-50:]), {100.0}, "what moves")
+
+
+DRILLS = (
+    it_takes_one_step_after_the_other,
+    without_a_branch_go_is_the_last_step,
+    a_lease_is_as_good_as_an_activate,
+    what_was_not_staged_is_not_run,
+    break_takes_away_and_adds_nothing,
+    a_branch_that_ran_is_not_held,
+    a_module_that_can_goes_on_in_another_mode,
+    data_come_and_go_as_wired,
+    what_another_node_may_send_is_taken_back,
+    a_branch_needs_its_name_in_alive,
+    a_branch_needs_somebody_to_be_heard,
+    after_a_silence_an_alive_must_name_it,
+    a_newer_epoch_elsewhere_stops_it,
+    what_could_run_elsewhere_is_sent_for_two_periods,
+    an_output_is_echoed,
+)
