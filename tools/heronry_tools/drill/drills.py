@@ -7,6 +7,7 @@ from heronry_tools.drill import (
     manager_epochs,
     manager_reacting,
     manager_standing_by,
+    manager_telling,
     pe_alone,
     pe_between,
     pe_failing,
@@ -34,6 +35,7 @@ _FILES = (
     manager_epochs,
     manager_reacting,
     manager_standing_by,
+    manager_telling,
 )
 
 DRILLS: Mapping[str, Drill] = {

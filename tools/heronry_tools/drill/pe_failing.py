@@ -1,15 +1,32 @@
 """What a PE tells of faults, how often, and when it gives a module up (rule 8); and how a module asks for a phase."""
 
+from dataclasses import replace
+
+from heronry_agent.vocabulary import (
+    DriveFailed,
+    Driven,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StepFailed,
+    StepMeasured,
+    Stepped,
+)
 from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
+    DEMAND,
+    DEMAND_ID,
     GAUGE,
     HEIGHT,
+    HEIGHT_ID,
     HELP_ID,
     HELPER,
     NODE,
     PERIOD_NS,
     SERVO,
     SERVO_DEVICE,
+    TABLE,
+    THINKER,
     PeUnderTest,
     gaps,
     moments,
@@ -341,7 +358,89 @@ def a_rule_does_not_bridge_a_gap() -> None:
     demand(bool(pe.emergencies(began_ns)), "a rule does not fire after a gap")
 
 
+def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
+    """Or, where nobody was, to all who lived in it; the others begin again at once, for nothing."""
+    together = tuple(replace(one, partition="both") for one in TABLE.modules)
+    restartable = replace(together[GAUGE], restarts=1)
+    table = replace(TABLE, modules=(restartable, *together[1:]))
+    for computing, told in (
+        (GAUGE, {(FaultCode.MODULE_RESTARTED, GAUGE)}),
+        (HELPER, {(FaultCode.MODULE_RESTARTED, HELPER)}),
+        (None, {(FaultCode.MODULE_RESTARTED, GAUGE), (FaultCode.MODULE_RESTARTED, HELPER)}),
+        (SERVO, {(FaultCode.MODULE_RESTARTED, GAUGE), (FaultCode.MODULE_RESTARTED, HELPER)}),  # it does not run
+    ):
+        pe = PeUnderTest(table).attended()
+        puppets.pull_all()
+        pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}))
+        pe.run(8)
+        puppets.BUILT.clear()
+        began_ns = pe.now_ns
+        pe.tell(PartitionEnded("other", "killed", None))
+        pe.tell(PartitionEnded("both", "killed", computing))
+        pe.run(10)
+        equal({(said.code, said.index) for _, said in pe.emergencies(began_ns)}, told, f"EMCYs, computing {computing}")
+        equal(sorted(puppets.BUILT), ["gauge", "helper"], "modules that begin again at once")
+        began_ns = pe.run(60)
+        demand(bool(pe.data(HEIGHT_ID, began_ns)) and bool(pe.data(HELP_ID, began_ns)), "who began again gives nothing")
+        pe.tell(PartitionEnded("both", "killed", GAUGE))
+        pe.tell(PartitionEnded("both", "killed", GAUGE))
+        began_ns = pe.run(30)
+        codes = {(said.code, said.index) for _, said in pe.emergencies(began_ns)}
+        demand((FaultCode.PARTITION_ENDED, GAUGE) in codes, f"who has no restarts any more is told as {codes}")
+
+
+def a_module_that_cannot_be_built_is_given_up() -> None:
+    """At once, whatever its restarts."""
+    pe = _flying()
+    began_ns = pe.now_ns
+    pe.tell(StartFailed(HELPER, "it cannot"))
+    pe.run(50)
+    codes = {(said.code, said.index, said.detail) for _, said in pe.emergencies(began_ns)}
+    equal(codes, {(FaultCode.MODULE_EXCEPTION, HELPER, 0)}, "EMCYs")
+    equal(pe.data(HELP_ID, began_ns + 3 * MS), [], "data of what cannot be built")
+
+
+def answers_to_old_questions_are_dropped() -> None:
+    """Of a step that was not asked for, or of a module that has stopped; they are counted, and change nothing."""
+    pe = _flying()
+    counted = pe.counted
+    for stale in (
+        Stepped(HELPER, 1, {"help": 77}),
+        StepFailed(HELPER, 1, "long ago"),
+        NotReady(HELPER, 1),
+        Stepped(SERVO, 1, {}),
+    ):
+        pe.tell(stale)
+    pe.tell(StepMeasured(HELPER, 1, 10**12))
+    pe.tell(Driven(SERVO, 1.0))
+    pe.tell(DriveFailed(SERVO, "it does not run"))
+    began_ns = pe.run(3)
+    equal(pe.emergencies(began_ns), [], "EMCYs after answers to old questions")
+    equal(pe.echoes(began_ns), [], "echoes of what does not run")
+    equal(pe.counted - counted, 4, "answers that were dropped")
+
+
+def a_reader_waits_for_what_it_reads() -> None:
+    """A quarter of its period at most, for a producer that was due just before; then it goes on with what it has."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies(Slice((_GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    began_ns = pe.run(200)
+    heights, demands = moments(pe.data(HEIGHT_ID, began_ns)), moments(pe.data(DEMAND_ID, began_ns))
+    demand(len(demands) >= 9, "the reader does not run")
+    demand(all(0 < later - earlier < MS for earlier, later in zip(heights, demands, strict=False)), "it is a step late")
+    pe.broken["gauge"] = "overrun"
+    pe.run(41)
+    began_ns = pe.run(100)
+    demands = moments(pe.data(DEMAND_ID, began_ns))
+    demand(bool(demands), "the reader waits for ever")
+
+
 DRILLS = (
+    a_partition_that_ends_is_charged_to_who_was_computing,
+    a_module_that_cannot_be_built_is_given_up,
+    answers_to_old_questions_are_dropped,
+    a_reader_waits_for_what_it_reads,
     a_report_is_repeated_until_it_is_acknowledged,
     what_is_cleared_is_taken_back_and_told_anew,
     what_is_critical_is_told_to_everybody,

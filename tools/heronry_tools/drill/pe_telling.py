@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+from heronry_agent.vocabulary import ChannelsLost
 from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
     DEMAND,
@@ -37,6 +38,9 @@ from heronry_wire.identifiers import (
 from heronry_wire.management import (
     Activate,
     Alive,
+    ElementKind,
+    Emergency,
+    FaultCode,
     Lease,
     PeFlags,
     PeState,
@@ -234,7 +238,32 @@ def a_step_that_changes_nothing_is_not_taken_back() -> None:
     demand(bool([t for t in pe.drives if t > began_ns]), "its branch is not driven any more")
 
 
+def a_lost_channel_is_told_every_second() -> None:
+    """At once, and every second while it lasts; its end is told once. It is no fault, and waits for no answer."""
+    pe = PeUnderTest().attended()
+    lost = [Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
+    back = [Emergency(FaultCode.CHANNEL_BACK, 0, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
+    for channels, at_once, later in (
+        ((1,), [lost[0]], [lost[0]]),
+        ((1, 2), [lost[1]], lost),
+        ((2,), [back[0]], [lost[1]]),
+        ((), [back[1]], []),
+        ((), [], []),
+    ):
+        began_ns = pe.now_ns
+        pe.tell(ChannelsLost(0, frozenset(channels)))
+        pe.run(2)
+        equal([said for _, said in pe.emergencies(began_ns)], at_once, f"EMCYs when {channels} are lost")
+        began_ns = pe.run(990)
+        equal(pe.emergencies(began_ns), [], "EMCYs within a second")
+        pe.run(20)
+        equal([said for _, said in pe.emergencies(began_ns)], later, "EMCYs after a second")
+    equal(len(pe.notes("channel")), 5, "notes of channels")
+    demand(PeFlags.FAULT_PENDING not in pe.pinged().flags, "a lost channel is pending")
+
+
 DRILLS = (
+    a_lost_channel_is_told_every_second,
     what_it_does_not_obey_is_counted,
     what_is_held_back_is_counted,
     what_changes_is_noted,

@@ -20,7 +20,7 @@ from itertools import pairwise
 from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.module import Value
-from heronry_agent.vocabulary import Action, Heard, ModuleEvent, Note
+from heronry_agent.vocabulary import Action, Event, Heard, ModuleEvent, Note
 from heronry_tools.drill import puppets
 from heronry_tools.drill.player import MS, SOON_NS, Player, demand, equal
 from heronry_tools.simulator.clock import Clock
@@ -194,6 +194,10 @@ class _Pe(SimulatedPe):
             self.followed.append((action.device, action.value))
         return super()._do(action)
 
+    def tell(self, event: Event) -> None:
+        """Hand something to the core."""
+        self._give(event)
+
 
 class PeUnderTest:
     """The PE and its surroundings; everything that is played can be changed at any time."""
@@ -228,6 +232,10 @@ class PeUnderTest:
         self.said: Callable[[], None] | None = None  # more that is said with every beat
         self._beats = 0
         self._beat()
+
+    def tell(self, event: Event) -> None:
+        """Let its driver or its modules tell it something."""
+        self.pe.tell(event)
 
     # Time, and what goes on by itself
 
