@@ -1,6 +1,7 @@
 """The tool that asks whether the checkers would notice: its defects, and its trials, on code of a few lines."""
 
 import ast
+import mmap
 import os
 import pickle
 import signal
@@ -9,8 +10,6 @@ import sys
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path, PurePath
-
-import pytest
 
 from heronry_tools.mutation.__main__ import draw
 from heronry_tools.mutation.flight_code import CODEC, CORES, NEITHER, codec_files, core_files
@@ -29,7 +28,7 @@ def may(age: int = 0) -> bool:
     turn.emit("nor what an event says", age=age + 1)
     return age + 1 == 3
 '''
-SHORT = Flight("scenario", Path("tests/scenarios/a_kill_while_it_prepares.scenario"))
+SHORT = Flight("drill", Path("pe_stepping.it_takes_one_step_after_the_other"))
 TRY = """
 import pickle, sys
 from pathlib import Path
@@ -37,7 +36,7 @@ from heronry_tools.mutation.flights import Flight
 from heronry_tools.mutation.survivors import reason
 from heronry_tools.mutation.trial import Trials
 
-short = Flight("scenario", Path("tests/scenarios/a_kill_while_it_prepares.scenario"))
+short = Flight("drill", Path("pe_stepping.it_takes_one_step_after_the_other"))
 trials = Trials(Path.cwd(), [short], 1)
 print(*(baseline.landed.wrong for baseline in trials.baselines()))
 verdicts = list(trials.verdicts(pickle.loads(bytes.fromhex(sys.argv[1]))))
@@ -97,7 +96,6 @@ def mutant_of(file: str, function: str) -> Mutant:
     return next(mutant for mutant in every if mutant.function == function)
 
 
-@pytest.mark.live  # by itself: it forks, and measures what is run
 def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
     silenced = mutant_of("pe_agent/heronry_agent/reporting.py", "Reporting._page_0")
     unrun = mutant_of("manager/heronry_manager/operator_orders.py", "OperatorOrders._unlock")
@@ -110,6 +108,13 @@ def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
         check=False,
     )
     assert told.stdout.splitlines() == ["None", f"{silenced}: {SHORT}", f"{unrun}: no flight runs it"], told.stderr
+
+
+def test_who_has_reserved_much_has_as_much_to_fly_with() -> None:
+    """As a process that has solved something: its threads reserve address space, and the fork inherits it."""
+    with mmap.mmap(-1, 6 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ):
+        ((_, report),) = forked(["one"], 1, lambda _task, tell: tell(len(bytearray(100 << 20))))
+    assert (report.told, report.failed) == ([100 << 20], False)
 
 
 def test_who_hangs_is_ended_by_the_kernel_and_who_dies_is_told_apart() -> None:

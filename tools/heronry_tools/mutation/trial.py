@@ -34,7 +34,7 @@ from heronry_tools.mutation.mutated_import import dependents, imports_of_ours, t
 T = TypeVar("T")
 
 _PATIENCE, _PATIENCE_S = 8, 8.0  # times what a flight takes without a mutant, and so much more
-_MEMORY_BYTES = 4 << 30
+_MEMORY_BYTES = 4 << 30  # more than there is when it is forked: what is reserved and not used counts as well
 _POLITENESS = 10
 _PLANNING = "heronry_tools.simulator.planning"
 _PREPARING = frozenset(("heronry_manager.compilation", "heronry_manager.contingency.on_board"))
@@ -254,11 +254,17 @@ def _settle_in(reading: int) -> None:
     """Become a process that stands back, says nothing to the terminal, and cannot eat the computer."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.nice(_POLITENESS)
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY_BYTES, _MEMORY_BYTES))
+    most_bytes = _address_space_bytes() + _MEMORY_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
     os.close(reading)
     nowhere = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
+
+
+def _address_space_bytes() -> int:
+    """How much address space this process has taken: a solver's threads reserve some gigabytes."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
 
 
 def _ended(pid: int, told: bytearray) -> Report:
