@@ -127,7 +127,7 @@ class PartitionHost:
                 process.gathers = False
                 events += self._read(process, now_ns)
             if process.broken is None and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
-                process.broken = "it does not finish loading its code"
+                self._look_at_loading(process, now_ns)
             if process.broken is not None:
                 self._end(process.name, tell=True)
         if self._ending:
@@ -278,6 +278,13 @@ class PartitionHost:
         name = self._cold.pop()
         with suppress(OSError):  # it will be tried again when it is needed
             self._spawn(name, now_ns)
+
+    def _look_at_loading(self, process: PartitionProcess, now_ns: int) -> None:
+        """Give up a partition that has spent too much on loading its code."""
+        left_ns = LOADING_NS - process.loading_ns(now_ns)
+        if left_ns <= 0:
+            process.broken = "it does not finish loading its code"
+        self._load_by_ns[process.name] = now_ns + max(left_ns, HUNG_NS)
 
     def _end(self, name: str, *, tell: bool) -> None:
         process = self._processes.pop(name, None)

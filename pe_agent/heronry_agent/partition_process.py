@@ -71,6 +71,7 @@ class PartitionProcess:
         self._sample_ns = 0  # when to ask again
         self.gathers = False  # its answers come together until `look_ns`; nobody is woken for the first
         self.look_ns = 0
+        self._begun_ns = time.monotonic_ns()
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._socket.setblocking(False)
         with theirs:
@@ -160,6 +161,12 @@ class PartitionProcess:
         if self._schedstat is None or _state(self.pid) == _RUNNABLE:
             return self._cpu_ns() - asked.cpu_ns
         return max(0, now_ns - asked.since_ns - (self._waited_ns() - self._waited_before_ns))
+
+    def loading_ns(self, now_ns: int) -> int:
+        """What it has spent since it was started."""
+        if self._schedstat is None or _state(self.pid) == _RUNNABLE:
+            return self._cpu_ns()
+        return now_ns - self._begun_ns - self._waited_ns()
 
     def _has_spoken(self) -> bool:
         """Tell whether there is something to read, if only that it has ended."""

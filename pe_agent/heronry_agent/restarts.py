@@ -8,7 +8,8 @@
                budget
 
 Who is charged for the end of a partition: the module that was being stepped, unless it has been stopped since; if none
-was, all that lived in it. The others begin again at once, for nothing. Times are the caller's; a restart of the agent forgets everything.
+was, all that lived in it. The others begin again at once, for nothing. Times are the caller's; a restart of the agent
+forgets everything.
 """
 
 from dataclasses import dataclass

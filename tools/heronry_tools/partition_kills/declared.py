@@ -28,13 +28,22 @@ class Declared:
     restarts: int
 
 
+@dataclass(slots=True)
+class _Count:
+    """What a PE has said of a module that failed: how often it did, since when, and until when it said so."""
+
+    times: int
+    since_s: float
+    until_s: float
+
+
 class DeclaredJudge:
     """Follows one flight; `failures` are sentences."""
 
     def __init__(self, modules: Mapping[str, Declared]) -> None:
         self._modules = modules
         self._struck_s: dict[tuple[str, str], float] = {}  # by PE and partition
-        self._counted: dict[tuple[str, str], tuple[int, float]] = {}  # by PE and module: how often, and when last
+        self._counts: dict[tuple[str, str], _Count] = {}  # by PE and module
         self.failures: list[str] = []
 
     def struck(self, pe: str, partition: str, now_s: float) -> None:
@@ -43,39 +52,44 @@ class DeclaredJudge:
 
     def agent_killed(self, pe: str) -> None:
         """The next agent of this PE knows nothing of what was."""
-        self._counted = {key: count for key, count in self._counted.items() if key[0] != pe}
+        self._counts = {key: count for key, count in self._counts.items() if key[0] != pe}
 
     def heard(self, event: Mapping[str, Any], now_s: float) -> None:
         """Judge an event that tells of a module."""
         kind, _, module = event["element"].partition(":")
-        if kind != "module":
+        pe, times = event["by"], event.get("times", 0)
+        if kind != "module" or self._is_told_again(self._counts.get((pe, module)), times, now_s):
             return
-        pe = event["by"]
         if now_s - self._struck_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
             self.failures.append(f"{module} failed on {pe}, where nobody had struck it: {_words(event)}")
         if event["event"] == "module_restarted":
-            self._restarted(pe, module, event["times"], now_s)
+            self._restarted(pe, module, times, now_s)
         else:
             self._given_up(pe, module, now_s)
 
+    @staticmethod
+    def _is_told_again(count: _Count | None, times: int, now_s: float) -> bool:
+        """Tell whether this was heard just now, and its acknowledgement has not arrived."""
+        if count is None or count.times != times or now_s - count.until_s > _DELAY_S:
+            return False
+        count.until_s = now_s
+        return True
+
     def _restarted(self, pe: str, module: str, times: int, now_s: float) -> None:
-        before, then_s = self._counted.get((pe, module), (0, 0.0))
-        apart_s, most = now_s - then_s, self._modules[module].restarts
-        if times == before and apart_s < _DELAY_S:
-            return
-        goes_on = before < times and apart_s <= FORGIVEN_S + _DELAY_S
-        begins_anew = times == 1 and (before == 0 or apart_s >= FORGIVEN_S - _DELAY_S)
+        before = self._counts.get((pe, module), _Count(0, now_s, now_s))
+        apart_s, most = now_s - before.since_s, self._modules[module].restarts
+        goes_on = before.times < times and apart_s <= FORGIVEN_S + _DELAY_S
+        begins_anew = times == 1 and (before.times == 0 or apart_s >= FORGIVEN_S - _DELAY_S)
         if times > most or not (goes_on or begins_anew):
-            self.failures.append(
-                f"{module} was restarted on {pe} for the time no. {times} of {most}, after no. {before}"
-            )
-        self._counted[pe, module] = times, now_s
+            what = f"for the time no. {times} of {most}, after no. {before.times}"
+            self.failures.append(f"{module} was restarted on {pe} {what}")
+        self._counts[pe, module] = _Count(times, now_s, now_s)
 
     def _given_up(self, pe: str, module: str, now_s: float) -> None:
-        before, then_s = self._counted.pop((pe, module), (0, now_s))
+        before = self._counts.pop((pe, module), _Count(0, now_s, now_s))
         most = self._modules[module].restarts
-        if before < most or now_s - then_s > FORGIVEN_S + _DELAY_S:
-            self.failures.append(f"{module} was given up on {pe} after {before} of {most} restarts")
+        if before.times < most or now_s - before.since_s > FORGIVEN_S + _DELAY_S:
+            self.failures.append(f"{module} was given up on {pe} after {before.times} of {most} restarts")
 
 
 def _words(event: Mapping[str, Any]) -> str:
