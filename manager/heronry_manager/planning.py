@@ -14,8 +14,9 @@ No plan is swapped while it is being deployed: that would begin anew what is hal
 An answer that never comes blocks nothing: the next change of the situation asks anew. One that comes twice is dropped.
 
 *Causes* are kept from the moment they are known until the epoch that takes them into account runs everywhere. A restart
-forgets them: what is wrong then is found out again. A question without one, which a reign asks that begins while everybody
-is held down, has that as its cause: a reader of the events never meets a change that nothing has brought about.
+forgets them: what is wrong then is found out again. A question without one, which a reign asks that begins while
+everybody is held down, has that as its cause: a reader of the events never meets a change that nothing has brought
+about.
 """
 
 from heronry_dg.objective import Placement

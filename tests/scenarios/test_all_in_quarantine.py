@@ -1,4 +1,4 @@
-"""A manager that starts anew while every PE is in quarantine, which it remembers: nobody to command, and no other cause."""
+"""A manager that starts anew while every PE is in quarantine, as it remembers: nobody to command, no other cause."""
 
 from scenarios.flights import MS, flying, two_tails
 
