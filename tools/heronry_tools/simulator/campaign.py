@@ -1,7 +1,8 @@
 """Many flights: in parallel, in the order of their seeds, and what they have reached all together.
 
 Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
-was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried.
+was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. A state that is not aimed at in
+this spec (`chaos`) has its column, and its cells do not count as thin: what strikes there does so by chance.
 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
@@ -17,6 +18,7 @@ from typing import Any, Generic, TypeVar
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, drawn_kinds
+from heronry_tools.simulator.chaos import aimed_at
 from heronry_tools.simulator.protocol_state import STATES
 from heronry_tools.simulator.scenario import Outcome
 
@@ -46,6 +48,7 @@ class Coverage:
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
         self._kinds = drawn_kinds(spec, of_two=of_two)
+        self._aimed_at = aimed_at(spec, of_two=of_two)
 
     def add(self, outcome: Outcome) -> None:
         """Count one flight."""
@@ -65,9 +68,10 @@ class Coverage:
         lines = [_row("strikes in state", STATES)]
         lines += [_row(kind, [cells.get((kind, state), "-") for state in STATES]) for kind in kinds]
         lines.append(_row("entered", [self.entered[state] for state in STATES]))
-        thin = sorted((count, kind, state) for (kind, state), count in cells.items() if count < ENOUGH)
+        thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
-        return [*lines, f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}"]
+        aimed_at = sum(state in self._aimed_at for _, state in cells)
+        return [*lines, f"{len(thin)} of {aimed_at} cells have fewer than {ENOUGH} strikes{least}"]
 
     def document(self) -> dict[str, Any]:
         """The same, for JSON."""
@@ -76,8 +80,13 @@ class Coverage:
             "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
             "entered": {state: self.entered[state] for state in STATES},
             "enough": ENOUGH,
-            "thin": sum(count < ENOUGH for count in cells.values()),
+            "thin": len(self._thin()),
         }
+
+    def _thin(self) -> dict[tuple[str, str], int]:
+        """Cells that are aimed at, and were hardly tried."""
+        cells = self.cells().items()
+        return {(kind, state): count for (kind, state), count in cells if count < ENOUGH and state in self._aimed_at}
 
     def _states(self) -> list[str]:
         return [state for state in STATES if self.entered[state] or any(self.hits[kind, state] for kind in KINDS)]

@@ -15,7 +15,7 @@ something exclusive must be given up (`activating`) it is a PE that a DEMUX may 
 (`orphaned`) it is the manager that reigns.
 
 Where there are two managers they are struck more often than anything else, either of them or whichever reigns, and with
-what needs two of them (`Kind.of_two`).
+what needs two of them (`Kind.of_two`). There is more to strike then, so there are more acts.
 """
 
 from collections.abc import Sequence
@@ -26,12 +26,13 @@ from heronry_tools.simulator.act import KINDS, MANAGER, Act, drawn_kinds, possib
 from heronry_tools.simulator.protocol_state import STATES
 
 ACTS_PER_S = 0.25
+_ACTS_PER_S_OF_TWO = 0.35
 _FEWEST_ACTS = 3
 _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
 _WAITS_FOR_STATE = 0.85
 AIM = {"idle": 1, "suspect": 4, "planning": 3, "preparing": 4, "activating": 5, "going": 4, "rejoining": 3}
-_AIM_OF_TWO = AIM | {"orphaned": 4}
+_AIM_OF_TWO = AIM | {"planning": 4, "preparing": 5, "going": 8, "rejoining": 2, "orphaned": 4}
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 3  # times as often as anything else
 _END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
@@ -58,7 +59,8 @@ def drawn_acts(
     aim = _aim(spec, of_two=of_two)
     acts: set[Act] = set()
     for_good = 0
-    for name in random.choices(swarm, weights, k=max(_FEWEST_ACTS, round(ACTS_PER_S * seconds))):
+    count = max(_FEWEST_ACTS, round((_ACTS_PER_S_OF_TWO if of_two else ACTS_PER_S) * seconds))
+    for name in random.choices(swarm, weights, k=count):
         act = _drawn_act(random, name, there[name], seconds, aim)
         if not act.lasts_ms and KINDS[name].for_good:
             for_good += 1
@@ -110,6 +112,11 @@ def _rivals(spec: Spec) -> set[str]:
         homes = {f"pe:{spec.devices[device].pe}" for device in devices if device is not None}
         rivals |= homes if len(homes) > 1 else set()
     return rivals
+
+
+def aimed_at(spec: Spec, *, of_two: bool) -> frozenset[str]:
+    """States that acts wait for."""
+    return frozenset(state for state, often in zip(STATES, _aim(spec, of_two=of_two), strict=True) if often)
 
 
 def _aim(spec: Spec, *, of_two: bool) -> list[int]:
