@@ -1,8 +1,8 @@
 """Many flights: in parallel, in the order of their seeds, and what they have reached all together.
 
 Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
-was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. A state that is not aimed at in
-this spec (`chaos`) has its column, and its cells do not count as thin: what strikes there does so by chance.
+was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. A state that is not aimed at
+in this spec (`chaos`) has its column, and its cells do not count as thin: what strikes there does so by chance.
 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
