@@ -85,7 +85,9 @@ class Trials:
 
     def __init__(self, checkout: Path, flights: Sequence[Flight], jobs: int) -> None:
         """Import everything that flies."""
-        import heronry_tools.drill.drills  # noqa: PLC0415 - slow, and not for --list
+        import coverage  # noqa: F401, PLC0415 - slow, and not for --list
+
+        import heronry_tools.drill.drills  # noqa: PLC0415
         import heronry_tools.scenario.in_simulator  # noqa: PLC0415
         import heronry_tools.simulator.chaos  # noqa: F401, PLC0415
 
