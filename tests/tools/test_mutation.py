@@ -66,6 +66,27 @@ def test_every_small_defect_is_found_once_and_texts_are_left_alone() -> None:
     ]
 
 
+def test_what_would_change_nothing_is_left_alone() -> None:
+    source = b"""def may(age) -> bool:
+    if age > 5:
+        return False
+    return False
+
+def who(age) -> int | None:
+    if age > 5:
+        return 0
+    else:
+        return None
+"""
+    found = [mutant.describe(source).removeprefix("x.py:") for mutant in mutants_of(PurePath("x.py"), source)]
+    returns = [one for one in found if "return" in one]
+    assert returns == [
+        "3: deletion: return False -> pass",
+        "8: deletion: return 0 -> pass",
+        "8: statement: return 0 -> return None",
+    ]
+
+
 def test_a_mutant_knows_who_runs_it() -> None:
     default, *_, last = mutants_of(PurePath("x.py"), SOURCE)
     assert default.is_run_by(frozenset())  # whoever imports it

@@ -84,6 +84,22 @@ def who_does_not_stage_is_asked_again() -> None:
     equal([t for t, a in manager.said(Activate, began_ns) if a.epoch & 0xFF == epoch_low], [], "ACTIVATEs")
 
 
+def what_is_for_everybody_is_not_said_for_each() -> None:
+    """However many are late, and at different times: PREPARE at most once in half a heartbeat period."""
+    manager = ManagerUnderTest()
+    for pe in manager.pes.values():
+        pe.stages = False
+    manager.run(160)
+    manager.pes["tail_a"].answer(Reason.INCOMPLETE)
+    manager.run(6)
+    manager.pes["tail_b"].answer(Reason.INCOMPLETE)
+    manager.run(300)
+    times = [t_ns for t_ns, _ in manager.said(Prepare)]
+    demand(len(times) > 5, "PREPARE is not repeated")
+    apart = [later - earlier for earlier, later in pairwise(times)]
+    demand(min(apart) > PERIOD_NS // 2 - MS, f"PREPAREs are {[one / MS for one in apart]} ms apart")
+
+
 def who_does_not_take_a_step_is_asked_again() -> None:
     """By ACTIVATE, at the same pace, and by LEASE every period; it is failed at last, and planned around."""
     manager = ManagerUnderTest()
@@ -310,6 +326,7 @@ DRILLS = (
     every_pe_gets_its_slice,
     bodies_take_half_of_the_bus,
     who_does_not_stage_is_asked_again,
+    what_is_for_everybody_is_not_said_for_each,
     who_does_not_take_a_step_is_asked_again,
     who_misses_frames_gets_them_again,
     who_refuses_is_failed,

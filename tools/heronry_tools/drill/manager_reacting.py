@@ -312,6 +312,7 @@ def a_radio_is_planned_with_in_steps() -> None:
         (1000, 1, []),
         (500, 1, []),
         (500, 1, [400]),
+        (355, 1, []),  # after a fall it takes two again
         (430, 3, []),
         (365, 3, []),
         (355, 1, []),

@@ -203,6 +203,7 @@ class _KeyedPe:
     def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
         self.session: Session | None = None
         self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
+        self.stride = 1  # from the number of one page 0 to the next: more is as if some were lost
         self._manager, self._pe, self._beat, self._nonce = manager, pe, 0, 0x1234 + pe.node
         pe.say = self._say
         manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
@@ -233,7 +234,7 @@ class _KeyedPe:
                 said = bytes((said[0] | PeFlags.FAULT_PENDING,)) + said[1:]
             said = said[:4] + bytes((beat % 256,)) + said[5:] if is_first else said
             tag = KEY.state_tag(self._pe.node, self.session, beat, said, digest, emergency=pending)
-        self._beat += is_first
+        self._beat += self.stride * is_first
         self._manager.main.say(Frame(frame.can_id, joined_state(said, tag)))
 
 
@@ -368,7 +369,65 @@ def the_lock_is_opened_by_order() -> None:
     equal(said, [(94, 30)], "UNLOCKs")
 
 
+def lost_states_cost_nothing() -> None:
+    """While nobody guesses, the next one counts, however many were lost before it."""
+    manager, provers = _keyed()
+    manager.run(800)
+    provers["tail_b"].stride = 7
+    began_ns = manager.run(2000)
+    equal(manager.told("pe_lost", began_ns), [], "who is lost because states were lost")
+
+
+def what_it_has_said_itself_is_nobody_else() -> None:
+    """Its own LEASE, recorded and said again, ends no reign; that of a double which has come further does."""
+    manager, _ = _keyed()
+    manager.run(800)
+    leases = [one.frame for one in manager.main.heard if one.frame.can_id == 200]
+    tags = [one.frame for one in manager.main.heard if one.frame.can_id == 207 and one.frame.data[0] >> 5 == 0]
+
+    def says(*frames: Frame) -> None:
+        """In the quiet part of a period: two who say one identifier at once destroy each other's frames."""
+        manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
+        manager.main.say(*frames)
+        manager.run(5)
+
+    for number in (0, 5, -1, -1):
+        says(leases[number], tags[number])
+        demand(manager.manager.stopped is None, "its own words, said again, end its reign")
+    double = CommandSigner(KEY, 126, manager.lease().term)
+    double.number = 2_000
+    lease = Frame(200, manager.lease().encode())
+    tag = double.tag(lease)
+    assert tag is not None
+    says(lease)
+    demand(manager.manager.stopped is None, "a LEASE without a tag ends a reign")
+    says(lease, tag)
+    demand(manager.manager.stopped is not None, "a double that has come further does not end its reign")
+
+
+def who_advises_follows_no_more_than_is_known() -> None:
+    """An epoch that was advised, and is replaced by one that is not known, is not what runs."""
+    reigning = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(advise=True)
+    for name, pe in reigning.pes.items():
+        played = manager.pes[name]
+        played.epoch, played.digest, played.state = pe.epoch, pe.digest, pe.state
+    manager.run(300)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["epoch"], reigning.lease().epoch, "the epoch that it sees")
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest = pe.epoch + 1, 0x99
+    manager.run(100)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["epoch"], None, "the epoch that it sees when another one runs")
+
+
 DRILLS = (
+    lost_states_cost_nothing,
+    what_it_has_said_itself_is_nobody_else,
+    who_advises_follows_no_more_than_is_known,
     it_takes_over_when_the_pes_hear_nobody,
     it_waits_for_the_lease_to_expire,
     only_who_was_counted_on_is_asked,

@@ -236,7 +236,26 @@ def _judge_table(spec: Spec, pe: str) -> None:
     demand(critical <= set(table.flight_critical), f"{critical} are critical")
 
 
+def its_events_tell_the_story() -> None:
+    """Of a reconfiguration from the loss on, in order, with its causes and times."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_a"].speaks = False
+    began_ns = manager.run(400)
+    kinds = [one["event"] for one in manager.events if one["t_ns"] > began_ns]
+    wanted = ["pe_suspected", "pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "epoch_step"]
+    equal(kinds, [*wanted, "reconfigured"], "events")
+    done = manager.told("reconfigured", began_ns)[0]
+    equal(done["causes"], ["pe:tail_a: silent for 3 heartbeat periods"], "causes")
+    times = done["times_ns"]
+    demand(64 * MS < times["detect"] < 67 * MS, f"detected in {times['detect']} ns")
+    demand(MS <= times["decide"] < 2 * MS, f"decided in {times['decide']} ns")
+    demand(0 < times["distribute"] < 10 * MS, f"distributed in {times['distribute']} ns")
+    demand(20 * MS < times["activate"] < 100 * MS, f"activated in {times['activate']} ns, with T_lease to wait for")
+    equal((done["moved"], done["started"], done["stopped"]), ([], ["servo_driver_2"], ["servo_driver_1"]), "changes")
+
+
 DRILLS = (
+    its_events_tell_the_story,
     the_status_tells_how_things_stand,
     the_status_tells_of_radios_and_phases,
     a_lost_channel_is_told_of,

@@ -42,9 +42,11 @@ from heronry_wire.management import (
     PeState,
     Ping,
     Prepare,
+    Reason,
     SliceBody,
     SliceHead,
     StatePage0,
+    StatePage1,
     Step,
 )
 from heronry_wire.pe_table import Port
@@ -181,6 +183,7 @@ class _Beyond:
 
     def __init__(self, pe: PeUnderTest) -> None:
         self.speaks, self.skips = True, 0
+        self.beside: tuple[Frame, ...] = ()  # what it says beside its page 0
         self._pe, self._sequence = pe, 0
         self._beat()
 
@@ -191,6 +194,7 @@ class _Beyond:
         if self.speaks:
             page = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, self._sequence % 256, 0)
             self._pe.far.say(Frame(state_id(FAR), page.encode()))
+            self._pe.far.say(*self.beside)
         self._pe.clock.at(self._pe.now_ns + 25 * MS, self._beat)
 
 
@@ -316,7 +320,31 @@ def data_keep_to_their_share_of_a_radio() -> None:
     demand(dropped == sorted(dropped) and dropped[-1] > dropped[0], "what is given up for a radio is not counted")
 
 
+def only_what_is_numbered_shows_losses() -> None:
+    """Pages 1, frames of a few bytes and heartbeats have no sequence: what they hold there is no gap."""
+    pe = PeUnderTest(_RADIO)
+    beyond = _Beyond(pe)
+    page_1 = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0x77, Reason.NONE, 0).encode()
+    beyond.beside = (Frame(state_id(FAR), page_1), Frame(state_id(FAR), b"\0\1\2"), Frame(heartbeat_id(FAR), bytes(8)))
+    pe.attended()
+    pe.run(2500)
+    equal({report.delivered for _, report in _reports(pe, 1500 * MS)}, {100}, "delivered, of what is not numbered")
+
+
+def a_gateway_s_own_word_goes_by_radio_too() -> None:
+    """Both pages of its state, each as new as it is; its own heartbeat once a second."""
+    pe = PeUnderTest(_RADIO)
+    _Beyond(pe)
+    pe.attended()
+    began_ns = pe.run(4000)
+    demand(38 <= len(pe.pages_0(began_ns, pe.far)) <= 41, "its pages 0 on the radio")
+    demand(3 <= len(pe.pages_1(began_ns, pe.far)) <= 5, "its pages 1 on the radio")
+    demand(3 <= len(pe.far.since(began_ns, [heartbeat_id(NODE)])) <= 5, "its heartbeats on the radio")
+
+
 DRILLS = (
+    only_what_is_numbered_shows_losses,
+    a_gateway_s_own_word_goes_by_radio_too,
     commands_are_handed_on,
     lease_and_alive_go_on_at_the_far_pace,
     nobody_commands_from_beyond,

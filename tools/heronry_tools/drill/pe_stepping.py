@@ -27,6 +27,7 @@ from heronry_tools.drill.pe_under_test import (
     moments,
 )
 from heronry_tools.drill.player import MS, demand, equal
+from heronry_wire.canopen_objects import MODULE_STATES
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, state_id
@@ -379,7 +380,43 @@ def an_output_is_echoed() -> None:
     equal(set(pe.world.written[-50:]), {100.0}, "what moves")
 
 
+def what_could_run_elsewhere_needs_its_name_in_alive() -> None:
+    """Frames of a module that may run elsewhere stop when ALIVE names others, and while a newer epoch is known."""
+    pe = _attended().flies()
+    pe.alive = frozenset((NEIGHBOUR,))
+    pe.run(45)
+    began_ns = pe.run(200)
+    equal(pe.data(DEMAND_ID, began_ns), [], "data of what may run elsewhere, while ALIVE names others")
+    demand(bool(pe.data(HEIGHT_ID, began_ns)), "what cannot be elsewhere is sent no more")
+    pe.alive = frozenset((NODE,))
+    pe.run(45)
+    began_ns = pe.run(100)
+    demand(bool(pe.data(DEMAND_ID, began_ns)), "ALIVE names it, and it sends nothing")
+    assert pe.neighbour is not None
+    pe.lease, pe.neighbour = None, replace(pe.neighbour, epoch=_NEXT)
+    pe.run(45)
+    began_ns = pe.run(40)
+    equal(pe.data(DEMAND_ID, began_ns), [], "data of what may run elsewhere, while a newer epoch is known")
+
+
+def its_objects_tell_what_each_module_does() -> None:
+    """Not wanted, not started yet, held, running."""
+    pe = _attended()
+    pe.prepare(_EPOCH, replace(EVERYTHING, modules=EVERYTHING.modules[:4], publish={}), _DIGEST)
+    pe.run(15)
+    for step, states in (
+        (Step.BREAK, [4, 2, 4, 4, 0]),
+        (Step.GO, [1, 2, 1, 1, 0]),
+        (Step.GO_ALL, [1, 1, 1, 1, 0]),
+    ):
+        pe.activate(_EPOCH, step, _DIGEST)
+        pe.run(5)
+        equal([pe.object(MODULE_STATES, module + 1) for module in range(5)], states, f"states at {step.name}")
+
+
 DRILLS = (
+    what_could_run_elsewhere_needs_its_name_in_alive,
+    its_objects_tell_what_each_module_does,
     it_takes_one_step_after_the_other,
     without_a_branch_go_is_the_last_step,
     a_lease_is_as_good_as_an_activate,

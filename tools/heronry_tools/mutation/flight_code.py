@@ -31,7 +31,7 @@ NEITHER: Mapping[str, str] = {
     # what describes, and what computes ahead: nothing in flight depends on it
     "events fault_cases management_times reconfiguration_bound status vocabulary",
     AGENT: "__init__ __main__ cli devices driver host incarnation module module_runner partition "
-    "partition_host partition_messages partition_process ports table_waiting vocabulary",
+    "partition_groups partition_host partition_messages partition_process ports table_waiting vocabulary",
     WIRE: "__init__ bus_arguments can_interface eds key_file link replicated_link service_manager",
 }
 

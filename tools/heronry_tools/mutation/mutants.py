@@ -9,7 +9,8 @@ Four kinds, of which every mutant has one:
 
 Left alone is what no flight depends on: docstrings, annotations, texts, imports, decorators, what an event says (but
 not that it is emitted), statements that raise an error of our own; and the invariants, which are judges and not judged.
-A mutant may still behave like the original; a reviewer says so of a survivor, no program can.
+And what changes nothing by construction: a `return None` that ends a function, or None for the False of one that
+answers yes or no. A mutant may still behave like the original; a reviewer says so of a survivor, no program can.
 
 Every mutant knows the lines of the statement it is in, so that one that nothing runs need not be tried.
 """
@@ -96,6 +97,8 @@ class _Place:
     last_line: int = 1
     class_name: str = ""
     function: str = ""
+    answers: bool = False  # it says yes or no
+    ends: tuple[ast.stmt, ...] = ()  # with these
 
 
 class _Finder:
@@ -149,14 +152,25 @@ class _Finder:
             case ast.AugAssign(target, operator, value) if type(operator) in _OPERATORS:
                 before, after = _OPERATORS[type(operator)]
                 yield self._between(target, value, (before + "=", after + "="), "statement")
-            case ast.Return(value) if value is not None and not _is_none(value):
+            case ast.Return(value) if value is not None and not self._means_none(value):
                 yield self._replaced(node, "return None", "statement")
             case ast.Break():
                 yield self._replaced(node, "continue", "statement")
             case ast.Continue():
                 yield self._replaced(node, "break", "statement")
-        if isinstance(node, _DELETED) and not (isinstance(node, ast.AnnAssign) and node.value is None):
+        if isinstance(node, _DELETED) and not self._is_nothing(node):
             yield self._replaced(node, "pass", "deletion")
+
+    def _means_none(self, value: ast.expr | None) -> bool:
+        """Tell whether who is given a value could as well be given none."""
+        is_no = isinstance(value, ast.Constant) and value.value is False
+        return value is None or _is_none(value) or (is_no and self._place.answers)
+
+    def _is_nothing(self, node: ast.AST) -> bool:
+        """Tell whether a statement that is left out would not be missed."""
+        if isinstance(node, ast.AnnAssign):
+            return node.value is None
+        return isinstance(node, ast.Return) and node in self._place.ends and self._means_none(node.value)
 
     def _text(self, node: ast.expr) -> str:
         return self._source[slice(*self._span(node))].decode()
@@ -200,9 +214,21 @@ def _within(node: ast.AST, place: _Place) -> _Place:
     match node:
         case ast.ClassDef(name):
             return replace(place, class_name=f"{name}.")
-        case ast.FunctionDef(name):
-            return replace(place, function=place.function or f"{place.class_name}{name}")
+        case ast.FunctionDef(name, returns=returns, body=body):
+            answers = isinstance(returns, ast.Name) and returns.id == "bool"
+            function = place.function or f"{place.class_name}{name}"
+            return replace(place, function=function, answers=answers, ends=tuple(_ends(body)))
     return place
+
+
+def _ends(body: list[ast.stmt]) -> Iterator[ast.stmt]:
+    """Statements after which a function has nothing more to do."""
+    last = body[-1]
+    yield last
+    if isinstance(last, ast.If):
+        yield from _ends(last.body)
+        if last.orelse:
+            yield from _ends(last.orelse)
 
 
 def _is_left_alone(node: ast.AST) -> bool:
