@@ -117,12 +117,30 @@ def test_a_step_that_nobody_has_ordered_yet_is_seen_once() -> None:
 def test_who_starts_anew_has_heard_nothing_of_what_was_said_before() -> None:
     bus = Bus()
     pair = bus.say(Lease(1, 1, Step.GO_ALL, 7))
+    bus.now_ns += 30 * MS
     bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
     for _ in range(20):
         bus.repeat(pair)
         bus.now_ns += 20 * MS
         bus.pe_says(PeState.ACTIVE, 1, hears=True, incarnation=2)
     assert len(bus.stories) == 2
+
+
+def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_just_before() -> None:
+    bus = Bus()
+    bus.say(Prepare(1, 1, 7))
+    bus.now_ns += 500 * MS
+    bus.say(Lease(1, 2, Step.GO, 7))
+    bus.say(Prepare(1, 2, 7))
+    bus.say(Control(1, 0, Operation.CLEAR, ElementKind.MODULE, 3))
+    bus.now_ns += 20 * MS
+    bus.pe_says(PeState.UNCONFIGURED, 0, hears=True, incarnation=2)
+    bus.pe_stages(2)
+    bus.pe_says(PeState.PARTIAL, 2, hears=True, incarnation=2)
+    bus.pe_takes_back(3)
+    assert bus.stories == []
+    bus.pe_stages(1)
+    assert len(bus.stories) == 1
 
 
 def test_a_dead_manager_that_is_replayed_is_found_out() -> None:

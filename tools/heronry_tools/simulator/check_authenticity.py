@@ -11,7 +11,8 @@ shows what it has accepted:
 Behind each there must be a proven pair that the PE could accept when it was said. *Fresh* is what lies beyond the last
 command that it certainly had accepted before. That place is known from below: the earliest one that explains what the
 PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
-soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since.
+soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since. It
+says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that.
 
 "Not long ago" is what the PE may go on by (T_lease), and how long what it says may be on its way: in its own queue, and
 in that of a gateway. A PE that hears LEASEs which nothing explains must go on saying so for as long.
@@ -61,8 +62,8 @@ class _Pe:
     least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
     leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
     clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
-    asked: set[int] = field(default_factory=set)  # epochs
-    steps: dict[int, Step] = field(default_factory=dict)  # by epoch: the furthest
+    asked: dict[int, int] = field(default_factory=dict)  # by epoch: when last
+    steps: dict[int, tuple[Step, int]] = field(default_factory=dict)  # by epoch: the furthest, and when that was last
     unexplained_ns: int | None = None  # since when it says that it hears a LEASE, and none explains it
     told: set[tuple[object, ...]] = field(default_factory=set)  # what was found of it already
 
@@ -108,7 +109,7 @@ class AuthenticityCheck:
         match page:
             case StatePage0():
                 if page.incarnation != pe.incarnation:
-                    self._begins(pe, page.incarnation)
+                    self._begins(pe, page.incarnation, sent.end_ns)
                 if PeFlags.HEARS_LEASE in page.flags:
                     self._hears(pe, sent.end_ns)
                 else:
@@ -120,11 +121,15 @@ class AuthenticityCheck:
             case _:
                 pass
 
-    def _begins(self, pe: _Pe, incarnation: int) -> None:
+    def _begins(self, pe: _Pe, incarnation: int, t_ns: int) -> None:
         pe.incarnation, pe.unexplained_ns = incarnation, None
         pe.least = {manager: self._proven.newest(manager) for manager in MANAGER_NODES}
-        for known in (pe.leases, pe.clears, pe.asked, pe.steps, pe.told):
-            known.clear()
+        since_ns = t_ns - pe.lease_ns // LEASE_PERIODS * 5 // 4
+        pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
+        pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}
+        pe.asked = {epoch: at_ns for epoch, at_ns in pe.asked.items() if at_ns >= since_ns}
+        pe.steps = {epoch: step for epoch, step in pe.steps.items() if step[1] >= since_ns}
+        pe.told.clear()
 
     def _hears(self, pe: _Pe, t_ns: int) -> None:
         pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= t_ns - pe.lease_ns * 3 // 2}
@@ -140,7 +145,7 @@ class AuthenticityCheck:
 
     def _runs(self, pe: _Pe, t_ns: int, page: StatePage0) -> None:
         least = _LEAST_STEP[page.state]
-        if pe.steps.get(page.epoch, Step.PREPARED) < least:
+        if pe.steps.get(page.epoch, (Step.PREPARED, 0))[0] < least:
             story = f"is {page.state.name} in epoch {page.epoch}, and was never told so by who has the key"
             self._tell(pe, t_ns, (page.epoch, page.state), story)
 
@@ -172,8 +177,9 @@ def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
     if isinstance(message, Lease):
         pe.leases[proven.manager, proven.place] = t_ns
     if isinstance(message, Lease | Activate):
-        pe.steps[message.epoch] = max(message.step, pe.steps.get(message.epoch, message.step))
+        if message.step >= pe.steps.get(message.epoch, (message.step, 0))[0]:
+            pe.steps[message.epoch] = message.step, t_ns
     elif isinstance(message, Prepare):
-        pe.asked.add(message.epoch)
+        pe.asked[message.epoch] = t_ns
     elif isinstance(message, Control) and message.operation is Operation.CLEAR:
         pe.clears[message.a, message.b] = t_ns
