@@ -126,6 +126,18 @@ def in_flight_it_does_not_wait() -> None:
     demand(bool(manager.asked()), "the flight is under way, and nothing is planned")
     equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
     demand(manager.asked()[0].running is None, "it says that it knows what runs")
+    manager = ManagerUnderTest()
+    for pe in ("flight", "tail_b"):
+        manager.pes[pe].speaks = False
+    flying = manager.pes["flight"]
+    flying.epoch, flying.digest, flying.state = 3, 0x42, PeState.ACTIVE
+    manager.run_until(155 * MS)
+    flying.speaks = True
+    flying.beat()
+    manager.run_until(233 * MS)
+    equal(manager.asked(), [], "plans asked for before the others have missed what they may, and one")
+    manager.run_until(245 * MS)
+    equal(len(manager.asked()), 1, "plans asked for after that")
 
 
 def who_is_late_is_asked_and_who_is_silent_is_lost() -> None:

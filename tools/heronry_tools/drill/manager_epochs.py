@@ -44,6 +44,7 @@ def every_pe_gets_its_slice() -> None:
         equal({body.epoch_low for body in bodies} | {head.epoch_low}, {prepare.epoch & 0xFF}, "their epoch")
     equal(prepare.term, manager.lease().term, "its term")
     equal(len(manager.said(Prepare)), 1, "PREPAREs while nobody is late")
+    equal([one["step"] for one in manager.told("epoch_step")], ["GO_ALL"], "steps of the first epoch")
     equal((manager.lease().epoch, manager.lease().digest), (prepare.epoch, prepare.digest), "what LEASE repeats")
     equal(manager.lease().step, Step.GO_ALL, "the step that LEASE repeats")
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, prepare.epoch)}, "what the PEs run")
@@ -220,6 +221,35 @@ def a_silent_driver_is_given_t_lease() -> None:
     demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"GO_ALL comes {waited_ns / MS} ms after the last ALIVE that named it")
 
 
+def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
+    """Before anybody sends under the identifiers of its modules: it goes on until it hears an ALIVE without it."""
+    manager = ManagerUnderTest(example("fail_over")).flies()
+    host = next(pe for pe in ("left", "right") if manager.pes[pe].runs[1] > 0)
+    manager.pes[host].steps = False
+    manager.obey(FailElement(f"pe:{host}"))
+    began_ns = manager.run(400)
+    steps = [(one["t_ns"], one["step"]) for one in manager.told("epoch_step", began_ns)]
+    equal([step for _, step in steps], ["BREAK", "GO_ALL"], "steps")
+    named_ns = max(t_ns for t_ns, alive in manager.said(Alive) if manager.pes[host].node in alive.nodes)
+    waited_ns = steps[1][0] - named_ns
+    demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"others go {waited_ns / MS} ms after the last ALIVE that named it")
+
+
+def who_has_let_go_is_not_waited_for() -> None:
+    """A PE that drove once, and has said that it runs something else since, holds nothing when it falls silent."""
+    manager = ManagerUnderTest().flies()
+    manager.obey(FailElement("device:elevator_servo_1"))
+    manager.run(300)
+    manager.pes["tail_a"].speaks = False
+    manager.until(lambda: "tail_a" not in manager.counts_on(), 100, "nobody is lost")
+    began_ns = manager.now_ns
+    manager.pes["flight"].reboot()
+    manager.pes["flight"].beat()
+    manager.run(400)
+    steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
+    demand(bool(steps) and "GO" not in steps, f"steps after who has let go was lost: {steps}")
+
+
 def who_comes_late_to_what_runs_is_admitted() -> None:
     """Where it has nothing to do: PREPARE and its slice in the same epoch, and LEASE; the others are left alone."""
     manager = ManagerUnderTest().flies()
@@ -334,6 +364,8 @@ DRILLS = (
     a_change_before_activate_gives_the_number_up,
     what_is_driven_breaks_before_it_makes,
     a_silent_driver_is_given_t_lease,
+    who_speaks_and_is_given_up_is_given_t_lease_too,
+    who_has_let_go_is_not_waited_for,
     who_comes_late_to_what_runs_is_admitted,
     who_runs_what_nobody_commanded_is_failed,
     it_adopts_what_runs,

@@ -269,9 +269,24 @@ def what_was_planned_at_once_is_bettered_at_leisure() -> None:
 
     keeping.manager.planning = the_same
     keeping.run(900)
+    equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
     equal([one.at_leisure for one in keeping.asked()], [False, True], "questions")
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
     equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
+    equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
+    moving = ManagerUnderTest()
+
+    def elsewhere(asked: RequestPlan) -> PlanReady:
+        """At leisure as good a plan at levels 1 to 3, that moves the branch."""
+        if not asked.at_leisure:
+            return the_same(asked)
+        other = Situation(frozenset(("device:elevator_servo_1",)))
+        return PlanReady(asked.request, best_plan(moving.spec, other, None))
+
+    moving.manager.planning = elsewhere
+    moving.run(900)
+    equal(len(moving.told("plan_kept")), 1, "plans that are no better, and move a branch")
+    equal(len(moving.told("reconfigured")), 1, "reconfigurations for a plan that is no better")
     failing = ManagerUnderTest()
     failing.manager.planning = lambda asked: failing.fails(asked) if asked.at_leisure else the_same(asked)
     failing.run(2900)

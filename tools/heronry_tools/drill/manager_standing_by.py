@@ -78,6 +78,7 @@ def it_takes_over_when_the_pes_hear_nobody() -> None:
     demand(bool(leases), "most hear nobody, and it does not take over")
     equal(leases[0][1].term, 2, "its term")
     equal(len(manager.told("taken_over")), 1, "how often it takes over")
+    equal(manager.told("plan_requested")[0]["causes"], ["nobody reigned"], "why it asks for a plan")
 
 
 def it_waits_for_the_lease_to_expire() -> None:
@@ -160,7 +161,12 @@ def what_it_has_overheard_is_adopted() -> None:
     reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
     manager.run(200)
     manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
-    manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, 0), manager=126)
+    for phase, entered in ((0, 0), (99, 0), (1, 1), (1, 0), (0, 1)):
+        before = len(manager.told("phase_changed"))
+        manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
+        manager.run(5)
+        equal(len(manager.told("phase_changed")) - before, entered, f"phases entered when {phase} is held")
+    manager.manager.planning = lambda _: None  # what it knows is enough
     reigning.lease = first.lease()
     for name, pe in first.pes.items():
         played = manager.pes[name]
@@ -339,7 +345,8 @@ def a_page_1_counts_when_it_is_proven() -> None:
     equal(manager.told("pe_lost", began_ns), [], "who is failed for a page 1 that is not proven")
     status = manager.obey(AskStatus()).status
     assert status is not None
-    demand("refused_states" in str(status), "refusals are not in the status")
+    equal(status["pes"]["tail_b"]["authentic"]["refused_states"], 1, "states that it has refused")
+    demand(status["pes"]["tail_b"]["authentic"]["is_believed"], "a PE that proves what it says is not believed")
 
 
 def who_is_guessed_at_needs_two_states_in_a_row() -> None:
@@ -352,6 +359,9 @@ def who_is_guessed_at_needs_two_states_in_a_row() -> None:
         manager.run(1)
     began_ns = manager.now_ns
     equal(len(manager.told("states_doubted")), 1, "how often it is told that states are doubted")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    demand(status["pes"]["tail_b"]["authentic"]["refused_states"] >= 12, "states that were refused are not counted")
     manager.run(300)
     equal(manager.told("pe_lost", began_ns), [], "who is lost while somebody guesses")
     demand("tail_b" in manager.counts_on(), "who is guessed at is not counted on")

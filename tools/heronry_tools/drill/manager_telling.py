@@ -6,7 +6,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_dg.traffic import identifiers
 from heronry_manager.compilation import Compiler
-from heronry_manager.vocabulary import AskStatus, EnterPhase, FailElement
+from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
 from heronry_tools.drill.manager_under_test import ManagerUnderTest, example
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_tools.simulator.disk import Disk
@@ -159,6 +159,24 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     equal(_status(manager)["phase"], phases[1], "phase in the status")
 
 
+def a_restart_remembers_what_was_cleared() -> None:
+    """A fault that was cleared before the restart is none after it; nor is a quarantine that is over."""
+    first = ManagerUnderTest().flies()
+    first.obey(FailElement("device:elevator_servo_2"))
+    first.run(100)
+    first.obey(ClearElement("device:elevator_servo_2"))
+    tail = first.pes["tail_b"]
+    for hold_ms in (200, 400):
+        tail.speaks = False
+        first.run(100)
+        tail.speaks = True
+        first.run(hold_ms + 60)
+    manager = ManagerUnderTest(disk=_copy(first))
+    manager.run(400)
+    equal(_status(manager)["latched"], [], "latched after a restart")
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on after a restart")
+
+
 def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
     """Where what runs fits the new share nothing is asked for; where it does not, a plan is."""
     manager = ManagerUnderTest(example("radio_link"))
@@ -261,6 +279,7 @@ DRILLS = (
     a_lost_channel_is_told_of,
     a_restart_goes_on_with_what_runs,
     a_restart_remembers_the_phase_and_who_was_failed,
+    a_restart_remembers_what_was_cleared,
     a_plan_that_fits_a_smaller_radio_is_kept,
     tables_say_what_the_spec_says,
 )

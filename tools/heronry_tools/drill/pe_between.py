@@ -210,6 +210,7 @@ def a_radio_is_reported_on() -> None:
     demand(all(abs(gap - 100 * MS) < 2 * MS for gap in apart), f"reports are {apart} ns apart")
     sequences = [report.sequence for _, report in reports]
     equal(sequences, [(sequences[0] + number) % 64 for number in range(len(sequences))], "sequences")
+    equal({one.state for _, one in _reports(pe, -1)}, {LinkState.UP}, "what is said of a good radio from the start")
     for _, report in reports[12:]:
         told = report.node, report.state, report.usable, report.delivered, report.dropped
         equal(
@@ -242,7 +243,9 @@ def a_slow_radio_is_told_so() -> None:
     pe.attended()
     pe.run(1500)
     pe.far.bus.slowdown = 4
-    pe.run(1500)
+    pe.run(350)
+    demand(_reports(pe, -1)[-1][1].usable < 500, "a radio that becomes much slower is believed to be so too late")
+    pe.run(1150)
     report = _reports(pe, -1)[-1][1]
     demand(200 <= report.usable <= 330, f"of a radio that is four times slower {report.usable} thousandths are usable")
     pe.far.bus.slowdown = 1
@@ -278,17 +281,20 @@ def what_goes_to_a_radio_waits_in_turn() -> None:
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
-    pe.flies(_FORWARDS)
+    pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), 0: (NEIGHBOUR, 2)}))
     pe.run(1000)
     pe.far.bus.break_wire()
     began_ns = pe.run(20)
     for number in range(6):
         pe.main.say(datum(OTHER_HEIGHT_ID, float(number), code=number))
         pe.run(3)
+        if number == 2:
+            pe.main.say(datum(HEIGHT_ID, 9.0))
     pe.main.command(Control(5, FAR, Operation.CLEAR, 1, 1), Control(5, FAR, Operation.CLEAR, 1, 2))
     pe.run(3)
     pe.far.bus.mend_wire()
     pe.run(60)
+    equal([d.value for _, d in pe.data(HEIGHT_ID, began_ns, pe.far)], [9.0], "what a radio gets of another source")
     values = [d.value for _, d in pe.data(OTHER_HEIGHT_ID, began_ns, pe.far)]
     demand(len(values) <= 2 and values[-1:] == [5.0], f"what a radio gets of a source after a break: {values}")
     controls = [one.frame.data[7] for one in pe.far.since(began_ns, [management_id(126, Command.CONTROL)])]
