@@ -253,9 +253,13 @@ class ManagerCore:
                 self._identification.next_ns,
             )
             return min((deadline for deadline in waits if deadline is not None), default=None)
-        deadlines = [self._beacon.next_ns, self._identification.next_ns, *self._deployment.next_deadlines_ns()]
-        others = (self._health.next_deadline_ns(), self._planning.again_ns)
-        return min(deadlines + [deadline for deadline in others if deadline is not None])
+        due_ns = min(self._beacon.next_ns, self._identification.next_ns)
+        for epoch_ns in self._deployment.next_deadlines_ns():
+            due_ns = min(due_ns, epoch_ns)
+        for other_ns in (self._health.next_deadline_ns(), self._planning.again_ns):
+            if other_ns is not None:
+                due_ns = min(due_ns, other_ns)
+        return due_ns
 
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""

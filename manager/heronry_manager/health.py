@@ -36,6 +36,7 @@ from enum import Enum
 from heronry_dg.model import Spec
 from heronry_manager.topology import uplink_bus
 from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.sansio import NEVER_NS
 
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
@@ -278,18 +279,18 @@ class Health:
 
     def next_deadline_ns(self) -> int | None:
         """When `tick` has something to do."""
-        deadlines = [] if self._window_closes_ns is None else [self._window_closes_ns]
+        due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:
                 case Standing.UP:
-                    deadlines.append(record.suspect_ns())
+                    due_ns = min(due_ns, record.suspect_ns())
                 case Standing.SUSPECT:
-                    deadlines.append(record.declare_ns())
+                    due_ns = min(due_ns, record.declare_ns())
                 case Standing.RETURNING:
-                    over_ns = record.returning_since_ns + record.hold_down_ns()
-                    deaf = record.deaf_since_ns is not None
-                    deadlines.append(record.declare_ns() if deaf else min(record.declare_ns(), over_ns))
-        return min(deadlines, default=None)
+                    due_ns = min(due_ns, record.declare_ns())
+                    if record.deaf_since_ns is None:
+                        due_ns = min(due_ns, record.returning_since_ns + record.hold_down_ns())
+        return None if due_ns == NEVER_NS else due_ns
 
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
         last = record.heard_ns

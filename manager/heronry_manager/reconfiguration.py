@@ -68,6 +68,7 @@ _STEP_OF = {
     Stage.DONE: Step.GO_ALL,
     Stage.ABANDONED: Step.PREPARED,
 }
+_REACHED = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO_ALL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +193,7 @@ class Reconfiguration:
         if progress is None or state is PeState.UNCONFIGURED:
             return
         progress.staged = True
-        reached = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO_ALL}[state]
+        reached = _REACHED[state]
         if reached > progress.step:
             progress.step = reached
             progress.owes(now_ns)
@@ -268,7 +269,8 @@ class Reconfiguration:
 
     def next_deadline_ns(self) -> int | None:
         """When `tick` has something to do."""
-        deadlines = [progress.again_ns() for progress in self._waiting_for().values()]
+        wanted = self.step
+        deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
         if self._paced:
             deadlines.append(self._next_paced_ns)
         if self.stage is Stage.BREAKING and self.identifiers_free_ns is not None:

@@ -194,16 +194,15 @@ class AgentCore:
         """When to call with Tick, if nothing comes before."""
         due_ns = self._due_ns
         if due_ns is None:
-            due_ns = self._due_ns = min(
-                self._reporting.next_ns,
-                self.modules.next_ns,
-                self.modules.faults.next_ns,
-                self.staging.ask_ns,
-                self._canopen.next_ns,
-                self._without_manager.next_ns,
-                self._channels.next_ns,
-            )
-        return min(due_ns, *(radio.next_ns for radio in self._radios.values())) if self._radios else due_ns
+            due_ns = min(self._reporting.next_ns, self.modules.next_ns)
+            due_ns = min(due_ns, self.modules.faults.next_ns)
+            due_ns = min(due_ns, self.staging.ask_ns)
+            due_ns = min(due_ns, self._canopen.next_ns)
+            due_ns = min(due_ns, self._without_manager.next_ns)
+            due_ns = self._due_ns = min(due_ns, self._channels.next_ns)
+        for radio in self._radios.values():
+            due_ns = min(due_ns, radio.next_ns)
+        return due_ns
 
     def validate(self) -> None:
         """Check every invariant; raises InvariantError with the recent events."""

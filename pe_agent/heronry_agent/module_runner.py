@@ -141,7 +141,7 @@ class ModuleRunner:
         except Exception as error:  # noqa: BLE001 - a module's step may raise anything
             context.writes, context.reports, context.phases = [], [], []  # they may be what took all memory
             return one_line(error)
-        if not isinstance(outputs, Mapping):
+        if not isinstance(outputs, dict | Mapping):  # a dict mostly, which is told at once
             return f"its step gave {type(outputs).__name__}, not a mapping"
         return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
 

@@ -100,7 +100,8 @@ class Reconfiguration:
 
     def expendable_live(self) -> frozenset[int]:
         """Modules that run, and stop where no manager is heard."""
-        return self.running.slice.expendable.intersection(self.live)
+        expendable = self.running.slice.expendable
+        return expendable.intersection(self.live) if expendable else expendable
 
     def drop(self, module: int) -> bool:
         """A module has failed; tells whether it ran."""

@@ -86,9 +86,7 @@ class Schedule:
     def next_ns(self) -> int:
         """When a module is due, or what it spends is to be asked for."""
         if self._next_ns is None:
-            releases = [self._release_ns(grid) for grid in self._grids.values() if grid.partition not in self._steps]
-            looks = [step.look_ns for steps in self._steps.values() for step in steps.values()]
-            self._next_ns = min(*releases, *looks, NEVER_NS, NEVER_NS)
+            self._next_ns = self._find_next()
         return self._next_ns
 
     @property
@@ -122,9 +120,11 @@ class Schedule:
         if now_ns < self.next_ns:
             return
         self._next_ns = None
-        busy = set(self._steps)
-        grids = [grid for grid in self._grids.values() if grid.due_ns <= now_ns and grid.partition not in busy]
-        for grid in sorted(grids, key=lambda g: (g.due_ns, g.module)):
+        steps = self._steps
+        grids = [grid for grid in self._grids.values() if grid.due_ns <= now_ns and grid.partition not in steps]
+        if len(grids) > 1:
+            grids.sort(key=lambda g: (g.due_ns, g.module))
+        for grid in grids:
             if self._release_ns(grid) <= now_ns:
                 self._due_ns[grid.module] = grid.due_ns
                 missed = grid.release(now_ns)
@@ -185,6 +185,17 @@ class Schedule:
         self._steps[grid.partition][module].look_ns = now_ns + max(left_ns, HUNG_NS // 10)
         self._next_ns = None
         return left_ns <= 0
+
+    def _find_next(self) -> int:
+        """Work out `next_ns`: once for each step, so whoever cannot be the first is not looked at any closer."""
+        next_ns = NEVER_NS
+        for grid in self._grids.values():
+            if grid.due_ns < next_ns and grid.partition not in self._steps:
+                next_ns = min(next_ns, self._release_ns(grid))
+        for steps in self._steps.values():
+            for step in steps.values():
+                next_ns = min(next_ns, step.look_ns)
+        return next_ns
 
     def _asked(self, module: int, release: int) -> _Grid | None:
         """Grid of a module whose answer is waited for."""

@@ -104,6 +104,11 @@ def test_a_named_tuple_becomes_a_class_where_that_is_asked_for(native: Any) -> N
     assert native.Triple(1, 2, 3) == (1, 2, 3)
 
 
+def test_what_is_made_often_is_nothing_to_the_garbage_collector() -> None:
+    assert with_native_classes(SOURCE).count("acyclic=True") == 0
+    assert with_native_classes(SOURCE, ("Pair", "Crate")).count("acyclic=True, free_list_len=1") == 2
+
+
 def test_a_base_is_open_to_classes_in_python(native: Any) -> None:
     class Mine(native.Base):
         pass

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_tools.simulator.campaign import collect_seldom
 from heronry_tools.simulator.compiled import compiled_folder, environment, is_compiled
 from heronry_tools.simulator.planning import plans_known
 from heronry_tools.simulator.simulation import Simulation
@@ -28,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--seconds", type=float, default=20.0, help="of flight (default: 20)")
     options = parser.parse_args(argv)
+    collect_seldom()
     for name in shipped_spec_names():
         print(_measured(name, round(options.seconds * _NS_PER_S)), flush=True)
     if is_compiled():

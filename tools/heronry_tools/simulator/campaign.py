@@ -7,6 +7,7 @@ in this spec (`chaos`) has its column, and its cells do not count as thin: what 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -27,6 +28,7 @@ R = TypeVar("R")
 
 ENOUGH = 30
 _POLITENESS = 10
+_COLLECTED_AFTER = 100_000  # objects that were made and are still there
 _SPECS: list[Spec] = []  # the one of a worker process
 
 
@@ -34,10 +36,17 @@ def fly_all(spec_file: Path, flights: Iterable[T], jobs: int, fly: Callable[[Spe
     """Fly on that many processors, each flight by `fly`; what is not waited for any more is stopped."""
     if jobs == 1:
         spec = load(spec_file)
+        collect_seldom()
         yield from (fly(spec, flight) for flight in flights)
         return
     with get_context("spawn").Pool(jobs, _begin, (spec_file,)) as pool:
         yield from pool.imap(_Flier(fly), flights)
+
+
+def collect_seldom() -> None:
+    """Let the garbage collector leave alone what is there, and look at the rest seldom: flights make little garbage."""
+    gc.freeze()
+    gc.set_threshold(_COLLECTED_AFTER)
 
 
 class Coverage:
@@ -101,6 +110,7 @@ def _begin(spec_file: Path) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(_POLITENESS)
     _SPECS.append(load(spec_file))
+    collect_seldom()
 
 
 class _Flier(Generic[T, R]):

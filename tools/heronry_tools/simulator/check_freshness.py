@@ -35,7 +35,12 @@ class FreshnessCheck:
         self.violations: list[Violation] = []
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
-        self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
+        driving = _inputs_of_drivers(spec)
+        self._remembered = {
+            number: _fresh_frames(spec, *source)
+            for source, number in self._identifiers.items()
+            if source[1] in driving
+        }
         self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
@@ -44,12 +49,14 @@ class FreshnessCheck:
     def published(self, sent: Sent) -> None:
         """A data frame was sent."""
         frame = sent.frame
-        if frame.data:
-            key = (sent.bus, frame.can_id, frame.data[0])
-            last = self._last.get(key)
-            if last is None:
-                last = self._last[key] = deque(maxlen=self._remembered.get(frame.can_id, 1))
-            last.append((sent.end_ns, frame))
+        most = self._remembered.get(frame.can_id)
+        if most is None or not frame.data:
+            return
+        key = (sent.bus, frame.can_id, frame.data[0])
+        last = self._last.get(key)
+        if last is None:
+            last = self._last[key] = deque(maxlen=most)
+        last.append((sent.end_ns, frame))
 
     def state(self, node: int, t_ns: int, page: StatePage0) -> None:
         """A PE says which epoch it follows."""
@@ -89,6 +96,17 @@ class FreshnessCheck:
         elif not any(_said(last, driven.t_ns - oldest_ns, datum.value) for last in heard):
             story = f"{by_what}, but node {node} has sent no {datum.value!r} lately"
             self.violations.append(Violation(driven.t_ns, "foreign", story))
+
+
+def _inputs_of_drivers(spec: Spec) -> set[str]:
+    """Variables that are read by what drives an actuator, or is a branch of a DEMUX."""
+    branches = {branch for demux in spec.demuxes.values() for branch in demux.branches}
+    drivers = [m for m in spec.modules.values() if m.name in branches or _drives(spec, m.device)]
+    return {term.variable for m in drivers for mode in m.modes.values() for _, term in mode.leaves()}
+
+
+def _drives(spec: Spec, device: str | None) -> bool:
+    return device is not None and spec.devices[device].kind == "actuator"
 
 
 def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:

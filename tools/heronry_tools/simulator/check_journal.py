@@ -62,6 +62,7 @@ class JournalCheck:
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first
+        self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
 
     def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
         """A manager, known by its station, was heard."""
@@ -82,7 +83,13 @@ class JournalCheck:
 
     def _memory(self, manager: str) -> Memory | None:
         data = self._read(manager)
-        return None if data is None else recovered(data)[0]
+        if data is None:
+            return None
+        read, memory = self._last_read.get(manager, (b"", None))
+        if memory is None or read != data:
+            memory, _ = recovered(data)
+            self._last_read[manager] = data, memory
+        return memory
 
     def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]

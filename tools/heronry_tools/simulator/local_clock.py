@@ -35,10 +35,8 @@ class LocalClock:
         """Virtual instant at which this clock shows at least `local_ns`, if it does not jump."""
         if not self._ppm:
             return local_ns - self._ahead_ns
-        elapsed_ns = (local_ns - self._ahead_ns - self._since_ns) * _MILLION // (_MILLION + self._ppm)
-        while elapsed_ns + elapsed_ns * self._ppm // _MILLION < local_ns - self._ahead_ns - self._since_ns:
-            elapsed_ns += 1
-        return self._since_ns + elapsed_ns
+        passed_ns, tick = local_ns - self._ahead_ns - self._since_ns, _MILLION + self._ppm
+        return self._since_ns + passed_ns // tick * _MILLION + (passed_ns % tick * _MILLION + tick - 1) // tick
 
     def jump(self, ahead_ns: int) -> None:
         """Show `ahead_ns` more from now on."""

@@ -14,6 +14,9 @@ A named tuple becomes such a class where that is asked for. It can then no longe
 does, mypy refuses the copy, which it sees first. Equality, hash, `repr` and matching are still those of a dataclass.
 That nobody changes a frozen value has been checked in the source.
 
+What is made often is also told to be acyclic, since a value that never changes and holds values cannot lead back to
+itself: the garbage collector need not know of it. And the one that was thrown away last is taken for the next.
+
 A name in capitals that a module gives a value once is `Final`: mypyc looks up all others by name, each time.
 
 A class that others may derive from, in Python, is told to mypyc as such; so is an error, which stays Python.
@@ -27,8 +30,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 _CONSTANT = re.compile("_?[A-Z][A-Z0-9_]+")
-_DATACLASS = "import dataclasses as _dataclasses\nimport typing as _typing\n@_dataclasses.dataclass({})"
+_DATACLASS = "import dataclasses as _dataclasses\nimport typing as _typing\n{}@_dataclasses.dataclass({})"
 _ATTRIBUTE = "import mypy_extensions as _mypy\n@_mypy.mypyc_attr({})"
+_MADE_OFTEN = _ATTRIBUTE.format("acyclic=True, free_list_len=1") + "\n"
 _REPLACE = """
     def _replace(self, **changes: _typing.Any) -> "{0}":
         return _dataclasses.replace(self, **changes)"""
@@ -58,8 +62,8 @@ class _Field:
         return f"self.{self.name} = " + (f"{made} if {self.name} is None else {self.name}" if self.is_given else made)
 
 
-def with_native_classes(source: str, tuples: Collection[str] = (), bases: Collection[str] = ()) -> str:
-    """Give the source of a module with constructors in its dataclasses, and in the named tuples of these names.
+def with_native_classes(source: str, often: Collection[str] = (), bases: Collection[str] = ()) -> str:
+    """Give the source of a module with constructors in its dataclasses, and in the named tuples that are made `often`.
 
     bases: classes that others may derive from.
     """
@@ -68,7 +72,7 @@ def with_native_classes(source: str, tuples: Collection[str] = (), bases: Collec
         if isinstance(node, ast.Assign | ast.AnnAssign):
             _make_final(node, lines)
         if isinstance(node, ast.ClassDef):
-            _rewrite(node, lines, tuples)
+            _rewrite(node, lines, often)
             if node.name in bases:
                 lines.insert(_first(node) - 1, _ATTRIBUTE.format("allow_interpreted_subclasses=True"))
             if any(ast.unparse(base).endswith("Error") for base in node.bases):
@@ -93,9 +97,9 @@ def _make_final(node: ast.Assign | ast.AnnAssign, lines: list[str]) -> None:
     lines.insert(node.lineno - 1, "import typing as _typing")
 
 
-def _rewrite(node: ast.ClassDef, lines: list[str], tuples: Collection[str]) -> None:
+def _rewrite(node: ast.ClassDef, lines: list[str], often: Collection[str]) -> None:
     """Rewrite a class, its end first: what comes before stays where it is."""
-    is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in tuples
+    is_tuple = [*map(ast.unparse, node.bases)] == ["NamedTuple"] and node.name in often
     words = {"unsafe_hash": "True"} if is_tuple else _words(node)
     fields = None if words is None else _fields(node)
     if words is None or fields is None:
@@ -106,7 +110,8 @@ def _rewrite(node: ast.ClassDef, lines: list[str], tuples: Collection[str]) -> N
     if is_tuple:
         lines[node.lineno - 1] = f"class {node.name}:"
     said = ", ".join(f"{word}={value}" for word, value in (words | {"init": "False"}).items())
-    lines[_first(node) - 1 : node.lineno - 1] = _DATACLASS.format(said).splitlines()
+    above = _DATACLASS.format(_MADE_OFTEN if node.name in often else "", said)
+    lines[_first(node) - 1 : node.lineno - 1] = above.splitlines()
 
 
 def _first(node: ast.ClassDef) -> int:
