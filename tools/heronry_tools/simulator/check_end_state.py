@@ -19,7 +19,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_tools.simulator.check_epochs import LastState
 from heronry_tools.simulator.commanded import Epoch
-from heronry_tools.simulator.planning import best_plan
+from heronry_tools.simulator.planning import best_at_all
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import PATIENCE_PERIODS, Witness
 from heronry_wire.identifiers import state_id
@@ -77,13 +77,13 @@ def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tupl
     if current is None or current.configuration is None:
         return
     is_worth = score(spec, truth, current.configuration, None).key()[:_JUDGED_LEVELS]
-    could_be = best_plan(spec, truth, None).objective.key()[:_JUDGED_LEVELS]
+    could_be = best_at_all(spec, truth).objective.key()[:_JUDGED_LEVELS]
     if is_worth < could_be:
         yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
 
 
 def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> Iterator[tuple[str, str]]:
-    possible = best_plan(spec, truth, None)
+    possible = best_at_all(spec, truth)
     for index, criticality in enumerate(CRITICAL_CLASSES):
         functions = [f for f in spec.functions.values() if f.criticality_in(truth.phase) == criticality]
         heard = [f.name for f in functions if witness.served(f.name, now_ns)]

@@ -37,9 +37,7 @@ class FreshnessCheck:
         self._identifiers = identifiers(spec)
         driving = _inputs_of_drivers(spec)
         self._remembered = {
-            number: _fresh_frames(spec, *source)
-            for source, number in self._identifiers.items()
-            if source[1] in driving
+            number: _fresh_frames(spec, *source) for source, number in self._identifiers.items() if source[1] in driving
         }
         self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
@@ -83,19 +81,20 @@ class FreshnessCheck:
                 self._judge(driven, (wire.producer, variable), datum, self._node_of[origin])
 
     def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
-        producer, variable = source
-        identifier = self._identifiers[source]
+        identifier, since_ns = self._identifiers[source], driven.t_ns - self._oldest_ns[source]
         buses = self._spec.pes[driven.pe].buses
         heard = [last for bus in buses if (last := self._last.get((bus, identifier, node)))]
-        last_ns = max((last[-1][0] for last in heard), default=None)
-        oldest_ns = self._oldest_ns[source]
-        by_what = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}"
-        if last_ns is None or driven.t_ns - last_ns > oldest_ns:
+        if not any(last[-1][0] >= since_ns for last in heard):
+            last_ns = max((last[-1][0] for last in heard), default=None)
             age = "never" if last_ns is None else f"{(driven.t_ns - last_ns) / 1e6:.1f} ms ago"
-            self.violations.append(Violation(driven.t_ns, "freshness", f"{by_what}, last heard {age}"))
-        elif not any(_said(last, driven.t_ns - oldest_ns, datum.value) for last in heard):
-            story = f"{by_what}, but node {node} has sent no {datum.value!r} lately"
-            self.violations.append(Violation(driven.t_ns, "foreign", story))
+            self._tell(driven, "freshness", source, f"last heard {age}")
+        elif not any(_said(last, since_ns, datum.value) for last in heard):
+            self._tell(driven, "foreign", source, f"but node {node} has sent no {datum.value!r} lately")
+
+    def _tell(self, driven: Driven, rule: str, source: tuple[str, str], what: str) -> None:
+        producer, variable = source
+        story = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}, {what}"
+        self.violations.append(Violation(driven.t_ns, rule, story))
 
 
 def _inputs_of_drivers(spec: Spec) -> set[str]:

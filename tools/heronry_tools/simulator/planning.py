@@ -1,8 +1,9 @@
 """Plans for simulated managers, and the same for the judge of a run: what could be served, if all were known.
 
-Thousands of runs ask few different questions, so an answer is kept for as long as the process lives. A plan depends on
-the spec, the situation and what runs, and on nothing else; keeping it changes no run. Every plan has passed the judge,
-as it has in flight.
+An answer is kept for as long as the process lives. A plan depends on the spec, the situation and what runs, and on
+nothing else; keeping it changes no run. Every plan has passed the judge, as it has in flight. What could be served at
+best does not depend on what runs (that comes at level 4): who judges is content with any plan for the situation that is
+proven to be the best one.
 
 Who plans: by default every answer is the best plan, as if all had been foreseen. `AT_ONCE` is what happens to what was
 not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver. With contingencies on board
@@ -23,8 +24,7 @@ from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.contingencies import Contingencies, contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
-from heronry_manager.planner.exact import plan
-from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Scope
 from heronry_manager.vocabulary import RequestPlan
@@ -32,11 +32,11 @@ from heronry_tools.campaign.sweeping import sweep
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import require
 
-_Key = tuple[
-    str, frozenset[str], frozenset[tuple[str, Fraction]], str | None, frozenset[tuple[str, tuple[str, str]]] | None
-]
+_Asked = tuple[str, frozenset[str], frozenset[tuple[str, Fraction]], str | None]  # spec and situation
+_Key = tuple[_Asked, frozenset[tuple[str, tuple[str, str]]] | str | None]
+_WHATEVER = "whatever runs"  # in the place of what runs: any plan for the situation that is proven to be the best
 KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
-_GREEDY: dict[str, Greedy] = {}  # by digest of the spec
+_PLANNERS: dict[str, Planner] = {}  # by digest of the spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,27 +94,44 @@ class Planners(Enum):
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Give the best legal plan; raises InvariantError where the judge refuses the planner's own."""
-    runs = None if running is None else frozenset(running.items())
-    key = (spec.digest, now.down, frozenset(now.limits.items()), now.phase, runs)
+    asked = _asked(spec, now)
+    key: _Key = (asked, None if running is None else frozenset(running.items()))
     known = KNOWN_PLANS.get(key)
     if known is None:
-        known = plan(spec, now, running)
+        known = _planner(spec).plan(now, running)
         refusals = verify(spec, now, known.configuration)
         require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
         KNOWN_PLANS[key] = known
+        if known.optimal:
+            KNOWN_PLANS.setdefault((asked, _WHATEVER), known)
     return known
+
+
+def best_at_all(spec: Spec, now: Situation) -> Plan:
+    """Give some plan that is the best at levels 1 to 3, whatever runs: for judges."""
+    known = KNOWN_PLANS.get((_asked(spec, now), _WHATEVER))
+    return best_plan(spec, now, None) if known is None else known
 
 
 def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Give the greedy plan; raises InvariantError where the judge refuses it."""
-    if spec.digest not in _GREEDY:
-        _GREEDY[spec.digest] = Greedy(spec)
-    found = _GREEDY[spec.digest].plan(now, running)
+    found = _planner(spec).at_once(now, running)
     refusals = verify(spec, now, found.configuration)
     require(not refusals, "the greedy plan for {} is not legal: {}", sorted(now.down), refusals)
     return found
 
 
+def _asked(spec: Spec, now: Situation) -> _Asked:
+    return spec.digest, now.down, frozenset(now.limits.items()), now.phase
+
+
+def _planner(spec: Spec) -> Planner:
+    """Give the planner of a spec, warm."""
+    if spec.digest not in _PLANNERS:
+        _PLANNERS[spec.digest] = Planner(spec)
+    return _PLANNERS[spec.digest]
+
+
 def plans_known() -> int:
     """Count the questions that have been answered in this process."""
-    return len(KNOWN_PLANS)
+    return sum(runs != _WHATEVER for _, runs in KNOWN_PLANS)
