@@ -1,7 +1,7 @@
 # What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test coverage lint clean
+.PHONY: help demo test flights coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -16,6 +16,7 @@ help:
 	@echo '  make demo      watch an aircraft lose processors and keep flying (first time: installs into .venv)'
 	@echo '                 options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
 	@echo '  make test      all tests: ordinary ones, live processes, and a real SocketCAN vcan0'
+	@echo '  make flights   200 simulated flights that nobody has flown yet: one that goes wrong prints what replays it'
 	@echo '  make coverage  the ordinary ones again, and which branches of the code they miss'
 	@echo '  make lint      style, types, and which room may import which'
 	@echo '  make clean     remove .venv and everything that tools left in this folder'
@@ -32,6 +33,9 @@ test: .venv/ready-to-test
 	tools/with-vcan --timeout 900 $(PYTEST) -m vcan
 
 # By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
+flights: .venv/ready-to-test
+	.venv/bin/heronry sim elevator_and_chute --seed $$(date +%s) --runs 200 --seconds 2 --jobs 0
+
 coverage: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2 --cov
 	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m heronry_tools.mutation.flight_code)"

@@ -143,6 +143,7 @@ class Reconfiguration:
 
     def __post_init__(self) -> None:
         """Send PREPARE, and slices where need be; an epoch that is DONE, because it was adopted, needs neither."""
+        self.step = _STEP_OF[self.stage]  # that LEASE repeats
         self.times = Times(self.started_ns)
         self.must_break: set[str] = set()
         self.identifiers_free_ns: int | None = None  # BREAKING waits until then
@@ -162,11 +163,6 @@ class Reconfiguration:
             self._send_prepare()
             for progress in self._progress.values():
                 self._ask(progress, self.started_ns)
-
-    @property
-    def step(self) -> Step:
-        """Step that LEASE repeats."""
-        return _STEP_OF[self.stage]
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
         """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
@@ -241,11 +237,11 @@ class Reconfiguration:
 
     def finish(self) -> None:
         """Everybody awaited is active."""
-        self.stage = Stage.DONE
+        self._stand_at(Stage.DONE)
 
     def abandon(self) -> None:
         """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
-        self.stage = Stage.ABANDONED
+        self._stand_at(Stage.ABANDONED)
         self._paced.clear()
         self._progress.clear()
 
@@ -281,11 +277,15 @@ class Reconfiguration:
 
     def _enter(self, stage: Stage, now_ns: int) -> None:
         """Take a step: everybody owes it from now on."""
-        self.stage, self._broadcast_ns = stage, now_ns
+        self._stand_at(stage)
+        self._broadcast_ns = now_ns
         for progress in self._progress.values():
             progress.owes(now_ns)
             progress.asked_times = 1
         self._send_step()
+
+    def _stand_at(self, stage: Stage) -> None:
+        self.stage, self.step = stage, _STEP_OF[stage]
 
     def _waiting_for(self) -> dict[str, _Progress]:
         wanted = self.step

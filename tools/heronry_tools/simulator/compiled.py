@@ -84,7 +84,7 @@ _COMPILER = {
 }
 _TOLD = 2000  # characters of a compiler's last words
 _KEPT_S = 30 * 86_400
-_NOTE = "compiling the simulator, once for these sources: this takes some minutes"
+_NOTE = "compiling the simulator, once for these sources: this takes a minute or two"
 
 
 def is_compiled() -> bool:
