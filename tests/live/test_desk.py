@@ -12,21 +12,24 @@ from pathlib import Path
 
 import pytest
 
+from live.slow_spec import slow_spec
+
 ROOT = Path(__file__).resolve().parents[2]
 DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "deployment"
 PATIENCE_S = 240
 END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: who still writes keeps the pipe open
 
 
-def steps() -> list[str]:
-    """The lines of the page's sh blocks but those that install."""
+def steps(spec: str) -> list[str]:
+    """The lines of the page's sh blocks but those that install, with another spec in the place of theirs."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", (ROOT / "docs" / "desk.md").read_text(), re.MULTILINE | re.DOTALL)
-    return [line for block in blocks[1:] for line in block.splitlines()]
+    return [line.replace("elevator_and_chute", spec) for block in blocks[1:] for line in block.splitlines()]
 
 
 @pytest.mark.vcan
 @pytest.mark.skipif(os.geteuid() != 0 or shutil.which("ip") is None, reason="making an interface needs root and ip(8)")
 def test_the_desk_page_ends_in_a_green_doctor(tmp_path: Path) -> None:
+    spec = slow_spec("elevator_and_chute", tmp_path, heartbeat_ms=500, rates_divided_by=4)  # for a user-mode Linux
     subprocess.run(["ip", "link", "del", "vcan0"], check=True)  # the page makes its own
     script = subprocess.Popen(
         ["bash", "-e"],
@@ -44,7 +47,7 @@ def test_the_desk_page_ends_in_a_green_doctor(tmp_path: Path) -> None:
         process_group=0,
     )
     try:
-        said, _ = script.communicate("\n".join([END_ALL, *steps()]), timeout=PATIENCE_S)
+        said, _ = script.communicate("\n".join([END_ALL, *steps(str(spec))]), timeout=PATIENCE_S)
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(script.pid, signal.SIGKILL)

@@ -69,7 +69,7 @@ class Hubs:
 class Vcans:
     """vcan0 and vcan1; a wire that is pulled is an interface that is down."""
 
-    heartbeat_ms = 1000
+    heartbeat_ms = 500
 
     def __init__(self, _: Path) -> None:
         self.named = ("socketcan", "vcan0,vcan1", None)
