@@ -1,7 +1,7 @@
 # What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test flights coverage lint clean
+.PHONY: help demo test coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -15,8 +15,7 @@ help:
 	@echo
 	@echo '  make demo      watch an aircraft lose processors and keep flying (first time: installs into .venv)'
 	@echo '                 options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
-	@echo '  make test      all tests: ordinary ones, live processes, and a real SocketCAN vcan0'
-	@echo '  make flights   200 simulated flights that nobody has flown yet: one that goes wrong prints what replays it'
+	@echo '  make test      all tests: ordinary ones, live processes, a real SocketCAN vcan0, and flights of fresh seeds'
 	@echo '  make coverage  the ordinary ones again, and which branches of the code they miss'
 	@echo '  make lint      style, types, and which room may import which'
 	@echo '  make clean     remove .venv and everything that tools left in this folder'
@@ -26,16 +25,15 @@ help:
 demo: .venv/ready-to-run
 	@.venv/bin/heronry demo $(ARGS)
 
-# Three runs: in parallel what computes, one by one what starts processes, and on a CAN bus what needs one.
+# Three runs: in parallel what computes, one by one what starts processes, and on a CAN bus what needs one. Then flights
+# that nobody has flown yet: one that goes wrong prints what replays it.
 test: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2
 	$(PYTEST) -m 'live and not vcan'
 	tools/with-vcan --timeout 900 $(PYTEST) -m vcan
-
-# By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
-flights: .venv/ready-to-test
 	.venv/bin/heronry sim elevator_and_chute --seed $$(date +%s) --runs 200 --seconds 2 --jobs 0
 
+# By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
 coverage: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2 --cov
 	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m heronry_tools.mutation.flight_code)"
