@@ -88,11 +88,10 @@ class Campaign:
         way = self._random.choices(_WAYS, _WEIGHTS)[0]
         pe = self._random.choice(sorted(self._counted_on) or sorted(self._agents))
         own = {pid for pid, (agent, _) in before.items() if agent == self._agents[pe]}
-        struck: set[int] = set()
-        if way == "agent killed":
-            struck = own
+        if way == "agent killed" or not own:
+            way, struck = "agent killed", own
             self.became[way, self._kill_agent(pe)] += 1
-        elif own:
+        else:
             working = {pid for pid in own if self._works(pe, before[pid][1])}
             spare = self._random.random() < _SPARES or not working
             victim = self._random.choice(sorted(own if spare else working))
