@@ -25,7 +25,7 @@ from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Epoch, elements_by_kind
-from heronry_tools.simulator.planning import best_at_all
+from heronry_tools.simulator.planning import critical_at_best
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
@@ -95,7 +95,7 @@ class ServiceCheck:
         absent = {f"pe:{pe}" for pe, node in self._node_of.items() if not epoch.has(node)}
         now = Situation(frozenset(absent | self._acknowledged.keys()), self._limits(t_ns), phase)
         served = score(self._spec, now, epoch.configuration, None).critical
-        possible = best_at_all(self._spec, now).objective.critical
+        possible = critical_at_best(self._spec, now)
         if served < possible:
             story = (
                 f"epoch {epoch.number} serves {served} by criticality, and {possible} could be with {sorted(absent)}"
@@ -141,7 +141,7 @@ class ServiceCheck:
         if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):
             return False
         last = CRITICAL_CLASSES.index(criticality)
-        possible = best_at_all(self._spec, now).objective.critical
+        possible = critical_at_best(self._spec, now)
         return all(
             possible[i] == sum(f.priority_in(now.phase) for f in functions if f.criticality_in(now.phase) == one)
             for i, one in enumerate(CRITICAL_CLASSES[: last + 1])

@@ -36,6 +36,7 @@ _Asked = tuple[str, frozenset[str], frozenset[tuple[str, Fraction]], str | None]
 _Key = tuple[_Asked, frozenset[tuple[str, tuple[str, str]]] | str | None]
 _WHATEVER = "whatever runs"  # in the place of what runs: any plan for the situation that is proven to be the best
 KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
+_CRITICAL: dict[_Asked, tuple[int, ...]] = {}  # what could be served at best, where that alone was asked for
 _PLANNERS: dict[str, Planner] = {}  # by digest of the spec
 
 
@@ -119,6 +120,20 @@ def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     refusals = verify(spec, now, found.configuration)
     require(not refusals, "the greedy plan for {} is not legal: {}", sorted(now.down), refusals)
     return found
+
+
+def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
+    """Give what could be served at best by criticality (level 1): for a judge who wants to know no more."""
+    asked = _asked(spec, now)
+    known = KNOWN_PLANS.get((asked, _WHATEVER))
+    if known is not None:
+        return known.objective.critical
+    if asked not in _CRITICAL:
+        search = _planner(spec).serve(now)
+        refusals = verify(spec, now, search.best)
+        require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
+        _CRITICAL[asked] = search.objective.critical
+    return _CRITICAL[asked]
 
 
 def _asked(spec: Spec, now: Situation) -> _Asked:
