@@ -208,7 +208,7 @@ class Authenticity:
             case StatePage2(nonce=nonce):
                 if nonce not in peer.nonces:
                     peer.nonces.append(nonce)
-            case StatePage3():
+            case _:
                 self._told(pe, peer, page)
         return page
 

@@ -230,9 +230,9 @@ class ManagerCore:
                 self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
-            case JournalTold(problem):  # pragma: no branch - nothing else is left
+            case JournalTold(problem):
                 self._journal_told(problem)
-            case ChannelsLost(channels):
+            case ChannelsLost(channels):  # pragma: no branch - nothing else is left
                 self._situation.channels.own(channels)
         if self._reign is Reign.STANDBY and self._following.is_orphaned():
             self._follow_up()

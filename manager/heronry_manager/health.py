@@ -206,9 +206,8 @@ class Health:
         if self._window_closes_ns is None:
             return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
-        if waiting:
-            longest_ns = max(r.period_ns * (r.misses + 1) for r in waiting)
-            self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
+        longest_ns = max((r.period_ns * (r.misses + 1) for r in waiting), default=0)
+        self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
         """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""

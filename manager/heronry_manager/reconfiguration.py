@@ -323,9 +323,7 @@ class Reconfiguration:
             frame = self._paced.popleft()
             self.outbox.append(frame)
             self._next_paced_ns += self._gap_ns
-            progress = self._by_node.get(frame.node)
-            if progress is not None:
-                progress.asked_ns = now_ns  # its answer is due from its last frame on
+            self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
 
     def _may_repeat(self, now_ns: int) -> bool:
         """Tell whether what is for everybody may be said again, and note that it will be."""

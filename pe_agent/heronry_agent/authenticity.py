@@ -86,7 +86,7 @@ class Authenticity:
         self._handlers: dict[tuple[int, Command], Handler] = {}
         self._state_id = state_id(index.node)
         self._sessions: dict[int, Session] = {}  # by manager
-        self._first_beat: int | None = None  # number of the session's first page 0, rounded down to a whole 256
+        self._first_beat: int | None  # number of the session's first page 0, rounded down to a whole 256
         self._nonce, self._drawn, self._drawn_ns = NO_NONCE, 0, turn.now_ns
         self._asked_ns: int | None = None
         self._believed_ns = turn.now_ns  # when a command was last believed

@@ -7,11 +7,13 @@ from heronry_tools.drill.manager_under_test import PERIOD_NS, ManagerUnderTest, 
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
 from heronry_wire.command_tags import CommandSigner
+from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     TAG,
     WELCOME_KIND,
+    Activate,
     Alive,
     Control,
     ElementKind,
@@ -22,6 +24,9 @@ from heronry_wire.management import (
     PeFlags,
     PeState,
     Ping,
+    Prepare,
+    SliceBody,
+    SliceHead,
     StatePage1,
     StatePage2,
     StatePage3,
@@ -146,6 +151,10 @@ def of_a_deposed_manager_it_believes_nothing() -> None:
     manager.main.command(Control(3, 0, Operation.CLEAR, ElementKind.DEVICE, 1), manager=126)
     manager.run(30)
     equal([one["element"] for one in manager.told("fault_cleared")], ["device:elevator_servo_1"], "faults cleared")
+    for operation in (Operation.HOLDS, Operation.CLEAR):
+        manager.main.command(Control(3, 0, operation, ElementKind.MODULE, 0), manager=126)
+        manager.run(5)
+    equal(len(manager.told("fault_cleared")), 2, "faults cleared")
     reply = manager.obey(FailElement("pe:flight"))
     demand(not reply.done and "126" in reply.sentence, "who stands by obeys an order")
     status = manager.obey(AskStatus()).status
@@ -182,6 +191,27 @@ def what_it_has_overheard_is_adopted() -> None:
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
     equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
+
+
+def what_is_no_configuration_is_not_remembered() -> None:
+    """Slices with the digest that was announced, and nothing in them that this spec has."""
+    manager, reigning = _standing_by()
+    body = b"\x01\x7f\x00"
+    digest = slice_digest(manager.spec.digest, body)
+    for number, wanted in enumerate((digest, digest + 1)):
+        epoch = 40 + number
+        heads = [SliceHead(node, epoch, len(body), wanted) for node in sorted(_ALL)]
+        bodies = [SliceBody(node, epoch, 1, body) for node in sorted(_ALL)]
+        manager.main.command(Prepare(1, epoch, 0x77), *heads, *bodies, manager=126)
+        manager.run(10)
+        manager.main.command(Activate(1, epoch, Step.GO_ALL, 0x77), manager=126)
+        manager.run(30)
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(400)
+    equal(manager.told("adopted"), [], "adopted")
+    demand(bool(manager.said(Prepare)), "it does not plan anew")
 
 
 def who_reigns_stands_by_before_a_higher_term() -> None:
@@ -444,6 +474,7 @@ DRILLS = (
     where_nobody_reigns_127_lets_126_go_first,
     of_a_deposed_manager_it_believes_nothing,
     what_it_has_overheard_is_adopted,
+    what_is_no_configuration_is_not_remembered,
     who_reigns_stands_by_before_a_higher_term,
     every_command_is_tagged,
     a_state_counts_when_it_is_proven,

@@ -3,13 +3,15 @@
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_dg.situation import hosts_when_all_is_up
+from heronry_dg.situation import Situation, hosts_when_all_is_up
 from heronry_dg.traffic import identifiers
 from heronry_manager.compilation import Compiler
+from heronry_manager.memory import Latched
 from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
 from heronry_tools.drill.manager_under_test import ManagerUnderTest, example
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_tools.simulator.disk import Disk
+from heronry_tools.simulator.planning import best_plan
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.identifiers import GATEWAY_IDS
@@ -76,8 +78,13 @@ def the_status_tells_of_radios_and_phases() -> None:
 
 def a_lost_channel_is_told_of() -> None:
     """Once, until it is back, or until nobody has told of it for three and a half seconds."""
-    manager = ManagerUnderTest(example("replicated_bus")).flies()
+    manager = ManagerUnderTest(example("replicated_bus"))
     pe = next(iter(manager.pes))
+    manager.run(50)
+    manager.emergency(pe, ElementKind.CHANNEL, 0, 1, FaultCode.CHANNEL_LOST)
+    manager.run(5)
+    equal(manager.told("channel_lost"), [], "channels lost that a manager tells of which still listens")
+    manager.flies()
     bus = manager.spec.manager.bus
     asked = len(manager.asked())
 
@@ -157,6 +164,29 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     demand(f"pe:{failed}" in manager.asked()[-1].down, "who was failed is planned with")
     demand(all(manager.pes[failed].node not in alive.nodes for _, alive in manager.said(Alive)), "it is counted on")
     equal(_status(manager)["phase"], phases[1], "phase in the status")
+
+
+def what_is_cleared_at_a_restart_is_started() -> None:
+    """A module that its PE has stopped, cleared while the new reign still waits for somebody: an epoch follows."""
+    first = ManagerUnderTest(example("radio_link"))
+    first.run(1500)
+    running = best_plan(first.spec, Situation(), None).configuration.modules
+    name = next(module for module, one in running.items() if first.pes[one.pe].name == "nav")
+    for clears in (False, True):
+        disk = _copy(first)
+        disk.opened()
+        disk.write(Latched(f"module:{name}", "nav", "MODULE_EXCEPTION", 0), 0)
+        manager = ManagerUnderTest(first.spec, disk=disk)
+        for pe in first.pes.values():
+            played = manager.pes[pe.name]
+            played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+        manager.pes["ground"].speaks = False
+        manager.run(300)
+        if clears:
+            equal(manager.asked(), [], "plans asked for while somebody is waited for")
+            demand(manager.obey(ClearElement(f"module:{name}")).done, "it cannot be cleared")
+        manager.run(2000)
+        demand(bool(manager.said(Prepare)), "no epoch follows")
 
 
 def a_restart_remembers_what_was_cleared() -> None:
@@ -279,6 +309,7 @@ DRILLS = (
     a_lost_channel_is_told_of,
     a_restart_goes_on_with_what_runs,
     a_restart_remembers_the_phase_and_who_was_failed,
+    what_is_cleared_at_a_restart_is_started,
     a_restart_remembers_what_was_cleared,
     a_plan_that_fits_a_smaller_radio_is_kept,
     tables_say_what_the_spec_says,
