@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 from heronry_manager.memory import Memory
+from heronry_manager.vocabulary import ClearElement
 from heronry_tools.drill.manager_under_test import (
     LEASE_NS,
     PERIOD_NS,
@@ -205,6 +206,28 @@ def who_comes_back_is_held_down() -> None:
     demand(last_ns < gap_ns, "time goes on")
 
 
+def who_is_cleared_waits_for_the_shortest_time() -> None:
+    """A PE in quarantine that the operator clears joins after ten periods, and is told of."""
+    manager = ManagerUnderTest().flies()
+    tail = manager.pes["tail_b"]
+    for hold_ms in (200, 400):
+        _silence(manager, "tail_b")
+        manager.run(100)
+        tail.speaks = True
+        manager.run(hold_ms + 60)
+    equal(len(manager.told("pe_joined")), 5, "who has joined: three, and one of them twice again")
+    _silence(manager, "tail_b")
+    manager.run(100)
+    tail.speaks = True
+    manager.run(50)
+    demand(manager.obey(ClearElement("pe:tail_b")).done, "who is in quarantine cannot be cleared")
+    manager.run(120)
+    demand("tail_b" not in manager.counts_on(), "who was cleared is back at once")
+    manager.run(90)
+    demand("tail_b" in manager.counts_on(), "who was cleared waits on")
+    demand(not manager.obey(ClearElement("pe:tail_b")).done, "who is counted on is cleared")
+
+
 def losses_are_forgiven_after_a_minute() -> None:
     """Of being counted on: then the next hold-down is the shortest again."""
     manager = ManagerUnderTest().flies()
@@ -355,6 +378,7 @@ DRILLS = (
     who_is_late_is_asked_and_who_is_silent_is_lost,
     who_answers_in_time_stays,
     who_comes_back_is_held_down,
+    who_is_cleared_waits_for_the_shortest_time,
     losses_are_forgiven_after_a_minute,
     the_longest_hold_down_is_a_minute,
     a_reboot_is_a_loss,

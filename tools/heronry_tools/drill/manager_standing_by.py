@@ -409,6 +409,28 @@ def the_lock_is_opened_by_order() -> None:
     equal(said, [(94, 30)], "UNLOCKs")
 
 
+def what_a_pe_refuses_is_told() -> None:
+    """Once a second while it rises, and in the status; less than before is a restart, and no news."""
+    manager, _ = _keyed()
+    manager.run(800)
+
+    def says(unproven: int, other: int) -> int:
+        began_ns = manager.now_ns
+        page = StatePage3(PeState.ACTIVE, PeFlags.HEARS_LEASE, manager.lease().digest, unproven, other)
+        manager.main.say(Frame(state_id(94), page.encode()))
+        manager.run(5)
+        return len(manager.told("commands_refused", began_ns))
+
+    equal([says(5, 0), says(5, 2), says(6, 2)], [1, 0, 0], "news within a second")
+    manager.run(1000)
+    equal([says(6, 2), says(7, 2), says(0, 0)], [1, 0, 0], "news after a second")
+    manager.run(1000)
+    equal(says(0, 3), 1, "news after a restart")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["pes"]["tail_b"]["authentic"]["refused_commands"], 3, "commands that it has refused")
+
+
 def lost_states_cost_nothing() -> None:
     """While nobody guesses, the next one counts, however many were lost before it."""
     manager, provers = _keyed()
@@ -465,6 +487,7 @@ def who_advises_follows_no_more_than_is_known() -> None:
 
 
 DRILLS = (
+    what_a_pe_refuses_is_told,
     lost_states_cost_nothing,
     what_it_has_said_itself_is_nobody_else,
     who_advises_follows_no_more_than_is_known,

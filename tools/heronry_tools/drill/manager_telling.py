@@ -287,6 +287,10 @@ def _judge_table(spec: Spec, pe: str) -> None:
 def its_events_tell_the_story() -> None:
     """Of a reconfiguration from the loss on, in order, with its causes and times."""
     manager = ManagerUnderTest().flies()
+    manager.pes["tail_b"].speaks = False  # without which all goes on: no cause of what comes later
+    manager.run(300)
+    manager.pes["tail_b"].speaks = True
+    manager.run(400)
     manager.pes["tail_a"].speaks = False
     began_ns = manager.run(400)
     kinds = [one["event"] for one in manager.events if one["t_ns"] > began_ns]

@@ -184,6 +184,7 @@ class _Beyond:
     def __init__(self, pe: PeUnderTest) -> None:
         self.speaks, self.skips = True, 0
         self.beside: tuple[Frame, ...] = ()  # what it says beside its page 0
+        self.said_ns = 0
         self._pe, self._sequence = pe, 0
         self._beat()
 
@@ -195,6 +196,7 @@ class _Beyond:
             page = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, self._sequence % 256, 0)
             self._pe.far.say(Frame(state_id(FAR), page.encode()))
             self._pe.far.say(*self.beside)
+            self.said_ns = self._pe.now_ns
         self._pe.clock.at(self._pe.now_ns + 25 * MS, self._beat)
 
 
@@ -260,12 +262,12 @@ def a_radio_that_is_silent_is_gone() -> None:
     pe.attended()
     pe.run(2000)
     beyond.speaks = False
-    last_ns = pe.far.bus.frames and pe.now_ns
+    last_ns = beyond.said_ns + 1_350_000  # when its last frame had come
     began_ns = pe.run(700)
     gone = [(t_ns, one) for t_ns, one in _reports(pe, began_ns) if one.state is LinkState.GONE]
     demand(bool(gone), "a radio that is silent is not gone")
     after_ms = (gone[0][0] - last_ns) / MS
-    demand(380 < after_ms < 416, f"a radio that is silent is gone after {after_ms} ms")
+    demand(411.4 < after_ms < 414.5, f"a radio that is silent is gone after {after_ms} ms")
     equal({one.usable for _, one in gone}, {0}, "usable of a radio that is gone")
     beyond.speaks = True
     began_ns = pe.run(30)

@@ -335,6 +335,7 @@ def a_phase_s_rule_holds_for_its_time() -> None:
         (5.0, 60, [2]),
         (10.0, 400, []),
         (50.0, 400, []),
+        (10.0, 400, []),  # just not beyond
     ):
         heights["now"] = height
         began_ns = pe.run(ms)

@@ -249,6 +249,25 @@ def _watch(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
     return {}
 
 
+def a_datum_that_its_producer_does_not_trust_says_so() -> None:
+    """Validity: not stated, valid and degraded can be used; invalid, and not computed, are handed on as such."""
+    pe = _attended()
+    trusted: list[bool] = []
+
+    def look(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
+        trusted.extend(datum.valid for datum in inputs.values())
+        return {}
+
+    puppets.PULLED["lamp"] = look
+    pe.flies(Slice((_LAMP,), remote={DEMAND: NEIGHBOUR}))
+    for validity, is_trusted in enumerate((True, True, True, False, False)):
+        frame = datum(DEMAND_ID, 1.0)
+        pe.main.say(frame._replace(data=frame.data[:2] + bytes((validity << 4 | 1,)) + frame.data[3:]))
+        trusted.clear()
+        pe.run(100)
+        equal(set(trusted), {is_trusted}, f"trusted with validity {validity}")
+
+
 def what_another_node_may_send_is_taken_back() -> None:
     """Frames of a source that moves away, and has not been sent yet, are not sent after BREAK."""
     pe = _attended().flies()
@@ -425,6 +444,7 @@ DRILLS = (
     a_branch_that_ran_is_not_held,
     a_module_that_can_goes_on_in_another_mode,
     data_come_and_go_as_wired,
+    a_datum_that_its_producer_does_not_trust_says_so,
     what_another_node_may_send_is_taken_back,
     a_branch_needs_its_name_in_alive,
     a_branch_needs_somebody_to_be_heard,

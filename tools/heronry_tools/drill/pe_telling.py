@@ -22,7 +22,7 @@ from heronry_tools.drill.pe_under_test import (
     datum,
 )
 from heronry_tools.drill.player import MS, commanded, demand, equal
-from heronry_wire.canopen_objects import DEVICE_NAME, STORED_EDS
+from heronry_wire.canopen_objects import COUNTERS, DEVICE_NAME, STORED_EDS
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
@@ -172,6 +172,18 @@ def what_changes_is_noted() -> None:
     equal(len(pe.notes("clash")), 1, "notes of a clash")
 
 
+def releases_that_were_missed_are_counted() -> None:
+    """While the processor stands still: one of each module is made up for, the others are skipped."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
+    equal(pe.object(COUNTERS, 2), 0, "releases that were missed")
+    pe.pe.pause(210 * MS)
+    pe.run(300)
+    missed = pe.object(COUNTERS, 2)
+    demand(18 <= missed <= 20, f"in 210 ms two modules of 50 Hz have missed {missed} releases")
+
+
 def requests_by_sdo_wait_for_their_turn() -> None:
     """In flight each has a tenth of the bus; four wait, what more comes is counted and dropped."""
     pe = PeUnderTest().attended().flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
@@ -267,6 +279,7 @@ DRILLS = (
     what_it_does_not_obey_is_counted,
     what_is_held_back_is_counted,
     what_changes_is_noted,
+    releases_that_were_missed_are_counted,
     requests_by_sdo_wait_for_their_turn,
     an_echo_of_another_moves_the_world,
     a_step_that_changes_nothing_is_not_taken_back,
