@@ -344,6 +344,7 @@ class ManagerCore:
         now_ns = self._turn.now_ns
         if self._reign is Reign.LISTENING and self._listen_until_ns is None:
             self._begin()
+            self._health.in_flight(now_ns)  # it has reigned: who was down before it fell silent need not be waited for
             self._listen_until_ns = now_ns + self.lease_ns
         match page:
             case StatePage0():
