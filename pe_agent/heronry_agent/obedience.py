@@ -63,7 +63,7 @@ class Obedience:
     gateway: Gateway
     without_manager: WithoutManager
     authenticity: Authenticity | None
-    _settled_lease: bytes = b""  # of the reigning manager, with nothing in it that has not been done
+    _settled_lease: bytes | None = None  # of the reigning manager, with nothing in it that has not been done
     _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
 
     def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
@@ -82,7 +82,7 @@ class Obedience:
         before = self.reign.term
         if self.reign.admits(manager, term):
             if term != before:
-                self._settled_lease = b""
+                self._settled_lease = None
                 self.turn.note("term", f"manager {manager} reigns with term {term}")
                 if before != NO_TERM:
                     self.modules.new_reign()
@@ -108,7 +108,7 @@ class Obedience:
             self._leased(event)
             self._take(message)
             if self.reconfiguration.is_at(message.epoch, message.digest):
-                self._settled_lease = data
+                self._settled_lease = data if message.step is Step.GO_ALL else None
                 self.without_manager.named()
 
     def _leased(self, event: Received) -> None:
@@ -180,11 +180,12 @@ class Obedience:
             return self.permission.contradicted()
         else:
             return self.permission.saw_epoch(order.epoch, running.epoch)
-        self.permission.confirmed()
+        if order.step is Step.GO_ALL:
+            self.permission.confirmed()
         moves = self.reconfiguration.advance(target, order.step)
         if moves is None:
             return None
-        self._settled_lease = b""
+        self._settled_lease = None
         before = self._sends
         self._sends = target.slice if order.step >= Step.GO else target.slice.restricted_to(before)
         self.modules.carry_out(moves, self._sends)

@@ -11,8 +11,9 @@ while all four hold, asked before every output with the time of that moment, so 
         that could not have told it that it was replaced. They count on the uplink alone: a gateway that is cut off
         from the manager counts as down there, whatever it hears behind itself;
     (c) no node has been seen on an epoch that this PE should have followed: a newer one in a state frame or in a LEASE
-        that says it was activated, or another digest under its own number. Taking a configuration settles that, and so
-        does a LEASE that names the very one that runs here.
+        that says it was activated, or another digest under its own number. The last step of a configuration settles
+        that, taken or named by LEASE: until then whoever took over while this PE was away may not have let go, even
+        where it is given back what it drove before;
 
     (d) nobody else was heard under this PE's own node-ID within T_lease: the manager may take that node for this one,
         started anew, and give away what it holds here. With a key it does not, and neither does this PE.
@@ -103,5 +104,5 @@ class Permission:
         self._overtaken = True
 
     def confirmed(self) -> None:
-        """A configuration was taken, or the manager named the one that runs."""
+        """The last step of a configuration was taken, or named by the manager once more."""
         self._overtaken = False
