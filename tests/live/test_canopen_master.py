@@ -13,7 +13,7 @@ from canopen.sdo import SdoClient
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.pe_table import PeTable
 from live.test_nodes import Aircraft
@@ -29,15 +29,15 @@ EDS = "dbc/heronry_pe.eds"
 class Desk:
     """One agent on a bus of its own, and a master."""
 
-    def __init__(self, folder: Path, hub: HubProcess) -> None:
+    def __init__(self, folder: Path, interface: str, channel: str) -> None:
         self.spec = load(SPEC)
         self.node = self.spec.pes[PE].node_id
         self.table = write_tables(self.spec, (PE,), folder)[PE]
-        self.place = {"interface": "softbus", "channel": str(hub.path)}
+        self.place = {"interface": interface, "channel": channel}
         self.network = canopen.Network()
         self.network.connect(**self.place)
         self.remote: Any = self.network.add_node(self.node, EDS)  # type: ignore[no-untyped-call]
-        flags = ["--table", str(self.table), "-i", "softbus", "-c", str(hub.path), "--until-eof"]
+        flags = ["--table", str(self.table), "-i", interface, "-c", channel, "--until-eof"]
         self.agent = subprocess.Popen(
             [sys.executable, "-m", "heronry_agent", *flags], stdin=subprocess.PIPE, stderr=subprocess.PIPE
         )
@@ -58,7 +58,7 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
     with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        desk = Desk(tmp_path, hub)
+        desk = Desk(tmp_path, "softbus", str(hub.path))
         yield desk
         desk.close()
 
