@@ -4,7 +4,7 @@ What the manager's planner answers, and when, is the drill's to say (`planning`)
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from heronry_dg import loader
@@ -334,8 +334,3 @@ def remembering(spec: Spec, memory: Memory = NOTHING) -> Disk:
     for record in memory.records():
         disk.write(record, 0)
     return disk
-
-
-def without(page: StatePage0, **other: object) -> StatePage0:
-    """A page 0 that says something else."""
-    return replace(page, **other)  # type: ignore[arg-type]
