@@ -18,9 +18,9 @@ def running(epoch: int, *, incarnation: int = 1, hears: bool = False, state: PeS
 def terms() -> TermCheck:
     """Manager 126 has prepared epoch 1 in term 1, and 127 epoch 17 in term 2."""
     check = TermCheck(SPEC)
-    check.commanded(0, 126, Prepare(1, 1, 7))
-    check.commanded(1, 126, SliceHead(NODE, 1, 0, 0))
-    check.commanded(2, 127, Prepare(2, 17, 7))
+    check.commanded(0, 126, Prepare(1, 1, 7), "manager 126")
+    check.commanded(1, 126, SliceHead(NODE, 1, 0, 0), "manager 126")
+    check.commanded(2, 127, Prepare(2, 17, 7), "manager 127")
     return check
 
 
@@ -28,28 +28,28 @@ def test_managers_that_keep_to_their_terms_are_well() -> None:
     check = terms()
     for epoch in (1, 17, 17):
         check.state(NODE, 3, running(epoch))
-    check.commanded(4, 127, Lease(2, 17, Step.GO_ALL, 7))
-    check.commanded(5, 126, Lease(3, 17, Step.GO_ALL, 7))
+    check.commanded(4, 127, Lease(2, 17, Step.GO_ALL, 7), "manager 127")
+    check.commanded(5, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
     check.state(NODE, 6, running(5))  # prepared before anybody watched
     assert check.violations == []
 
 
 def test_two_managers_in_one_term_are_seen() -> None:
     check = terms()
-    check.commanded(9, 126, Ping(2, NODE, 0))
+    check.commanded(9, 126, Ping(2, NODE, 0), "manager 126")
     assert [violation.rule for violation in check.violations] == ["reign"]
 
 
 def test_a_manager_that_goes_back_to_an_older_term_is_seen() -> None:
     check = terms()
-    check.commanded(8, 126, Lease(5, 0, Step.PREPARED, 0))
-    check.commanded(9, 126, Activate(3, 1, Step.GO_ALL, 7))
+    check.commanded(8, 126, Lease(5, 0, Step.PREPARED, 0), "manager 126")
+    check.commanded(9, 126, Activate(3, 1, Step.GO_ALL, 7), "manager 126")
     assert "went back from term 5 to 3" in check.violations[0].story
 
 
 def test_a_number_that_two_terms_prepare_is_seen() -> None:
     check = terms()
-    check.commanded(9, 127, Prepare(2, 1, 9))
+    check.commanded(9, 127, Prepare(2, 1, 9), "manager 127")
     assert "epoch 1 is prepared in term 2" in check.violations[0].story
 
 
@@ -100,3 +100,12 @@ def test_what_is_no_page_0_says_nothing() -> None:
     check.state(NODE, 900 * MS, b"\xff")
     check.state(99, 900 * MS, running(1, hears=True).encode())
     assert check.violations == []
+
+
+def test_two_that_were_given_one_number_each_have_terms_of_their_own() -> None:
+    check = terms()
+    check.commanded(5, 126, Lease(5, 17, Step.GO_ALL, 7), "manager 126 again")
+    check.commanded(6, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
+    assert check.violations == []
+    check.commanded(7, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126 again")
+    assert [violation.story for violation in check.violations] == ["manager 126 went back from term 5 to 3"]

@@ -1,8 +1,8 @@
 """Who reigns, judged from the frames of the managers' bus: a term has one manager, and nobody goes back to an older.
 
 - At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
-  from one manager's identifiers, and a manager's own terms never go down. Two that were given one number cannot be told
-  apart by it; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent.
+  from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
+  their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
@@ -26,20 +26,22 @@ class TermCheck:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._highest: dict[int, int] = {}  # term of each manager
+        self._own: dict[str, int] = {}  # the same by station: there may be two of one number
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
 
-    def commanded(self, t_ns: int, manager: int, message: ManagementMessage) -> bool:
+    def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
             return self._highest.get(manager, 0) >= max(self._highest.values(), default=0)
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
             self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
-        if term < self._highest.get(manager, 0):
-            self._tell(t_ns, "reign", f"manager {manager} went back from term {self._highest[manager]} to {term}")
+        if term < self._own.get(station, 0):
+            self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
+        self._own[station] = max(term, self._own.get(station, 0))
         self._highest[manager] = max(term, self._highest.get(manager, 0))
         if isinstance(message, Prepare):
             first = self._prepared.setdefault(message.epoch, message)

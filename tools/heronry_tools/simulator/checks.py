@@ -229,7 +229,7 @@ class Checks:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
         if not isinstance(message, Malformed):
-            if not self._terms.commanded(sent.end_ns, manager, message):
+            if not self._terms.commanded(sent.end_ns, manager, message, sent.sender):
                 return
             self._journals.commanded(sent.end_ns, sent.sender, message)
         self._exclusion.commanded(message)
