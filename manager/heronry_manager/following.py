@@ -80,7 +80,7 @@ class Following:
             return
         match message:
             case Alive(term, _, nodes) if term == self.term:
-                self._counted_on = frozenset(self._pe_of_node[n] for n in nodes & self._pe_of_node.keys())
+                self._counted_on = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
                 self._exclusion.named(self._counted_on, self._turn.now_ns)
             case Control(term) if term == self.term:
                 self._situation.overheard(node, message)

@@ -1,10 +1,11 @@
 """Flights that a compiled simulator must fly just as Python does: every spec that comes with the package, with faults.
 
 Prints one line a flight: spec, seed, number of frames, their digest, what was violated. Acts of every kind are among
-them, since each seed draws its own; so are buses that lose frames, and a key.
+them, since each seed draws its own; so are buses that lose frames, two managers, and a key.
 """
 
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 from heronry_dg.loader import load
@@ -20,8 +21,9 @@ def main() -> None:
     """Fly, and tell of each flight."""
     for file, seeds in _flights():
         spec = load(file)
-        for seed in range(seeds):
-            scenario = Scenario(seed, _SECONDS, drawn_acts(spec, seed, _SECONDS, ()), _LOSS if seed % 2 else 0.0)
+        for seed, of_two in product(range(seeds), (False, True)):
+            acts = drawn_acts(spec, seed, _SECONDS, of_two=of_two)
+            scenario = Scenario(seed, _SECONDS, acts, _LOSS if seed % 2 else 0.0, keyed=of_two, standby=of_two)
             outcome = play(spec, scenario)
             print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
 
