@@ -38,7 +38,7 @@ from heronry_agent.partition_messages import (
     decode_answer,
 )
 from heronry_agent.partition_process import PartitionProcess
-from heronry_agent.schedule import HUNG_NS, HUNG_PERIODS, NS_MHZ
+from heronry_agent.schedule import HUNG_NS, NS_MHZ, hung_ns
 from heronry_agent.vocabulary import (
     Action,
     Drive,
@@ -57,7 +57,7 @@ from heronry_agent.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_wire.pe_table import PeTable
+from heronry_wire.pe_table import ModuleEntry, PeTable
 from heronry_wire.sansio import NEVER_NS
 
 WARM_UP_NS = 1_000_000_000
@@ -204,11 +204,11 @@ class PartitionHost:
         process = self._processes.get(self._entries[action.module].partition)
         if process is None:
             return StepMeasured(action.module, action.release, 0)
-        match process.unwanted(now_ns):
-            case stopped, spent_ns if spent_ns >= max(HUNG_NS, HUNG_PERIODS * self._period_ns(stopped)):
+        unwanted = process.unwanted(now_ns)
+        if unwanted is not None:
+            stopped, spent_ns = unwanted
+            if spent_ns >= hung_ns(self._rate_mhz(self._entries[stopped])):
                 process.broken = "it hangs in a module that was stopped"
-            case _:
-                pass
         return StepMeasured(action.module, action.release, process.spent_ns(action.module, action.release, now_ns))
 
     # What the partitions say
@@ -258,7 +258,10 @@ class PartitionHost:
 
     def _period_ns(self, module: int) -> int:
         entry = self._entries.get(module)
-        return NS_MHZ // entry.modes[self._modes.get(module, 0)].rate_mhz if entry is not None else 0
+        return NS_MHZ // self._rate_mhz(entry) if entry is not None else 0
+
+    def _rate_mhz(self, entry: ModuleEntry) -> int:
+        return entry.modes[self._modes.get(entry.index, 0)].rate_mhz
 
     # Processes
 

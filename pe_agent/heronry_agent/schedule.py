@@ -33,6 +33,11 @@ NS_MHZ = 1_000_000_000_000
 _PATIENCE = 4  # parts of a period: one of them is waited
 
 
+def hung_ns(rate_mhz: int) -> int:
+    """What a step of a module of this rate has spent when it counts as one that hangs."""
+    return max(HUNG_NS, HUNG_PERIODS * NS_MHZ // rate_mhz)
+
+
 @dataclass(slots=True)
 class _Grid:
     module: int
@@ -48,7 +53,7 @@ class _Grid:
     def __post_init__(self) -> None:
         self.due_ns = self.started_ns
         self.patience_ns = NS_MHZ // self.rate_mhz // _PATIENCE
-        self.hung_ns = max(HUNG_NS, HUNG_PERIODS * NS_MHZ // self.rate_mhz)
+        self.hung_ns = hung_ns(self.rate_mhz)
 
     def release(self, now_ns: int) -> int:
         """Move on to the first release after now; returns how many were passed over."""

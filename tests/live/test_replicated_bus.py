@@ -1,6 +1,5 @@
 """A replicated bus with real processes, on two software buses and on two vcans: wires are pulled, and pulled again."""
 
-import json
 import os
 import select
 import shutil
@@ -19,6 +18,7 @@ from heronry_manager.control_client import call
 from heronry_manager.vocabulary import AskStatus
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.ear import Ear
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.softbus.starter import HubProcess, start_hub
 from heronry_tools.witness import Witness
@@ -98,14 +98,13 @@ class Flight:
         self.wires, self.file = wires, slow_spec(folder, wires.heartbeat_ms)
         self.spec = load(self.file)
         self.events: list[dict[str, Any]] = []
-        self._unread = b""
         self.fleet = stack.enter_context(Fleet(self.spec, self.file, run_folder()))
         choices = choose(self.spec, self.fleet.folder, {}, wires.named)
         self.fleet.start_buses(choices)
         self._ear = stack.enter_context(Ear(choices["can0"], self.spec.buses["can0"]))
         self._offset_ns = time.monotonic_ns() - time.time_ns()
         self.witness = Witness(self.spec)
-        self._stream = self.fleet.start_manager()
+        self._stream = EventStream(self.fleet.start_manager())
         for pe in self.spec.pes:
             self.fleet.start_pe(pe)
 
@@ -115,10 +114,7 @@ class Flight:
         while not holds():
             readers: list[Any] = [self._stream, *self._ear.readers]
             select.select(readers, [], [], 0.1)
-            if select.select([self._stream], [], [], 0)[0]:
-                chunk = self._stream.read1(65536)  # type: ignore[attr-defined]  # a pipe of subprocess is buffered
-                *lines, self._unread = (self._unread + chunk).split(b"\n")
-                self.events += [json.loads(line) for line in lines]
+            self.events += self._stream.take()
             for seconds, frame in self._ear.hear():
                 self.witness.see(int(seconds * 1e9) + self._offset_ns, frame)
             words = self.fleet.ended()

@@ -7,10 +7,9 @@ down by the `with` that holds it.
 What the demo says of functions comes from the witness, that is from frames; what it says of plans from the manager.
 """
 
-import json
 import select
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
@@ -18,12 +17,13 @@ from heronry_dg.model import Spec
 from heronry_manager.events import event as make_event
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.demo.ear import Ear
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet
 from heronry_tools.demo.script import MANAGER, Act, PhaseAct, default_acts
 from heronry_tools.errors import UserError
 from heronry_tools.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
-from heronry_wire.identifiers import LAST_MANAGER
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 
 LONGEST_START_S = 120.0  # a small computer takes long to load the solver; whoever dies is seen at once
 GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
@@ -46,9 +46,8 @@ class Show:
         self._pending: str | None = "the first configuration"  # what is under way
         self._plan: Mapping[str, Any] = {}
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
-        self._unread = b""
-        self._stream: IO[bytes]
-        self._standby: IO[bytes] | None = None
+        self._events: EventStream  # of the manager that is followed
+        self._managers: dict[int, EventStream] = {}  # by node
         self._mute = False
 
     def run(self, acts: Sequence[Act | PhaseAct], seconds: float, record: IO[str] | None) -> int:
@@ -65,20 +64,21 @@ class Show:
                     models=choice.describe(),
                 )
             has_standby = any(isinstance(act, Act) and act.pe == MANAGER for act in acts)
-            stream = self._fleet.start_manager(standby=has_standby)
-            self._standby = self._fleet.start_manager(LAST_MANAGER, standby=True) if has_standby else None
+            self._events = EventStream(self._fleet.start_manager(standby=has_standby))
+            self._managers[FIRST_MANAGER] = self._events
+            if has_standby:
+                self._managers[LAST_MANAGER] = EventStream(self._fleet.start_manager(LAST_MANAGER, standby=True))
             for pe in self._spec.pes:
                 self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
-            self._loop(stream, ears, record)
+            self._loop(ears, record)
         return self._summary()
 
-    def _loop(self, stream: IO[bytes], ears: Mapping[str, Ear], record: IO[str] | None) -> None:
+    def _loop(self, ears: Mapping[str, Ear], record: IO[str] | None) -> None:
         begun = time.monotonic()
-        self._stream = stream
         while not self._over():
-            readers: list[Any] = [self._stream, *(reader for ear in ears.values() for reader in ear.readers)]
+            readers: list[Any] = [self._events, *(reader for ear in ears.values() for reader in ear.readers)]
             select.select(readers, [], [], self._wait_s())
-            for one in self._events(self._stream):
+            for one in self._events.take():
                 self._follow(one)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
@@ -105,14 +105,6 @@ class Show:
         if self._start_ns is None or not self._acts:
             return _LOOK_S
         return max(0.0, min(_LOOK_S, self._acts[0].at_s - self._show_s()))
-
-    def _events(self, stream: IO[bytes]) -> Iterator[dict[str, Any]]:
-        if not select.select([stream], [], [], 0)[0]:
-            return
-        chunk = stream.read1(65536)  # type: ignore[attr-defined]  # a pipe of subprocess is buffered
-        *lines, self._unread = (self._unread + chunk).split(b"\n")
-        for line in lines:
-            yield json.loads(line)
 
     def _follow(self, one: dict[str, Any]) -> None:
         self._mute = self._mute and one["event"] != "taken_over"  # a standby tells what the manager has told already
@@ -158,10 +150,11 @@ class Show:
                 self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")
 
     def _kill_manager(self) -> None:
-        """Kill it, and follow the one that stands by from where it takes over."""
-        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(), what="killed")
-        assert self._standby is not None
-        self._stream, self._unread, self._mute = self._standby, b"", True
+        """Kill the one that reigns, and follow the other one from where it takes over."""
+        victim = self._fleet.reigning()
+        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
+        del self._managers[victim]
+        (self._events,), self._mute = self._managers.values(), True
 
     def _look(self) -> None:
         now_ns = time.monotonic_ns()

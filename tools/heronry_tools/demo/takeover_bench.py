@@ -17,9 +17,6 @@ Prints median, p99 and the longest.
 """
 
 import argparse
-import json
-import os
-import select
 import statistics
 import sys
 import time
@@ -28,6 +25,7 @@ from typing import IO, Any
 
 from heronry_dg.model import Spec
 from heronry_tools.demo.buses import choose
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.spec_argument import load_spec, spec_path
@@ -100,29 +98,23 @@ class _Events:
     """The events of one manager, as they come."""
 
     def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
-        self._fleet, self._stream = fleet, stream
-        self._lines: deque[bytes] = deque()
-        self._rest = b""
+        self._fleet, self._stream = fleet, EventStream(stream)
+        self._come: deque[dict[str, Any]] = deque()
 
     def wait(self, *kinds: str) -> dict[str, Any]:
         """Give the next event of these kinds; ends the benchmark where none comes."""
         last, until_s = "nothing", time.monotonic() + _LONGEST_S
         while True:
-            while self._lines:
-                told: dict[str, Any] = json.loads(self._lines.popleft())
+            while self._come:
+                told = self._come.popleft()
                 last = told["event"]
                 if last in kinds:
                     return told
-            if not select.select([self._stream], [], [], max(0.0, until_s - time.monotonic()))[0]:
+            if time.monotonic() > until_s:
                 raise SystemExit(f"the benchmark ends here: no {' or '.join(kinds)} in {_LONGEST_S:g} s, after {last}")
-            self._read()
-
-    def _read(self) -> None:
-        chunk = os.read(self._stream.fileno(), 65536)
-        if not chunk:
-            raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")
-        *lines, self._rest = (self._rest + chunk).split(b"\n")
-        self._lines += lines
+            self._come += self._stream.take(max(0.0, until_s - time.monotonic()))
+            if self._stream.has_ended:
+                raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")
 
 
 def _fly(fleet: Fleet, spec: Spec, events: _Events) -> None:

@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from random import Random
 
 from heronry_tools.demo.buses import choose
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.partition_kills.campaign import Campaign
 from heronry_tools.progress import Progress
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         fleet = stack.enter_context(Fleet(spec, file, folder))
         fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))
         random = Random(arguments.seed)
-        campaign = Campaign(spec, fleet, fleet.start_manager(), random)
+        campaign = Campaign(spec, fleet, EventStream(fleet.start_manager()), random)
         progress = stack.enter_context(Progress())
         campaign.begin()
         progress.begin("kills", arguments.kills)

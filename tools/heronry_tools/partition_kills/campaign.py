@@ -15,9 +15,7 @@ lives on, under the same number. What PEs say meanwhile is judged by `declared`.
 PEs that are lost although nobody killed them are counted apart: on a starved machine heartbeats come late.
 """
 
-import json
 import os
-import select
 import signal
 import time
 from collections import Counter
@@ -25,12 +23,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from random import Random
-from typing import IO, Any
+from typing import Any
 
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
 from heronry_manager.control_client import call
 from heronry_manager.vocabulary import ClearElement
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet
 from heronry_tools.errors import UserError
 from heronry_tools.partition_kills.declared import Declared, DeclaredJudge
@@ -48,7 +47,7 @@ _Partitions = dict[int, tuple[int, str]]  # by process number: the agent's, and 
 class Campaign:
     """A flight, and what was done to it."""
 
-    def __init__(self, spec: Spec, fleet: Fleet, stream: IO[bytes], random: Random) -> None:
+    def __init__(self, spec: Spec, fleet: Fleet, stream: EventStream, random: Random) -> None:
         self._fleet, self._stream, self._random = fleet, stream, random
         self._agents = {pe: fleet.start_pe(pe) for pe in spec.pes}
         entries = [entry for pe in spec.pes for entry in Compiler(spec).table(pe).modules]
@@ -56,7 +55,6 @@ class Campaign:
         self._judge = DeclaredJudge(self._declared)
         self._plan: dict[str, Any] = {}  # the modules that run
         self._planned: dict[str, Any] = {}
-        self._unread = b""
         self._counted_on: set[str] = set()
         self._killed: str | None = None
         self._failed: set[str] = set()  # elements
@@ -196,10 +194,7 @@ class Campaign:
 
     def _take_events(self, wait_s: float = _LOOK_S) -> list[dict[str, Any]]:
         """Events that have come, noted."""
-        if not select.select([self._stream], [], [], wait_s)[0]:
-            return []
-        *lines, self._unread = (self._unread + self._stream.read1(65536)).split(b"\n")  # type: ignore[attr-defined]
-        events = [json.loads(line) for line in lines]
+        events = self._stream.take(wait_s)
         for event in events:
             self._note(event)
         return events

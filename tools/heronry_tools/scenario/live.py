@@ -10,17 +10,17 @@ The flight ends with everything that it has started, whichever way it ends (`Fle
 """
 
 import argparse
-import json
 import select
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from heronry_manager.contingency.file_format import to_bytes
 from heronry_tools.demo.buses import BusChoice, choose
 from heronry_tools.demo.ear import Ear
+from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import UserError
 from heronry_tools.scenario.bad_radios import KINDS, BadRadios
@@ -126,20 +126,20 @@ class _Show:
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
         self._trace: list[str] = []
-        self._unread = b""
         self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
 
     def run(self, where: str) -> Flown:
         """Fly to the end of the script."""
-        stream = self._fleet.start_manager()
+        events = EventStream(self._fleet.start_manager())
         for pe in self._script.spec.pes:
             if f"pe:{pe}" not in self._script.without:
                 self._fleet.start_pe(pe)
         begun_s = time.monotonic()
         while self._elapsed_ns() < self._script.end_ns:
-            readers: list[Any] = [stream, *self._ear.readers]
+            readers: list[Any] = [events, *self._ear.readers]
             select.select(readers, [], [], self._wait_s())
-            self._take_events(stream)
+            for event in events.take():
+                self._follow(event)
             self._take_frames()
             self._begin()
             self._act()
@@ -170,14 +170,6 @@ class _Show:
         radio_ns = self._radios.next_ns(elapsed_ns)
         next_ns = next_ns if radio_ns is None else min(next_ns, radio_ns)
         return max(0.0, min(_LONGEST_WAIT_S, (next_ns - elapsed_ns) / 1e9))
-
-    def _take_events(self, stream: IO[bytes]) -> None:
-        if not select.select([stream], [], [], 0)[0]:
-            return
-        chunk = stream.read1(65536)  # type: ignore[attr-defined]  # a pipe of subprocess is buffered
-        *lines, self._unread = (self._unread + chunk).split(b"\n")
-        for line in lines:
-            self._follow(json.loads(line))
 
     def _follow(self, event: Mapping[str, Any]) -> None:
         line = event_line(event)

@@ -1,0 +1,33 @@
+"""The events of a manager that runs as a process of its own: a line of JSON each, read as they come.
+
+An event is given when its line is whole; one that has begun waits here for its rest.
+"""
+
+import json
+import os
+import select
+from typing import IO, Any
+
+_MOST_BYTES = 65536  # what a pipe holds
+
+
+class EventStream:
+    """What one manager tells; it can be waited for with `select`."""
+
+    def __init__(self, pipe: IO[bytes]) -> None:
+        """Nobody else may read from the pipe."""
+        self._pipe, self._unread = pipe, b""
+        self.has_ended = False  # nothing will come any more
+
+    def fileno(self) -> int:
+        """Give the descriptor that becomes readable when something has come."""
+        return self._pipe.fileno()
+
+    def take(self, wait_s: float = 0.0) -> list[dict[str, Any]]:
+        """Give the events that have come; where nothing has, wait that long for it."""
+        if not select.select([self], [], [], wait_s)[0]:
+            return []
+        chunk = os.read(self.fileno(), _MOST_BYTES)
+        self.has_ended = not chunk
+        *lines, self._unread = (self._unread + chunk).split(b"\n")
+        return [json.loads(line) for line in lines]
