@@ -1,5 +1,8 @@
 """The bench for false alarms and for reboots: it counts what it is for, and can find fault."""
 
+import subprocess
+import sys
+
 import pytest
 
 from heronry_dg.model import Spec
@@ -58,3 +61,18 @@ def test_what_is_noticed_late_or_never_is_told_and_ends_with_1(
     assert "in_time" not in out
     assert "late" in out
     assert "never" in out
+
+
+def test_a_spec_that_is_not_there_is_one_sentence_and_2() -> None:
+    command = (sys.executable, "-m", "heronry_tools.simulator.endurance", "--spec", "nonsense")
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("endurance: 'nonsense' is neither a file nor a shipped spec")
+    assert ended.stderr.count("\n") == 1
+
+
+def test_it_flies_on_compiled_where_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    gone_on: list[tuple[object, str]] = []
+    monkeypatch.setattr(endurance, "go_on_compiled", lambda *asked: gone_on.append(asked))
+    assert main(["--compiled", "--hours", "0", "--reboots", "0"]) == 0
+    assert gone_on == [(["--compiled", "--hours", "0", "--reboots", "0"], "heronry_tools.simulator.endurance")]

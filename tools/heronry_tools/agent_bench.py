@@ -24,6 +24,7 @@ from can.typechecking import CanFilter
 
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.errors import exit_code
 from heronry_tools.softbus.client import SoftBus
 from heronry_tools.softbus.protocol import ClientStatistics
 from heronry_tools.spec_argument import load_spec, spec_path
@@ -171,4 +172,4 @@ def resident_mib(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "agent_bench"))

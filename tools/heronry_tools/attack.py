@@ -28,6 +28,7 @@ from heronry_agent.core import AgentCore
 from heronry_agent.vocabulary import Action
 from heronry_dg.model import Spec
 from heronry_manager.compilation import Compiler
+from heronry_tools.errors import exit_code
 from heronry_tools.progress import Progress
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.simulation import Simulation
@@ -290,4 +291,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "attack"))

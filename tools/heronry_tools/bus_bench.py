@@ -25,6 +25,7 @@ from fractions import Fraction
 from random import Random
 from typing import NamedTuple
 
+from heronry_tools.errors import exit_code
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 QUARTERS = 4  # of a bit time
@@ -221,4 +222,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "bus_bench"))

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Final
 
-from heronry_tools.errors import as_user_error
+from heronry_tools.errors import exit_code
 
 COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that it adds
     "plan_command": ("plan", "verify"),
@@ -74,18 +74,7 @@ A SPEC is a file (*.dg.yaml) or the name of a shipped one: big_blue, elevator_an
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     argv = sys.argv[1:] if argv is None else argv
-    try:
-        return _run(argv)
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
-        return 141
-    except Exception as error:
-        known = as_user_error(error, argv[0] if argv else None)
-        if known is None:
-            raise
-        print(f"heronry: {known}", file=sys.stderr)
-        return 2
+    return exit_code(lambda: _run(argv), "heronry", argv[0] if argv else None)
 
 
 def _run(argv: Sequence[str]) -> int:

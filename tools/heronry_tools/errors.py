@@ -1,6 +1,7 @@
 """Errors of the command line: a sentence with the place and the remedy, and never a traceback."""
 
 import sys
+from collections.abc import Callable
 from typing import Final
 
 from heronry_wire.errors import HeronryError
@@ -18,6 +19,22 @@ _ENOUGH: Final = {  # a smaller extra has what these commands need
 
 class UserError(HeronryError):
     """Something wrong with what the user typed; the message is one sentence for stderr."""
+
+
+def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
+    """Run a program; whatever a user can mend becomes a sentence on stderr and 2, Ctrl-C 130, a closed pipe 141."""
+    try:
+        return program() or 0
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 141
+    except Exception as error:
+        known = as_user_error(error, command)
+        if known is None:
+            raise
+        print(f"{name}: {known}", file=sys.stderr)
+        return 2
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:

@@ -30,6 +30,7 @@ import can
 
 from heronry_dg.loader import loads
 from heronry_tools.agent_bench import busy, cpu_s, lateness_ms, quantiles, resident_mib
+from heronry_tools.errors import exit_code
 from heronry_tools.softbus.client import SoftBus
 from heronry_tools.softbus.protocol import BusStatistics, ClientStatistics
 from heronry_tools.softbus.starter import start_hub
@@ -174,4 +175,4 @@ functions: {{nothing: {{output: nothing}}}}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "node_bench"))

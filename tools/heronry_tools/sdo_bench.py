@@ -24,6 +24,7 @@ import canopen
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.errors import exit_code
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.canopen_objects import TABLE
@@ -115,4 +116,4 @@ def _cpu_s(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main, "sdo_bench"))

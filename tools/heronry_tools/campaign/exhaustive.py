@@ -22,6 +22,7 @@ from heronry_manager.planner.sweep import FaultSet, Scope
 from heronry_tools.campaign.crew import crew
 from heronry_tools.campaign.cut_sets import cut_sets
 from heronry_tools.check.servable import Planning, without_limits
+from heronry_tools.errors import exit_code
 from heronry_tools.progress import Progress
 from heronry_tools.spec_argument import spec_path
 
@@ -92,4 +93,4 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "exhaustive"))

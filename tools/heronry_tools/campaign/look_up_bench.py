@@ -19,6 +19,7 @@ from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_tools.errors import exit_code
 from heronry_tools.spec_argument import spec_path
 
 _PLANS_TRIED: Final = 1000
@@ -56,4 +57,4 @@ def _show(what: str, spent_ns: list[int]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "look_up_bench"))

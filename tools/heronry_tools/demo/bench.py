@@ -20,6 +20,7 @@ from typing import IO, Any
 
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.errors import exit_code
 from heronry_tools.spec_argument import load_spec, spec_path
 
 _NAMES = ("detect", "decide", "distribute", "activate")
@@ -109,4 +110,4 @@ def _p99(values: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "bench"))

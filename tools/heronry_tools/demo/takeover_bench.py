@@ -27,6 +27,7 @@ from heronry_dg.model import Spec
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.errors import exit_code
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
@@ -145,4 +146,4 @@ def _tell(what: str, values: list[float]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "takeover_bench"))

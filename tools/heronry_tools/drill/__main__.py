@@ -12,6 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from heronry_tools.drill.drills import DRILLS, drilled
+from heronry_tools.errors import exit_code
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,4 +35,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "drill"))

@@ -20,7 +20,7 @@ from itertools import islice
 from pathlib import Path
 from random import Random
 
-from heronry_tools.errors import UserError
+from heronry_tools.errors import UserError, exit_code
 from heronry_tools.fuzz.mutation import inputs
 from heronry_tools.fuzz.target import Target
 from heronry_tools.fuzz.targets import TARGETS
@@ -149,4 +149,4 @@ def _repeat(targets: Sequence[Target], file: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "fuzz"))

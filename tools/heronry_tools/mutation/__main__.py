@@ -17,6 +17,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from heronry_tools.errors import exit_code
 from heronry_tools.mutation.flight_code import core_files
 from heronry_tools.mutation.flights import flights
 from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
@@ -112,4 +113,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "mutate"))

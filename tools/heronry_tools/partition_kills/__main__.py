@@ -16,6 +16,7 @@ from random import Random
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.errors import exit_code
 from heronry_tools.partition_kills.campaign import Campaign
 from heronry_tools.progress import Progress
 from heronry_tools.spec_argument import load_spec, spec_path
@@ -61,4 +62,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "partition_kills"))

@@ -11,9 +11,11 @@ What a person writes stands outside of the marks. A test holds every page agains
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from heronry_tools.errors import exit_code
 from heronry_tools.reference import canopen_tables, protocol_tables, spec_tables
 
 TABLES: Mapping[str, Callable[[], str]] = {
@@ -51,4 +53,4 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main, "reference"))

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_tools.errors import exit_code
 from heronry_tools.simulator.campaign import collect_seldom
 from heronry_tools.simulator.compiled import compiled_folder, environment, is_compiled
 from heronry_tools.simulator.planning import plans_known
@@ -61,4 +62,4 @@ def _measured(name: str, duration_ns: int) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main, "bench"))

@@ -92,8 +92,8 @@ def is_compiled() -> bool:
     return not str(clock.__file__).endswith(".py")
 
 
-def go_on_compiled(command: Sequence[str]) -> None:
-    """Go on with this command of `heronry` in a process that flies the compiled form; nothing if this one does.
+def go_on_compiled(command: Sequence[str], program: str = "heronry_tools.cli") -> None:
+    """Go on with this command of a program in a process that flies the compiled form; nothing if this one does.
 
     Makes that form where it is not there yet. Raises UserError where that cannot be done.
     """
@@ -106,7 +106,7 @@ def go_on_compiled(command: Sequence[str]) -> None:
         print(_NOTE, file=sys.stderr)
         make(folder)
     os.utime(folder)
-    python = (sys.executable, "-P", "-m", "heronry_tools.cli")
+    python = (sys.executable, "-P", "-m", program)
     os.execve(sys.executable, (*python, *command), environment(folder))  # noqa: S606 - this very program
 
 

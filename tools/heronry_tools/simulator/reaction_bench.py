@@ -36,6 +36,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.planner.client import Failed, Planned
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.vocabulary import PlanReady, RequestPlan
+from heronry_tools.errors import exit_code
 from heronry_tools.progress import Progress
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.planning import prepared
@@ -273,4 +274,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "reaction_bench"))

@@ -6,6 +6,7 @@ import socket
 import sys
 from pathlib import Path
 
+from heronry_tools.errors import exit_code
 from heronry_tools.softbus.address import HubError
 from heronry_tools.softbus.hub import Hub
 
@@ -58,4 +59,4 @@ def _bitrate(text: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_code(main, "softbus"))

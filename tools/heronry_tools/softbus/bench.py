@@ -12,6 +12,7 @@ receiver's own delay) and the frames that receivers lost.
 import argparse
 import multiprocessing
 import os
+import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +22,7 @@ from pathlib import Path
 import can
 from can.typechecking import CanFilter
 
+from heronry_tools.errors import exit_code
 from heronry_tools.softbus.client import SoftBus
 from heronry_tools.softbus.starter import HubProcess, start_hub
 
@@ -94,4 +96,4 @@ def _cpu_s(pid: int) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(exit_code(main, "bench"))
