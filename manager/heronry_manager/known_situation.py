@@ -1,8 +1,8 @@
 """The situation as the manager knows it: what is down, what has shrunk, and the phase. A change asks for a plan.
 
 Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
-`radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` are told of, and are no part of a plan. What
-a lost, late, doubled or forged message does to any of them is written there.
+`radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` and `restarts_told` are told of, and are no
+part of a plan. What a lost, late, doubled or forged message does to any of them is written there.
 
 A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
 
@@ -20,6 +20,7 @@ from heronry_manager.lost_channels import LostChannels
 from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
+from heronry_manager.restarts_told import RestartsTold
 from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
@@ -51,6 +52,7 @@ class KnownSituation:
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
         self.channels = LostChannels(spec, turn)
+        self._restarts = RestartsTold(spec, turn)
         self._remember()
 
     @property
@@ -110,7 +112,7 @@ class KnownSituation:
         if element is None:
             return False
         if emergency.code is FaultCode.MODULE_RESTARTED:
-            self._turn.emit("module_restarted", element=element, by=pe, times=emergency.detail)
+            self._restarts.reported(pe, element, emergency.detail)
             return True
         self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
         return True

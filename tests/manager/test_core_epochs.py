@@ -413,6 +413,23 @@ def test_a_module_that_began_again_is_told_and_acknowledged_and_nothing_is_plann
     assert len(manager.requests) == requests
 
 
+def test_a_count_of_restarts_is_told_once_however_often_it_is_repeated(manager: OneManager) -> None:
+    def again(times: int, module: int = 0) -> list[tuple[str, int]]:
+        manager.report("middle", Emergency(FaultCode.MODULE_RESTARTED, 0, ElementKind.MODULE, module, times))
+        return [(event["element"], event["times"]) for event in manager.of("module_restarted")]
+
+    told = [("module:control", 1)]
+    assert again(1) == told
+    for _ in range(2):
+        manager.pass_time(100 * MS)  # T_lease
+        assert again(1) == told
+    assert len(manager.answers()) == 3  # each is acknowledged: the one before may have been lost
+    assert again(1, module=1) == (told := [*told, ("module:drive_left", 1)])
+    assert again(2) == (told := [*told, ("module:control", 2)])
+    manager.pass_time(101 * MS)
+    assert again(2) == [*told, ("module:control", 2)]
+
+
 def test_a_suspect_that_answers_in_time_is_told(manager: OneManager) -> None:
     page = manager.running.pop("middle")
     manager.pass_time(26 * MS)

@@ -89,6 +89,11 @@ def what_is_no_fault_is_not_latched() -> None:
     equal(manager.told("fault_reported"), [], "latched")
     equal(len(manager.asked()), asked, "plans asked for")
     equal(len(manager.told("module_restarted")), 1, "restarts told")
+    for gap_ms, told in ((30, 1), (90, 1), (150, 2)):  # repeated until it is acknowledged; after T_lease it is another
+        manager.run(gap_ms - 5)
+        manager.emergency("tail_a", _MODULE, 1, 1, FaultCode.MODULE_RESTARTED)
+        manager.run(5)
+        equal(len(manager.told("module_restarted")), told, f"restarts told, {gap_ms} ms after the one before")
 
 
 def a_pe_that_was_failed_stays_out() -> None:
