@@ -128,6 +128,27 @@ def test_of_a_disk_that_takes_nothing_nothing_is_promised() -> None:
     assert check.violations == []
 
 
+def test_a_twin_answers_for_its_copy_and_for_no_disk_that_it_had_before() -> None:
+    fresh = whole_journal(big_blue(), memory(TermBegun(3), Reserved(EPOCHS, 16)))
+    disks = {"manager 126": fresh, "manager 126 again": whole_journal(big_blue(), memory(*WHOLE))}
+    check = JournalCheck(big_blue(), disks.__getitem__)
+    check.copied("manager 126", "manager 126 again")
+    check.commanded(0, "manager 126 again", Prepare(3, 40, 9))
+    check.died(1, "manager 126 again")
+    check.commanded(2, "manager 126", Prepare(3, 5, 9))
+    disks["manager 126 again"] = fresh
+    check.copied("manager 126", "manager 126 again")
+    check.commanded(3, "manager 126 again", Lease(3, 0, Step.PREPARED, 0))
+    check.died(4, "manager 126 again")
+    assert check.violations == []
+    disks["manager 126 again"] = whole_journal(big_blue(), memory(TermBegun(1)))  # less than it was given
+    check.died(5, "manager 126 again")
+    assert [violation.story for violation in check.violations] == [
+        "manager 126 again has spoken in term 3, and its journal has 1",
+        "manager 126 again has prepared epoch 5, and has reserved None",
+    ]
+
+
 # The disk
 
 

@@ -13,13 +13,16 @@ held against what it has said, in that reign:
 When a manager has died (`died`) the numbers are asked for again, in what a power cut has left: they were synced before
 they were used. Facts may go with the power.
 
+Whoever is started on a copy of another one's disk (`copied`) answers for what that one has said until then, and for
+nothing that was said before on the disk that it had at another time.
+
 Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
 deposed manager says (the caller tells nothing of it). A frame that waited long may be older than the journal: then
 that is newer, and not another.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from heronry_dg.model import Spec
 from heronry_manager.journal import recovered
@@ -74,6 +77,10 @@ class JournalCheck:
         said.term = max(said.term, message.term)
         if memory is not None:
             self._tell(t_ns, manager, [*_numbers(said, memory), *self._facts(memory, message)])
+
+    def copied(self, manager: str, twin: str) -> None:
+        """A twin of a manager is about to start, with a copy of that one's disk."""
+        self._said[twin] = replace(self._said.get(manager, _Said()))
 
     def died(self, t_ns: int, manager: str) -> None:
         """A manager has died; what it finds when it starts again is on its disk now."""

@@ -120,6 +120,10 @@ class Checks:
         self._freshness.driven(driven)
         self._safe_mode.driven(driven)
 
+    def manager_copied(self, station: str, twin: str) -> None:
+        """A manager is about to be started once more, elsewhere, with a copy of its journal."""
+        self._journals.copied(station, twin)
+
     def manager_died(self, t_ns: int, station: str) -> None:
         """A manager has died, and left its journal."""
         self._journals.died(t_ns, station)

@@ -354,6 +354,7 @@ class Simulation:
     def double_manager(self, node: int, *, standby: bool) -> None:
         """Start a manager that runs once more, somewhere else, with a copy of its journal."""
         self.disks[-node] = Disk(self.spec, self.disks[node].data)
+        self.checks.manager_copied(_station(node), _station(-node))
         self.start_manager(-node, standby=standby)
 
     def see_who_reigns(self) -> None:
