@@ -224,9 +224,7 @@ class Health:
         """The operator counts a PE out, whatever it says."""
         record = self._records[pe]
         record.barred, record.cause = True, cause
-        changes = self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
-        self._close_window_if_all_heard()
-        return changes
+        return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
 
     def forgive(self, pe: str) -> bool:
         """The operator lets a PE in again, after the shortest hold-down; tells whether anything kept it out."""
@@ -315,6 +313,7 @@ class Health:
             record.losses = 1 if forgiven else record.losses + 1
             record.cause = cause
         record.standing = Standing.DOWN
+        self._close_window_if_all_heard()
         return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
 
     def _close_window_if_all_heard(self) -> None:

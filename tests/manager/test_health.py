@@ -63,6 +63,18 @@ def test_a_new_reign_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them
     assert health.awaited_again() == []
 
 
+def test_a_new_reign_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
+    health = everybody_up(spec)
+    health.await_again(PES, 70 * MS, 1000 * MS)  # all are up: for nobody
+    assert not health.starting()
+    health.tick(25 * MS)
+    health.tick(65 * MS)
+    health.await_again(["tail_pe"], 70 * MS, 1000 * MS)
+    assert health.starting()
+    assert changes(health.heard("tail_pe", 2, 80 * MS)) == [("tail_pe", Change.HEARD_AGAIN)]
+    assert not health.starting()
+
+
 def test_a_missed_period_makes_suspect_and_three_make_it_lost(spec: Spec) -> None:
     health = everybody_up(spec)
     others = ["control_pe", "sensor_pe"]
