@@ -10,7 +10,8 @@ is given back as a sentence, and the core fails that PE: it runs nothing althoug
 commanded; it cannot stage its slice.
 
 *Admitting*: who comes back, and has nothing to do in the plan that runs already, is given the current epoch; nobody
-else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first.
+else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first; and
+so it does where it runs a newer one than was adopted in its absence, for nobody goes back to an older.
 
 *Adopting*: a new reign takes over what runs as it is, without a new epoch, where it knows what that is: all PEs that
 are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is remembered,
@@ -48,6 +49,7 @@ from heronry_wire.management import (
     StatePage0,
     StatePage1,
     Step,
+    is_newer,
 )
 from heronry_wire.sansio import require
 
@@ -218,12 +220,17 @@ class Deployment:
         if self._stopped & current.configuration.modules.keys():
             return False
         late = [pe for pe in self._health.counted_on() if self._observed[pe].epoch != current.epoch]
-        if any(current.compiled.slices[self._spec.pes[pe].node_id] for pe in late):
+        if any(self._needs_new(pe, current) for pe in late):
             return False
         for pe in late:
             current.admit(self._participant(pe, current.contingency), self._turn.now_ns)
         self._plans[current.epoch] = plan
         return True
+
+    def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
+        """Tell whether the current epoch does not do for who comes late: there is work in it, or a newer one is run."""
+        has_work = bool(current.compiled.slices[self._spec.pes[pe].node_id])
+        return has_work or is_newer(self._observed[pe].epoch, current.epoch)
 
     def adopts(self, plan: Plan) -> bool:
         """Take over what runs if it is exactly this plan, everywhere; tells whether it is."""
