@@ -13,6 +13,7 @@ from heronry_tools.drill import (
     pe_failing,
     pe_keyed,
     pe_obeying,
+    pe_serving,
     pe_speaking,
     pe_staging,
     pe_stepping,
@@ -24,6 +25,7 @@ Drill = Callable[[], None]
 _FILES = (
     pe_speaking,
     pe_obeying,
+    pe_serving,
     pe_staging,
     pe_stepping,
     pe_telling,

@@ -58,7 +58,7 @@ def bodies_take_half_of_the_bus() -> None:
     bits = 135 * len(frames)
     took_ns = frames[-1].t_ns - frames[0].t_ns
     share = bits * 1_000_000_000 / took_ns / manager.main.bus.bitrate
-    demand(0.35 < share < 0.62, f"slices take {share:.0%} of the bus")
+    demand(0.44 < share < 0.62, f"slices take {share:.0%} of the bus")
 
 
 def who_does_not_stage_is_asked_again() -> None:

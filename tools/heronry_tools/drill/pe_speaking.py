@@ -17,8 +17,19 @@ from heronry_tools.drill.pe_under_test import (
 )
 from heronry_tools.drill.player import MS, SOON_NS, demand, equal
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import heartbeat_id, state_id
-from heronry_wire.management import NO_EPOCH, Control, Operation, PeFlags, PeState, Ping, Reason, StatePage0, Step
+from heronry_wire.identifiers import NMT_ID, heartbeat_id, state_id
+from heronry_wire.management import (
+    NO_EPOCH,
+    Control,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Ping,
+    Reason,
+    StatePage0,
+    Step,
+)
 from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS
 
@@ -74,6 +85,31 @@ def its_canopen_heart_beats_once_a_second() -> None:
     equal([frame.data for _, frame in beats], [b"\x00"] + 4 * [b"\x05"], "CANopen heartbeats")
     apart = gaps(moments(beats))
     demand(all(abs(gap - 1_000 * MS) < SOON_NS for gap in apart), f"CANopen heartbeats are {apart} ns apart")
+
+
+def nmt_is_obeyed_where_nobody_leads() -> None:
+    """By a PE that runs nothing and hears no LEASE; a reset is a boot-up, and what means nothing changes nothing."""
+    pe = PeUnderTest()
+    pe.run(30)
+    for leads, command, state in (
+        (False, 1, b"\x05"),
+        (False, 2, b"\x04"),
+        (False, 128, b"\x7f"),
+        (True, 1, b"\x7f"),
+        (True, 2, b"\x7f"),
+        (False, 77, b"\x7f"),
+        (False, 1, b"\x05"),
+    ):
+        pe.lease = Lease(5, 0, Step.PREPARED, 0) if leads else None
+        pe.run(200)
+        pe.main.say(Frame(NMT_ID, bytes((command, NODE))))
+        pe.run(1_100)
+        equal(pe.main.since(-1, [heartbeat_id(NODE)])[-1].frame.data, state, f"after NMT command {command} it says")
+    began_ns = pe.now_ns
+    pe.main.say(Frame(NMT_ID, bytes((130, 0))))
+    pe.run(500)
+    beats = [frame.data for _, frame in pe.main.since(began_ns, [heartbeat_id(NODE)])]
+    equal(beats[:1], [b"\x00"], "CANopen heartbeats after a reset")
 
 
 def it_answers_a_ping_at_once() -> None:
@@ -164,6 +200,7 @@ DRILLS = (
     it_counts_to_255_and_on,
     on_two_buses_each_has_its_own_period_and_count,
     its_canopen_heart_beats_once_a_second,
+    nmt_is_obeyed_where_nobody_leads,
     it_answers_a_ping_at_once,
     after_a_pause_it_does_not_make_up_for_beats,
     it_says_whether_it_hears_a_lease,

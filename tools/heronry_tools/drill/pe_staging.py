@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 
+from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
     DEMAND,
     EVERYTHING,
     GAUGE,
     HEIGHT,
+    HEIGHT_ID,
     HELPER,
     LAMP,
     NEIGHBOUR,
@@ -304,6 +306,25 @@ def a_contingency_on_board_is_called_by_its_number() -> None:
     equal((pe.page_0().state, pe.page_0().epoch), (PeState.ACTIVE, _EPOCH + 4), "it runs")
 
 
+def data_stand_back_for_what_is_on_board() -> None:
+    """Every PE answers at once then, and each takes it at once: data wait for some frames' time, and come then."""
+    pe = PeUnderTest(with_plans_on_board(TABLE, (EVERYTHING, 0xA1)))
+    puppets.pull_all()
+    pe.attended().flies()
+    pe.run(200)
+    last_ns = pe.data(HEIGHT_ID, -1)[-1][0]
+    pe.run_until(last_ns + 60 * MS - MS // 2)
+    pe.main.command(Prepare(5, _EPOCH + 1, 0xA1, 1))
+    began_ns = pe.run(10)
+    late_ns = pe.data(HEIGHT_ID, began_ns)[0][0] - last_ns - 60 * MS
+    demand(0.5 * MS < late_ns < 2 * MS, f"data come {late_ns / MS} ms late when what is on board is called")
+    pe.run_until(last_ns + 120 * MS - MS // 2)
+    pe.main.command(Prepare(5, _EPOCH + 1, 0xA1, 1))
+    began_ns = pe.run(10)
+    late_ns = pe.data(HEIGHT_ID, began_ns)[0][0] - last_ns - 120 * MS
+    demand(late_ns < 0.3 * MS, f"data come {late_ns / MS} ms late when it is called again")
+
+
 def what_cannot_run_is_not_staged_from_on_board_either() -> None:
     """The same reasons hold."""
     impossible = Slice((_GAUGE,), publish={HEIGHT: 2})
@@ -343,6 +364,7 @@ DRILLS = (
     what_runs_here_needs_no_body,
     nothing_to_do_is_staged_by_its_head,
     a_contingency_on_board_is_called_by_its_number,
+    data_stand_back_for_what_is_on_board,
     what_cannot_run_is_not_staged_from_on_board_either,
     page_1_tells_the_load,
 )

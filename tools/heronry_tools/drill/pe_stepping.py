@@ -418,6 +418,20 @@ def what_could_run_elsewhere_needs_its_name_in_alive() -> None:
     equal(pe.data(DEMAND_ID, began_ns), [], "data of what may run elsewhere, while a newer epoch is known")
 
 
+def it_says_that_it_holds_back_what_could_run_elsewhere() -> None:
+    """A module that may run elsewhere, and is published; not one that is not, or that is bound to this PE."""
+    for part, holds in (
+        (Slice((_GAUGE, _FINE), publish={HEIGHT: 1, DEMAND: 1}), True),
+        (Slice((_GAUGE, _FINE), publish={HEIGHT: 1}), False),
+        (Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}), False),
+    ):
+        pe = _attended().flies(part)
+        demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "ALIVE names it, and it holds back")
+        pe.alive = frozenset((NEIGHBOUR,))
+        pe.run(45)
+        equal(PeFlags.OUTPUT_HELD in pe.pinged().flags, holds, f"it holds back, with {part}")
+
+
 def its_objects_tell_what_each_module_does() -> None:
     """Not wanted, not started yet, held, running."""
     pe = _attended()
@@ -434,6 +448,7 @@ def its_objects_tell_what_each_module_does() -> None:
 
 
 DRILLS = (
+    it_says_that_it_holds_back_what_could_run_elsewhere,
     what_could_run_elsewhere_needs_its_name_in_alive,
     its_objects_tell_what_each_module_does,
     it_takes_one_step_after_the_other,
