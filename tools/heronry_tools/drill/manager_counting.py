@@ -357,6 +357,20 @@ def of_two_managers_the_lower_term_gives_way() -> None:
     demand(bool(manager.said(Lease, began_ns)), "it gives way to what is no LEASE")
 
 
+def who_is_still_starting_gives_way_too() -> None:
+    """While it waits for a PE that has not been heard: before a higher term it ends, or stands by."""
+    for standby in (False, True):
+        manager = ManagerUnderTest(standby=standby)
+        manager.pes["tail_b"].speaks = False
+        manager.run(400)
+        demand(bool(manager.said(Lease)) and not manager.asked(), "it does not wait for who has not been heard")
+        manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=LAST_MANAGER)
+        manager.run(5)
+        began_ns = manager.run(80)
+        equal(manager.main.since(began_ns, [management_id(126, Command.LEASE)]), [], "its LEASEs after a higher term")
+        equal(manager.manager.stopped is None, standby, "it stands by")
+
+
 def other_frames_mean_nothing() -> None:
     """States cut short, with 29 bits, or under a number that nobody has, change nobody's standing."""
     manager = ManagerUnderTest().flies()
@@ -386,5 +400,6 @@ DRILLS = (
     when_most_do_not_hear_nobody_is_failed,
     who_hears_nobody_says_nothing,
     of_two_managers_the_lower_term_gives_way,
+    who_is_still_starting_gives_way_too,
     other_frames_mean_nothing,
 )

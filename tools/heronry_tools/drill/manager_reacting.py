@@ -389,6 +389,8 @@ def a_radio_that_is_gone_takes_who_is_beyond() -> None:
         _report(manager, sequence, usable)
         equal(manager.told("link_limited", began_ns)[-1]["share"], share, f"limit after {usable}, nobody beyond")
     equal(len(manager.told("link_back", began_ns)), 1, "how often it is back")
+    _report(manager, 8, 0, gone=True)
+    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone again, before anybody is back")
 
 
 def reports_that_are_old_or_of_others_do_not_count() -> None:
