@@ -57,9 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.campaign.survey import survey  # noqa: PLC0415
     from heronry_tools.campaign.sweeping import sweep  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
-    from heronry_tools.whole_file import write_whole  # noqa: PLC0415
+    from heronry_tools.whole_file import expect_writable, write_whole  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
+    if arguments.html is not None:
+        expect_writable(arguments.html)
     required = [read_requirement(spec, text) for text in arguments.require]
     asked = scope_of(spec, arguments)
     scope = replace(asked, faults=max([asked.faults, *(one.faults for one in required)]))

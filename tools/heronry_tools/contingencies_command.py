@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.campaign.scope import add_scope_arguments, jobs_of, scope_of
-from heronry_tools.errors import UserError
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -62,10 +61,12 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
     from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415
     from heronry_tools.campaign.crew import crew  # noqa: PLC0415
     from heronry_tools.campaign.sweeping import sweep  # noqa: PLC0415
-    from heronry_tools.whole_file import write_whole  # noqa: PLC0415
+    from heronry_tools.whole_file import expect_writable, write_whole  # noqa: PLC0415
 
     scope, file = scope_of(spec, arguments), arguments.output
-    with Journal(_partial(file), spec, scope) as journal, crew(jobs_of(arguments), arguments.scheduler) as executor:
+    expect_writable(file)
+    partial = file.with_name(f"{file.name}.partial")
+    with crew(jobs_of(arguments), arguments.scheduler) as executor, Journal(partial, spec, scope) as journal:
         if journal.known:
             print(f"heronry: {journal.file} goes on with {len(journal.known)} plans", file=sys.stderr)
         try:
@@ -80,12 +81,6 @@ def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
         journal.remove()
     _report(spec, file, len(data), made, swept.tally)
     return 0
-
-
-def _partial(file: Path) -> Path:
-    if not file.parent.is_dir():
-        raise UserError(f"{file.parent} is no folder; make it first, or write elsewhere with -o")
-    return file.with_name(f"{file.name}.partial")
 
 
 def _report(spec: "Spec", file: Path, size: int, made: "Contingencies", tally: "Tally") -> None:

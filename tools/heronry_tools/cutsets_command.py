@@ -59,14 +59,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     function = named_function(spec, arguments.function)
-    scope = _scope(spec, arguments)
+    scope, jobs = _scope(spec, arguments), jobs_of(arguments)
     phase = scope.phases[0]
     with Progress() as progress:
         progress.begin("fault sets", 2 * scope.set_count())
         found = cut_sets(spec, function.name, scope, progress.step)
     left_out = None
     if arguments.given_up:
-        left_out = given_up(function, found, phase, _swept(spec, scope, jobs_of(arguments)))
+        left_out = given_up(function, found, phase, _swept(spec, scope, jobs))
     report = _json if arguments.json else _text
     sys.stdout.write(report(spec, found, phase, left_out))
     return 0

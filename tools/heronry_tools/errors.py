@@ -1,7 +1,9 @@
 """Errors of the command line: a sentence with the place and the remedy, and never a traceback."""
 
+import errno
 import sys
 from collections.abc import Callable
+from io import StringIO
 from typing import Final
 
 from heronry_wire.errors import HeronryError
@@ -15,6 +17,7 @@ _EXTRAS: Final = {
 _ENOUGH: Final = {  # a smaller extra has what these commands need
     (module, command): "check" for module in ("pydantic", "yaml") for command in ("check", "explain", "rules", "schema")
 }
+_NO_MORE: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}  # a write fails so, and names no file
 
 
 class UserError(HeronryError):
@@ -24,17 +27,29 @@ class UserError(HeronryError):
 def exit_code(program: Callable[[], int | None], name: str, command: str | None = None) -> int:
     """Run a program; whatever a user can mend becomes a sentence on stderr and 2, Ctrl-C 130, a closed pipe 141."""
     try:
-        return program() or 0
+        code = program() or 0
+        sys.stdout.flush()  # here, where it can still be said that it fails
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
+        _drop_output()
         return 141
     except Exception as error:
         known = as_user_error(error, command)
         if known is None:
             raise
+        _drop_output()
         print(f"{name}: {known}", file=sys.stderr)
         return 2
+    return code
+
+
+def _drop_output() -> None:
+    """Let nothing that could not be written be tried again when Python ends, which would complain in its own words."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        sys.stdout = StringIO()
 
 
 def as_user_error(error: Exception, command: str | None = None) -> str | None:
@@ -46,6 +61,8 @@ def as_user_error(error: Exception, command: str | None = None) -> str | None:
         return _how_to_install(str(error.name).partition(".")[0], command)
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
+    if isinstance(error, OSError) and error.errno in _NO_MORE:
+        return f"what this writes has no room: {error.strerror}; make some, or write elsewhere"
     return None
 
 

@@ -11,6 +11,7 @@ Only one run at a time may write it, which a lock sees to; the lock goes with th
 import fcntl
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -55,14 +56,17 @@ class Journal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stream.close()
+        with suppress(OSError):  # `add` has said it already
+            self._stream.close()
 
     def add(self, phase: Phase, down: FaultSet, outcome: Outcome) -> None:
-        """Append an answer; it survives a kill from the moment this returns."""
+        """Append an answer; it survives a kill from the moment this returns.
+
+        Raises JournalError where the disk takes no more; what is there by then is good for the next run.
+        """
         row = self._code.encode(outcome.configuration)
         content = [phase, sorted(down), row.hex(), worth_of(outcome.objective), outcome.optimal]
-        self._stream.write(checked_line(content))
-        self._stream.flush()
+        self._append(checked_line(content))
 
     def remove(self) -> None:
         """Delete it: what it holds has been written elsewhere."""
@@ -79,8 +83,15 @@ class Journal:
         self._stream.seek(good)
         self._stream.truncate()
         if good == 0:
-            self._stream.write(self._head)
+            self._append(self._head)
+
+    def _append(self, line: bytes) -> None:
+        try:
+            self._stream.write(line)
             self._stream.flush()
+        except OSError as error:
+            why = f"{self.file} cannot be written: {error.strerror}"
+            raise JournalError(f"{why}; make room, and the same command goes on from there") from error
 
     def _learn(self, content: object) -> bool:
         match content:

@@ -1,0 +1,106 @@
+"""Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind."""
+
+import os
+import resource
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from heronry_tools.cli import main
+from heronry_tools.errors import UserError
+from heronry_tools.whole_file import write_whole
+
+FULL = Path("/dev/full")  # every write to it fails like one to a full disk
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["contingencies", "elevator_and_chute", "--jobs", "1", "-o"],
+        ["campaign", "elevator_and_chute", "--faults", "0", "--jobs", "1", "--html"],
+    ],
+)
+def test_a_device_or_a_folder_is_refused_before_the_work(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("heronry_tools.campaign.sweeping.sweep", None)  # no work is begun
+    for file, why in ((FULL, "no ordinary file"), (tmp_path, "a folder"), (tmp_path / "no" / "file", "is no folder")):
+        assert main([*command, str(file)]) == 2
+        assert why in capsys.readouterr().err
+    assert FULL.is_char_device(), "a draft would have taken its place"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    write_whole(file, b"before")
+    with room_for(100), pytest.raises(UserError, match=r"file cannot be written: File too large"):
+        write_whole(file, bytes(1000))
+    assert file.read_bytes() == b"before"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_link_stays_one(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    write_whole(tmp_path / "link", b"content")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "file").read_bytes() == b"content"
+
+
+def test_a_sweep_without_room_for_its_journal_says_so_and_goes_on_later(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "plans"
+    command = ["contingencies", "elevator_and_chute", "--faults", "1", "--jobs", "1", "-o", str(file)]
+    with room_for(2000):
+        assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "plans.partial cannot be written: File too large; make room" in said
+    assert said.count("\n") == 1
+    assert main(command) == 0
+    assert "goes on with" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_nothing_is_left_where_the_work_cannot_begin(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["contingencies", "elevator_and_chute", "-o", str(tmp_path / "plans"), "--jobs", "0"]) == 2
+    assert "at least one process must plan" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_standard_output(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    full = FULL.open("w")
+    monkeypatch.setattr("sys.stdout", full)
+    assert main(["explain", "DG001"]) == 2, "less than a buffer, so that the end is where it fails"
+    assert "what this writes has no room: No space left on device" in capsys.readouterr().err
+    sys.stdout.flush()  # as Python does when it ends
+    with pytest.raises(OSError, match="No space"):
+        full.close()
+
+
+def test_a_reader_that_goes_away_is_no_error(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    pipe = os.fdopen(write, "w")
+    monkeypatch.setattr("sys.stdout", pipe)
+    assert main(["explain", "DG001"]) == 141
+    assert capsys.readouterr().err == ""
+    sys.stdout.flush()
+    with pytest.raises(BrokenPipeError):
+        pipe.close()
