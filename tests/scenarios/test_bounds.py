@@ -14,6 +14,7 @@ from heronry_manager.fault_cases import fault_cases
 from heronry_manager.reconfiguration_bound import Bound, Bounds, FaultClass
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_wire.management import LEASE_PERIODS
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 from scenarios.test_single_faults import with_a_twin_of_what_raises
 
@@ -95,6 +96,19 @@ def test_a_pe_that_is_lost_cut_off_or_back_is_dealt_with_within_the_bound(name: 
     if pe != "comms":  # beyond whom somebody is missed much later
         assert bound_ns(name, FaultClass.PE_LOST, f"pe:{pe}") < 2 * longest[FaultClass.PE_LOST]
         assert bound_ns(name, FaultClass.PE_RETURNS, f"pe:{pe}") < 2 * longest[FaultClass.PE_RETURNS]
+
+
+def test_a_pe_that_hears_nothing_is_dealt_with_within_twice_t_lease_and_two_periods_more() -> None:
+    period_ns = two_tails().buses["can0"].heartbeat_ns
+    silence_ns, deaf_ns = period_ns * 13 // 4, period_ns * (2 * LEASE_PERIODS + 2)
+    longest_ns = bound_ns("two_tails", FaultClass.PE_LOST, "pe:tail_pe") - silence_ns + deaf_ns
+    for seed in range(3):
+        simulation = flying(two_tails(), seed)
+        simulation.run_for(seed * 7 * MS)
+        deaf_since_ns = simulation.now_ns
+        simulation.deafen("tail_pe", longest_ns)
+        simulation.run_for(longest_ns)
+        assert longest_ns - deaf_ns < taken_ns(simulation, deaf_since_ns) <= longest_ns
 
 
 def test_a_radio_that_is_lost_is_dealt_with_within_the_bound() -> None:
