@@ -44,7 +44,7 @@ def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> N
     assert len(set(map(frozenset, swarms))) == 10
     assert all(len(swarm) < len(KINDS) for swarm in swarms)
     pauses = drawn_acts(big_blue(), 1, 60.0, ["pause"])
-    assert {act.kind for act in pauses} <= {"pause", "crash", "cut", "reboot"}
+    assert {act.kind for act in pauses} <= {"pause", "crash", "cut", "reboot", "manager_crash", "manager_pause"}
     assert "forge" not in set().union(*swarms)
 
 
@@ -136,6 +136,17 @@ def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> No
     late = struck(simulation, "0 pause pe:control_pe for 0.01 in activating")
     simulation.run_for(3_000 * MS)
     assert late.hits == {("pause", "idle"): 1}
+
+
+def test_an_act_that_comes_too_late_for_its_state_waits_for_the_next_time() -> None:
+    simulation = flying(two_tails(), 1)
+    strikes = struck(simulation, "0 doubled bus:can0 for 0.1 in going level 10")  # 2 ms after the first one has begun
+    simulation.kill("sensor_pe")
+    simulation.run_for(500 * MS)
+    assert (simulation.protocol.entered["going"], sum(strikes.hits.values())) == (2, 0)
+    simulation.restore("sensor_pe")
+    simulation.run_for(1_000 * MS)
+    assert strikes.hits == {("doubled", "going"): 1}
 
 
 def test_what_is_dead_cannot_be_struck_and_what_is_healed_strikes_no_more() -> None:

@@ -1,8 +1,8 @@
 """Many flights: in parallel, in the order of their seeds, and what they have reached all together.
 
 Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
-was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. A state that is not aimed at
-in this spec (`chaos`) has its column, and its cells do not count as thin: what strikes there does so by chance.
+was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. All states are aimed at
+(`chaos`), with one manager and with two, and whether or not the spec has a DEMUX.
 
 Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
 """
@@ -19,7 +19,6 @@ from typing import Any, Generic, TypeVar
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, drawn_kinds
-from heronry_tools.simulator.chaos import aimed_at
 from heronry_tools.simulator.protocol_state import STATES
 from heronry_tools.simulator.scenario import Outcome
 
@@ -57,7 +56,6 @@ class Coverage:
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
         self._kinds = drawn_kinds(spec, of_two=of_two)
-        self._aimed_at = aimed_at(spec, of_two=of_two)
 
     def add(self, outcome: Outcome) -> None:
         """Count one flight."""
@@ -79,8 +77,7 @@ class Coverage:
         lines.append(_row("entered", [self.entered[state] for state in STATES]))
         thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
-        aimed_at = sum(state in self._aimed_at for _, state in cells)
-        return [*lines, f"{len(thin)} of {aimed_at} cells have fewer than {ENOUGH} strikes{least}"]
+        return [*lines, f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}"]
 
     def document(self) -> dict[str, Any]:
         """The same, for JSON."""
@@ -93,9 +90,8 @@ class Coverage:
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:
-        """Cells that are aimed at, and were hardly tried."""
-        cells = self.cells().items()
-        return {(kind, state): count for (kind, state), count in cells if count < ENOUGH and state in self._aimed_at}
+        """Cells that were hardly tried."""
+        return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
 
     def _states(self) -> list[str]:
         return [state for state in STATES if self.entered[state] or any(self.hits[kind, state] for kind in KINDS)]

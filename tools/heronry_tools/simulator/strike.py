@@ -29,6 +29,7 @@ End = Callable[[], None]
 
 _OF_ONE_ELEMENT = ("pe", "gateway", "module", "device", "channel", "twin_pe")
 _PATIENCE_NS = 3_000 * MS  # for a state that does not come
+_INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
 _BIAS = 40.0
@@ -61,11 +62,21 @@ class Strikes:
         if not act.during:
             simulation.at(at_ns, lambda: self._strike(act))
             return
-        delay_ns = self._random(act).choice((0, 100_000, 500_000, 2 * MS))
-        simulation.protocol.when(
-            act.during, at_ns, lambda: simulation.at(simulation.now_ns + delay_ns, lambda: self._strike(act))
-        )
+        self._wait(act, at_ns, self._random(act))
         simulation.at(at_ns + _PATIENCE_NS, lambda: self._strike(act))
+
+    def _wait(self, act: Act, not_before_ns: int, random: Random) -> None:
+        """Strike a moment after its state has begun; where that is over by then, the next time."""
+        simulation = self._simulation
+
+        def strike() -> None:
+            if simulation.protocol.now == act.during:
+                self._strike(act)
+            elif act not in self._begun:
+                self._wait(act, simulation.now_ns, random)
+
+        delay_ns = random.choice(_INTO_STATE_NS)
+        simulation.protocol.when(act.during, not_before_ns, lambda: simulation.at(simulation.now_ns + delay_ns, strike))
 
     def _strike(self, act: Act) -> None:
         if self._healed or act in self._begun:
