@@ -4,6 +4,9 @@
                 what it activates is taken down as if it were one's own (`memory`), and planned upon by nobody
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that the manager counted on last, each
                 heard within T_lease, say that they hear none either: the manager is gone, and not just this wire
+    behind      LEASEs come, of a lower term than one that is known to have been used, and some PE says that it hears
+                none: it has heard the higher one and refuses these, and would do so for ever. For `_LEARNS_LEASES`
+                times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
 
 Where no manager was ever heard, the start-up window is waited for, and the PEs that are heard are asked.
 
@@ -16,7 +19,8 @@ as long with its own ears, and a liar can make it reign too early, but command n
 Lost: a LEASE that is missed here alone makes nobody take over, since the PEs have heard it. Late, doubled: nothing
 happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged states of more than half of the PEs and the
 manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
-one that was heard before nothing is believed, for as long as that one speaks.
+one that was heard before nothing is believed, for as long as that one speaks. Who makes PEs refuse a reign that is
+behind loses nothing but that reign, to a manager that they obey.
 
 With a key LEASE, ALIVE and CONTROL count when they are proven, a state when it is believed; slices need no proof, since
 the digest in LEASE vouches for them. By that digest the states of PEs are read, too.
@@ -43,6 +47,7 @@ from heronry_wire.management import (
 )
 
 _DIGESTS_KEPT = 4
+_LEARNS_LEASES = 10  # so many facts are told again meanwhile (`announcing`)
 
 
 class Following:
@@ -70,6 +75,7 @@ class Following:
         self.node: int | None = None  # the manager that reigns
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
+        self._behind_ns: int | None = None  # since when its term is lower than one that is known
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE has named them
 
     def heard(self, node: int, message: ManagementMessage) -> None:
@@ -93,6 +99,10 @@ class Following:
             return
         if lease.term > self._turn.memory.term:
             self._turn.keep(TermBegun(lease.term))
+        if lease.term == self._turn.memory.term:
+            self._behind_ns = None
+        elif self._behind_ns is None:
+            self._behind_ns = now_ns
         self.node, self.term, self.leased_ns = node, lease.term, now_ns
         self._orphaned_ns = now_ns + self._lease_ns + 1
         self._digests[lease.epoch] = lease.digest
@@ -110,11 +120,13 @@ class Following:
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
 
     def is_orphaned(self) -> bool:
-        """Tell whether the PEs have no manager any more."""
+        """Tell whether the PEs have no manager any more, or one that some of them refuse."""
         now_ns = self._turn.now_ns
+        if self._behind_ns is not None and now_ns - self._behind_ns >= _LEARNS_LEASES * self._lease_ns:
+            return False in self._heard().values()
         if now_ns < self._orphaned_ns:
             return False
-        heard = self._recently(self._unproven) | self._recently(self._said)
+        heard = self._heard()
         asked = self._counted_on or heard.keys()
         orphans = sum(1 for pe in asked if heard.get(pe) is False)
         return 2 * orphans > len(asked)
@@ -124,8 +136,11 @@ class Following:
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
         return frozenset(speak & self._counted_on if self._counted_on else speak)
 
+    def _heard(self) -> dict[str, bool]:
+        """Who was heard within T_lease, and whether it hears a LEASE; what is proven counts before what is not."""
+        return self._recently(self._unproven) | self._recently(self._said)
+
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
-        """Who was heard within T_lease, and whether it hears a LEASE."""
         now_ns = self._turn.now_ns
         return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._lease_ns}
 

@@ -8,7 +8,7 @@ from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
-from heronry_manager.memory import NOTHING, Runs
+from heronry_manager.memory import NOTHING, Memory, Runs
 from heronry_manager.overheard import Overheard
 from heronry_manager.planner.exact import plan
 from heronry_manager.turn import Turn
@@ -46,9 +46,9 @@ FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
 class Pair:
     """A manager that reigns, one that stands by, and the three PEs that both hear."""
 
-    def __init__(self) -> None:
+    def __init__(self, memory: Memory = NOTHING) -> None:
         self.primary = OneManager(PHASES)
-        self.standby = standing_by()
+        self.standby = standing_by(memory=memory)
         self.primary.start()
         self._told = 0
         self.share()
@@ -82,10 +82,10 @@ class Pair:
         self.standby.beat(pe)
 
 
-def standing_by(node: int = 127) -> OneManager:
+def standing_by(node: int = 127, memory: Memory = NOTHING) -> OneManager:
     manager = OneManager(PHASES, node=node)
-    manager.core = ManagerCore(PHASES, node, NOTHING, manager.now_ns, standby=True)
-    manager.memory = NOTHING
+    manager.core = ManagerCore(PHASES, node, memory, manager.now_ns, standby=True)
+    manager.memory = memory
     manager.flags = PeFlags(0)  # while it stands by it sends no lease
     return manager
 
@@ -122,6 +122,30 @@ def test_half_of_the_pes_are_not_enough_and_more_than_half_are(pair: Pair) -> No
     pair.say("middle", PeFlags(0))
     assert pair.standby.last("taken_over")["before"] == 1
     assert pair.standby.last("taken_over")["term"] == 2
+
+
+def test_a_reign_with_a_term_that_somebody_refuses_is_ended_once_it_is_known_what_it_holds() -> None:
+    pair = Pair(Memory(term=8))  # it has reigned before, and the other one does not know
+    for pe in PHASES.pes:
+        pair.say(pe, PeFlags.HEARS_LEASE)
+    pair.fly(12 * LEASE_NS)
+    assert state(pair.standby) == "standby"  # everybody obeys
+    pair.say("left", PeFlags(0))
+    assert (pair.standby.last("taken_over")["before"], pair.standby.last("taken_over")["term"]) == (1, 10)
+    assert pair.standby.last("adopted")["epoch"] == pair.primary.memory.runs.epoch  # type: ignore[union-attr]
+
+
+def test_a_reign_that_is_behind_is_listened_to_first_and_one_that_is_not_is_left_alone() -> None:
+    pair = Pair(Memory(term=8))
+    pair.say("left", PeFlags(0))
+    pair.fly(9 * LEASE_NS - 10 * BEAT_NS)
+    assert state(pair.standby) == "standby"
+    lease = pair.primary.said(Lease)[-1]
+    for _ in range(20 * LEASE_NS // BEAT_NS):
+        told = Lease(9, lease.epoch, lease.step, lease.digest)
+        pair.standby.hear(Frame(management_id(126, Command.LEASE), told.encode()))
+        pair.standby.pass_time(BEAT_NS)
+    assert state(pair.standby) == "standby"
 
 
 def test_it_commands_at_once_adopts_what_runs_and_counts_on_the_same_pes(pair: Pair) -> None:
