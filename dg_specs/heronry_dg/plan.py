@@ -306,12 +306,15 @@ def read_configuration(text: str) -> Configuration:
     return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(text)})
 
 
-def read_running(text: str) -> Placement:
-    """Read mode and PE of each module; nothing else is looked at."""
-    return {
+def read_running(text: str, spec: Spec) -> Placement:
+    """Read mode and PE of each module, which the spec must have; nothing else is looked at."""
+    running = {
         name: (_field(fields, "mode", str, f"modules.{name}"), _field(fields, "pe", str, f"modules.{name}"))
         for name, fields in _modules(text)
     }
+    for name, (mode, pe) in running.items():
+        _check_place(spec, name, mode, pe)
+    return running
 
 
 def _modules(text: str) -> Iterator[tuple[str, Json]]:
@@ -344,15 +347,19 @@ def _reasons(document: Json) -> dict[str, str]:
     return {name: reason for name, reason in said.items() if isinstance(reason, str)}
 
 
+def _check_place(spec: Spec, name: str, mode: str, pe: str) -> None:
+    if name not in spec.modules:
+        raise PlanError(f"modules.{name}: the spec has no such module")
+    if mode not in spec.modules[name].modes:
+        raise PlanError(f"modules.{name}.mode: the module has no mode '{mode}'")
+    if pe not in spec.pes:
+        raise PlanError(f"modules.{name}.pe: the spec has no PE '{pe}'")
+
+
 def _check_names(spec: Spec, configuration: Configuration) -> None:
     """Refuse what cannot even be valued; whether it is legal is for `verify` to say."""
     for name, running in configuration.modules.items():
-        if name not in spec.modules:
-            raise PlanError(f"modules.{name}: the spec has no such module")
-        if running.mode not in spec.modules[name].modes:
-            raise PlanError(f"modules.{name}.mode: the module has no mode '{running.mode}'")
-        if running.pe not in spec.pes:
-            raise PlanError(f"modules.{name}.pe: the spec has no PE '{running.pe}'")
+        _check_place(spec, name, running.mode, running.pe)
         leaves = dict(configuration.mode(spec, name).leaves())
         for path, wire in running.inputs.items():
             leaf = leaves.get(path)

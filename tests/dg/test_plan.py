@@ -182,7 +182,7 @@ def test_a_plan_is_read_back_as_it_was(rng: random.Random) -> None:
     assert read_plan(text, case.spec).to_json() == text
     assert read_situation(text, case.spec) == case.now
     assert read_configuration(text) == plan.configuration
-    assert read_running(text) == {name: (r.mode, r.pe) for name, r in best.modules.items()}
+    assert read_running(text, case.spec) == {name: (r.mode, r.pe) for name, r in best.modules.items()}
 
 
 def test_a_foreign_plan_needs_modules_alone() -> None:
@@ -192,7 +192,11 @@ def test_a_foreign_plan_needs_modules_alone() -> None:
 
 
 def test_a_running_plan_needs_places_and_modes_alone() -> None:
-    assert read_running('{"modules": {"a": {"pe": "p", "mode": "m", "inputs": 7}}}') == {"a": ("m", "p")}
+    text = '{"modules": {"gps_driver": {"pe": "sensor_pe", "mode": "only", "inputs": 7}}}'
+    assert read_running(text, FIGURE_3) == {"gps_driver": ("only", "sensor_pe")}
+    for wrong, sentence in (("gps_driver", "no such module"), ("only", "no mode"), ("sensor_pe", "no PE")):
+        with pytest.raises(PlanError, match=sentence):
+            read_running(text.replace(wrong, "another"), FIGURE_3)
 
 
 WIRED = '{"modules": {"a": {"pe": "p", "mode": "m", "inputs": {"0.1": %s}}}}'

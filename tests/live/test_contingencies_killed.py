@@ -85,6 +85,16 @@ def test_a_cluster_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pyt
     assert f"no Dask scheduler answers at {nowhere}" in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_without_workers_is_not_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        assert main(["contingencies", "elevator_and_chute", "-o", str(tmp_path / "f"), "--scheduler", address]) == 2
+    assert f"the Dask scheduler at {address} has no workers; start some with: dask worker" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_manager_flies_on_plans_made_ahead(tmp_path: Path) -> None:
     file = tmp_path / "chute.contingencies"
     assert main(["contingencies", "elevator_and_chute", "-o", str(file), "--faults", "1", "--jobs", "1"]) == 0

@@ -1,6 +1,8 @@
 """`heronry contingencies` as a user meets it: a file, what it holds, and whether that is true."""
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,6 +108,19 @@ def test_ctrl_c_tells_how_to_go_on(
     file = tmp_path / "chute.contingencies"
     code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--jobs", "1")
     assert (code, err) == (130, f"heronry: stopped; the same command goes on from {file}.partial\n")
+
+
+def test_whoever_judges_needs_no_solver(file: Path) -> None:
+    """On a node that flies on a table and the greedy planner, without ortools."""
+    code = f"""
+import sys
+sys.modules["ortools"] = None  # importing it fails
+from heronry_tools.cli import main
+sys.exit(main(["contingencies", "--check", {str(file)!r}, "elevator_and_chute", "--jobs", "1"]))
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert "every one is legal and worth what the file says" in ran.stdout
 
 
 def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

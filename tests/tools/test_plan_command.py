@@ -132,7 +132,16 @@ def test_the_next_plan_changes_little_of_what_runs(capsys: pytest.CaptureFixture
         (("plan", "elevator_and_chute", "--phase", "glide"), "no phase is named 'glide'"),
         (("plan", "elevator_and_chute", "--running", "missing.json"), "missing.json: No such file or directory"),
         (("verify", "elevator_and_chute", "missing.json"), "missing.json: No such file or directory"),
-        (("verify", "elevator_and_chute", "{}"), "'modules'"),
+        (("plan", "elevator_and_chute", "--running", "{"), "plan.json: line 1, column 2: this is not JSON"),
+        (
+            ("plan", "elevator_and_chute", "--running", '{"modules": {"gps": {"pe": "tail_pe", "mode": "only"}}}'),
+            "plan.json: modules.gps: the spec has no such module",
+        ),
+        (
+            ("plan", "elevator_and_chute", "--running", '{"modules": {"gps_driver": {"pe": "tail_pe", "mode": "x"}}}'),
+            "plan.json: modules.gps_driver.mode: the module has no mode 'x'",
+        ),
+        (("verify", "elevator_and_chute", "{}"), "plan.json: the plan has no 'modules'"),
         (("verify", "elevator_and_chute", "[1]"), "must be an object"),
         (("verify", "elevator_and_chute", "\xff"), "is not UTF-8 text"),
         (("verify", "elevator_and_chute", '{"modules": {}, "down": ["pe:tail"]}'), "did you mean 'tail_pe'"),
@@ -142,7 +151,7 @@ def test_a_mistake_is_one_sentence_and_exit_code_2(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], sentence: str
 ) -> None:
     *others, last = arguments
-    if arguments[0] == "verify" and last != "missing.json":
+    if last != "missing.json" and (arguments[0] == "verify" or "--running" in arguments):
         file = tmp_path / "plan.json"
         file.write_bytes(last.encode("latin-1"))
         last = str(file)

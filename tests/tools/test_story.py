@@ -423,3 +423,11 @@ def test_whatever_two_managers_go_through_can_be_told(seed: int) -> None:
     strikes.heal()
     assert simulation.settle() == []
     assert any("runs: 11 modules" in line.text for line in told(Story(ELEVATOR), simulation.events))
+
+
+@pytest.mark.parametrize("option", ["--for", "--from"])
+@pytest.mark.parametrize("seconds", ["-1", "nan", "inf", "soon"])
+def test_a_time_that_is_none_is_refused(option: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["demo", f"{option}={seconds}"])
+    assert capsys.readouterr().err.splitlines()[-1].startswith(f"heronry demo: error: argument {option}: ")

@@ -6,6 +6,8 @@ Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2
 import argparse
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,7 +113,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
     text = read_text(arguments.running) if arguments.running else None
-    running = read_running(text) if text is not None else None
+    with errors_name(arguments.running):
+        running = read_running(text, spec) if text is not None else None
     if arguments.planner == "greedy":
         found = _greedy(spec, now, running)
     else:
@@ -158,21 +161,21 @@ def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transitio
     from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
     from heronry_wire.sansio import require  # noqa: PLC0415
 
-    before, after = _as_known(text), found.configuration
+    before, after = _as_known(spec, text), found.configuration
     way = transition(spec, before, after, now)
     refusals = verify_transition(spec, before, after, now, way)
     require(not refusals, "the way to this plan is none that may be gone: {}", refusals)
     return way
 
 
-def _as_known(text: str) -> "Configuration | Placement":
+def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
     """What a plan says of what runs: with its wires where it tells them of every module."""
     from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
 
     try:
         return read_configuration(text)
     except PlanError:
-        return read_running(text)
+        return read_running(text, spec)
 
 
 def run_verify(arguments: argparse.Namespace) -> int:
@@ -183,7 +186,9 @@ def run_verify(arguments: argparse.Namespace) -> int:
 
     spec = load_spec(arguments.spec)
     text = read_text(arguments.plan)
-    violations = verify(spec, judged_in(spec, text, arguments), read_configuration(text))
+    with errors_name(arguments.plan):
+        now, configuration = judged_in(spec, text, arguments), read_configuration(text)
+    violations = verify(spec, now, configuration)
     for violation in violations:
         print(violation)
     if not violations:
@@ -203,6 +208,17 @@ def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situat
         limits=planned.limits if arguments.limit is None else said.limits,
         phase=planned.phase if arguments.phase is None else said.phase,
     )
+
+
+@contextmanager
+def errors_name(file: str | None) -> Iterator[None]:
+    """Let what is wrong with a plan name the file that it came from (`-`: standard input)."""
+    from heronry_dg.plan import PlanError  # noqa: PLC0415
+
+    try:
+        yield
+    except PlanError as error:
+        raise UserError(f"{'standard input' if file == '-' else file}: {error}") from error
 
 
 def read_text(file: str) -> str:

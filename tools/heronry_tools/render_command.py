@@ -63,22 +63,17 @@ def run(arguments: argparse.Namespace) -> int:
 def _graph(arguments: argparse.Namespace) -> "Graph":
     from heronry_dg.plan import read_plan  # noqa: PLC0415
     from heronry_dg.situation import situation  # noqa: PLC0415
+    from heronry_tools.plan_command import errors_name, read_text  # noqa: PLC0415
     from heronry_tools.render.build import build  # noqa: PLC0415
     from heronry_tools.render.marks import marks  # noqa: PLC0415
     from heronry_tools.spec_argument import load_spec  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
-    plan = read_plan(_text(arguments.plan), spec) if arguments.plan else None
+    with errors_name(arguments.plan):
+        plan = read_plan(read_text(arguments.plan), spec) if arguments.plan else None
     now = plan.now if plan is not None and arguments.down is None else situation(spec, arguments.down or ())
     name = arguments.function
     if name is not None and name not in spec.functions:
         raise UserError(f"{spec.name} has no function '{name}'; it has {', '.join(spec.functions)}")
     marked = marks(spec, now, plan.configuration if plan is not None else None)
     return build(spec, marked, spec.functions[name] if name is not None else None)
-
-
-def _text(file: str) -> str:
-    try:
-        return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so this is no plan") from error

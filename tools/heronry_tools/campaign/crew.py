@@ -16,16 +16,17 @@ from dataclasses import dataclass
 from itertools import groupby
 from multiprocessing import connection, get_context, parent_process
 from threading import Thread
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
-from heronry_manager.planner.deadlines import PlannerDefectError
-from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
 from heronry_tools.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_manager.planner.exact import Planner
 
 _QUESTIONS_IN_A_TASK: Final = 8
 
@@ -40,7 +41,7 @@ class Task:
     downs: tuple[FaultSet, ...]
 
 
-_warm: list[Planner] = []  # the planner of this process, once there is one
+_warm: list["Planner"] = []  # the planner of this process, once there is one
 
 
 def solved(task: Task) -> list[Outcome]:
@@ -49,18 +50,22 @@ def solved(task: Task) -> list[Outcome]:
     return [_solved(planner, task, down) for down in task.downs]
 
 
-def _planner(spec: Spec) -> Planner:
+def _planner(spec: Spec) -> "Planner":
     """Give the planner of this process, for as long as all tasks are about one spec."""
+    from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - whoever only judges needs no solver
+
     if not _warm or _warm[0].spec != spec:
         _warm[:] = [Planner(spec)]
     return _warm[0]
 
 
-def _solved(planner: Planner, task: Task, down: FaultSet) -> Outcome:
+def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
     now = Situation(down, {}, task.phase)
     found = planner.plan(now, task.running)
     violations = verify(task.spec, now, found.configuration)
     if violations:
+        from heronry_manager.planner.deadlines import PlannerDefectError  # noqa: PLC0415
+
         raise PlannerDefectError(f"the plan for {', '.join(sorted(down))} is not legal: {violations[0]}")
     return Outcome(found.configuration, found.objective, found.optimal)
 
@@ -118,6 +123,8 @@ def _cluster(address: str) -> Iterator[Executor]:
     except (OSError, ValueError) as error:
         raise UserError(f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler") from error
     with client, client.get_executor() as executor:
+        if not client.scheduler_info()["workers"]:
+            raise UserError(f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}")
         yield executor
 
 

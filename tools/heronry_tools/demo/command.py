@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 DEFAULT_SECONDS = 15.0
+LONGEST_SECONDS = 1_000_000.0
 
 _EPILOG = """\
 examples:
@@ -49,13 +50,17 @@ def add_parsers(subparsers: Any) -> None:
         "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
     )
     parser.add_argument(
-        "--for", dest="seconds", metavar="SECONDS", type=float, help=f"how long to run (default {DEFAULT_SECONDS:.0f})"
+        "--for",
+        dest="seconds",
+        metavar="SECONDS",
+        type=_seconds,
+        help=f"how long to run (default {DEFAULT_SECONDS:.0f})",
     )
     parser.add_argument(
         "--from",
         dest="aloft_s",
         metavar="SECONDS",
-        type=float,
+        type=_seconds,
         default=0.0,
         help="begin so long after take-off: at 90 the balloon is about to be cut, from 240 on it stands again",
     )
@@ -76,6 +81,14 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_bus_arguments(parser, group_title="the manager's bus (default: vcan0 where there is one, else a software bus)")
     parser.set_defaults(run=run)
+
+
+def _seconds(text: str) -> float:
+    """Read a time; argparse tells the name of this function to the user."""
+    seconds = float(text)
+    if not 0 <= seconds <= LONGEST_SECONDS:
+        raise argparse.ArgumentTypeError(f"{text} is no time for a demo; write 0 to {LONGEST_SECONDS:.0f} seconds")
+    return seconds
 
 
 def run(arguments: argparse.Namespace) -> int:

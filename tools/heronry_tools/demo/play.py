@@ -29,6 +29,8 @@ def play(arguments: argparse.Namespace) -> int:
     acts = sorted([*acts, *read_phases(spec, arguments.phase)], key=lambda act: act.at_s)
     last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
     seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    if acts and acts[-1].at_s > seconds:
+        raise UserError(f"--for {seconds:g}: it would end before what happens at {acts[-1].at_s:g} s; give it longer")
     if arguments.key is not None:
         read_key(arguments.key)
     contingencies_of(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
