@@ -12,6 +12,7 @@ from heronry_wire.gateway_report import LinkState
 from heronry_wire.management import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
 from manager.test_radio_links import Flight
+from manager.test_standby import standing_by
 
 
 def told(manager: OneManager, *orders: Order) -> list[str]:
@@ -38,7 +39,7 @@ def test_when_all_is_well_it_says_what_runs(manager: OneManager) -> None:
         "  left         up         ACTIVE in epoch 1",
         "  middle       up         ACTIVE in epoch 1",
         "  right        up         ACTIVE in epoch 1",
-        "functions",
+        "functions, as planned",
         "  elevator         A  served, only, value 100",
         "buses, as planned",
         "  can0         0 bit/s, 0.0 %",
@@ -52,6 +53,14 @@ def test_what_is_wrong_comes_first(manager: OneManager) -> None:
     assert lines[1] == "no phases; epoch 1 is done; a plan is awaited"
     assert lines[2] == "! device:servo_left counts as failed, says the operator (0 s ago)"
     assert lines[6].startswith("  right        returning  UNCONFIGURED: it rebooted (incarnation 2); it joins in 0.")
+
+
+def test_who_stands_by_knows_no_plan_and_says_who_does() -> None:
+    manager = standing_by()
+    manager.pass_time(200 * MS)
+    lines = told(manager)
+    assert "manager 127 is standby" in lines[0]
+    assert lines[-1] == "what is served, the manager that reigns can tell"
 
 
 def test_before_anything_runs_nothing_is_served() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from heronry_manager.core import Reign
 from heronry_manager.latched_faults import OPERATOR_CODE
 
 _NS_PER_S = 1_000_000_000
@@ -13,6 +14,9 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
     yield from _head(status)
     yield from _troubles(status)
     yield from _pes(status["pes"])
+    if status["manager"]["state"] == Reign.STANDBY.value:
+        yield "what is served, the manager that reigns can tell"
+        return
     yield from _functions(status["functions"])
     yield from _buses(status["buses"])
 
@@ -67,7 +71,7 @@ def _unproven(authentic: Mapping[str, Any] | None) -> str:
 
 
 def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
-    yield "functions"
+    yield "functions, as planned"
     for name, function in functions.items():
         if not function["wanted"]:
             state = "not wanted in this phase"
