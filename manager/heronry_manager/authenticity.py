@@ -16,7 +16,8 @@ of this PE are tried, and forgotten with the next page 0 that says nothing is pe
     open          page 0 is believed, with its digest put back in its place
 
 A restarted PE asks by itself. One that is heard and cannot be believed for T_lease is told to (RENEW): it may have
-missed what opened its session, or this manager too many of its states.
+missed what opened its session, or this manager too many of its states. Where that changes nothing it is told of: it has
+another key, or none, or does not hear.
 
 Guessing. 24 bits are found by chance in 16 million tries, so once many tags of a PE have not fitted, a state of it
 counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
@@ -85,6 +86,7 @@ _NONCES = 4  # of one PE, to which an answer to be overheard may belong
 _ANSWERS = 40  # of one manager that wait for their TAG: it may answer all PEs at once
 _HELD = 64  # EMCYs of one PE that wait for their proof
 _TOLD_EVERY_NS = 1_000_000_000
+_IN_VAIN = 2  # of two renewals even a PE that was just restarted has answered one
 _IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
 
 
@@ -108,6 +110,7 @@ class _Peer:
     answered_ns: int | None = None  # when its nonce was last answered
     nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has said
     doubted_ns: int | None = None  # since when it is heard, and not believed
+    renewals: int = 0  # that it was told, since it was believed
     wrong: int = 0  # tags that did not fit, while they kept coming
     wrong_ns: int = 0
     fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
@@ -285,7 +288,7 @@ class Authenticity:
         if opened is not peer.opened:
             peer.opened = opened
             peer.offers.remove(opened)
-        peer.doubted_ns = None
+        peer.doubted_ns, peer.renewals = None, 0
         peer.proven = emergency
         if PeFlags.FAULT_PENDING not in page.flags:
             peer.held.clear()
@@ -334,6 +337,9 @@ class Authenticity:
         elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
             peer.doubted_ns = now_ns
             self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
+            peer.renewals += 1
+            if peer.renewals == _IN_VAIN:
+                self._turn.emit("states_unproven", pe=pe)
 
     def _is_guessed_at(self, peer: _Peer) -> bool:
         return peer.wrong >= GUESSES and self._is_recent(peer)

@@ -44,6 +44,7 @@ KINDS: Mapping[str, str] = {
     "epoch_step": "epoch, step, waiting_for: ACTIVATE with this step is out",
     "pe_refused": "pe, epoch, reason: a PE cannot stage its slice",
     "commands_refused": "pe, unproven, other: so many commands a PE with a key has refused so far",
+    "states_unproven": "pe: it is heard, and proves nothing, though asked to: another key, none, or it does not hear",
     "states_doubted": "pe, refused: so many states were not tagged by who they say; from now on two in a row must be",
     "reconfigured": "epoch, causes, times_ns {detect, decide, distribute, activate}, moved, started, stopped",
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",

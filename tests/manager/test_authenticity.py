@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 
@@ -106,11 +107,11 @@ class Pe:
         return status(self.manager)["state"] in ("up", "suspect")
 
 
-def status(manager: OneManager) -> dict[str, object]:
+def status(manager: OneManager) -> dict[str, Any]:
     """What the status says of the left PE."""
     (reply,) = [a for a in manager.give(OperatorSaid(1, AskStatus())) if isinstance(a, Reply)]
     assert reply.status is not None
-    told: dict[str, object] = reply.status["pes"]["left"]
+    told: dict[str, Any] = reply.status["pes"]["left"]
     return told
 
 
@@ -318,6 +319,27 @@ def test_who_is_heard_and_not_believed_is_told_to_begin_anew(manager: OneManager
         stranger.say()
     renewals = [c for c in manager.commands if isinstance(c, Control) and c.operation is Operation.RENEW]
     assert [renewal.node for renewal in renewals] == [LEFT, LEFT]
+    assert told_unproven(manager) == ["left"], "what was asked for the first time may still come"
+    for _ in range(12):
+        manager.pass_time(BEAT_NS)
+        stranger.say()
+    assert told_unproven(manager) == ["left"], "once"
+
+
+def test_who_lost_its_session_and_begins_anew_is_not_told_of(manager: OneManager, pe: Pe) -> None:
+    for _ in range(3):
+        for _ in range(6):
+            manager.pass_time(BEAT_NS)
+            replace(pe, key=FOREIGN).say()
+        pe.ask()
+        pe.say()
+        pe.say()
+        assert status(manager)["authentic"]["is_believed"]
+    assert told_unproven(manager) == []
+
+
+def told_unproven(manager: OneManager) -> list[str]:
+    return [event["pe"] for event in manager.events if event["event"] == "states_unproven"]
 
 
 def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager, pe: Pe) -> None:

@@ -21,6 +21,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
         "{pe} has refused commands: {unproven} whose tag did not fit, and {other} more",
         "bad",
     ),
+    "states_unproven": ("{pe} is heard, but proves nothing: it has another key or none, or does not hear", "bad"),
     "states_doubted": ("somebody else speaks as {pe}: {refused} of its states were refused", "bad"),
     "pe_absent": ("{pe} is absent: {cause}", "fault"),
     "pe_heard_again": ("{pe} is heard again; {cause}", "plain"),
