@@ -305,6 +305,7 @@ class ManagerCore:
         believed = self._authenticity.believed(pe, page, data)
         self._on_state(pe, believed)
         if believed is None and isinstance(page, StatePage0):
+            self._health.spoke(pe, self._turn.now_ns)
             self._following.state(pe, page, is_proven=False)
 
     def _hear_emergency(self, pe: str, data: bytes) -> None:

@@ -20,7 +20,8 @@ left, it is the manager that is not heard; then nobody is failed for it, and wha
 
 A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
 proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, for that
-is but the word of the reign before, and nothing that it drives is given to anybody meanwhile.
+is but the word of the reign before, and nothing that it drives is given to anybody meanwhile. One that does not even
+speak any more is not waited for.
 
 One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
 
@@ -91,12 +92,16 @@ class _Record:
     deaf_since_ns: int | None = None  # since when it has said that it hears no lease
     barred: bool = False
     awaited_again: bool = False  # another reign counted on it
+    spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
 
     def suspect_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * 5 // 4
 
     def declare_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * self.misses + self.period_ns // 4
+
+    def fallen_silent_ns(self) -> int:
+        return self.spoke_ns + self.period_ns * self.misses + self.period_ns // 4
 
     def is_deaf(self, now_ns: int) -> bool:
         return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.period_ns
@@ -214,7 +219,12 @@ class Health:
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_counted_on(record.name):
                 record.standing, record.cause, record.awaited_again = Standing.WAITING, None, True
+                record.spoke_ns = now_ns
                 self._window_closes_ns = now_ns + window_ns
+
+    def spoke(self, pe: str, now_ns: int) -> None:
+        """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
+        self._records[pe].spoke_ns = now_ns
 
     def awaited_again(self) -> list[str]:
         """Who has not done so yet, while the window is open."""
@@ -279,6 +289,8 @@ class Health:
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:
+                case Standing.WAITING if record.awaited_again:
+                    due_ns = min(due_ns, record.fallen_silent_ns())
                 case Standing.UP:
                     due_ns = min(due_ns, record.suspect_ns())
                 case Standing.SUSPECT:
@@ -291,6 +303,10 @@ class Health:
 
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
         last = record.heard_ns
+        if record.standing is Standing.WAITING and record.awaited_again and now_ns >= record.fallen_silent_ns():
+            record.standing, record.cause = Standing.DOWN, "not heard any more, before it could be believed"
+            self._close_window_if_all_heard()
+            return [HealthChange(record.name, Change.ABSENT, record.cause, last)]
         if record.standing is Standing.UP and now_ns >= record.suspect_ns():
             record.standing = Standing.SUSPECT
             return [HealthChange(record.name, Change.SUSPECTED, "a heartbeat period was missed", last)]

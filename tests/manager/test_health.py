@@ -75,6 +75,21 @@ def test_a_new_reign_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
     assert not health.starting()
 
 
+def test_a_new_reign_waits_no_longer_for_who_does_not_even_speak(spec: Spec) -> None:
+    health = everybody_up(spec)
+    health.tick(25 * MS)
+    health.tick(65 * MS)
+    health.await_again(["sensor_pe", "tail_pe"], 70 * MS, 1000 * MS)
+    health.spoke("tail_pe", 90 * MS)
+    assert health.next_deadline_ns() == 135 * MS
+    assert health.tick(134 * MS) == []
+    assert changes(health.tick(135 * MS)) == [("sensor_pe", Change.ABSENT)]
+    assert health.awaited_again() == ["tail_pe"]
+    assert health.starting()
+    assert changes(health.tick(155 * MS)) == [("tail_pe", Change.ABSENT)]
+    assert not health.starting()
+
+
 def test_a_missed_period_makes_suspect_and_three_make_it_lost(spec: Spec) -> None:
     health = everybody_up(spec)
     others = ["control_pe", "sensor_pe"]

@@ -202,6 +202,22 @@ def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: Se
     assert "a plan for ['pe:tail_pe'] serves it" in story
 
 
+def test_a_reign_that_begins_where_nobody_runs_anything_may_wait_for_its_start_up_window(service: ServiceCheck) -> None:
+    service.ran(10 * S)
+    service.reigned(11 * S)
+    service.ran(16 * S)
+    assert judged(service, lasts_ns=7 * S) == []
+    (story,) = judged(service, lasts_ns=8 * S)  # of these two seconds after the window
+    assert "silent for 2000 ms" in story
+
+
+def test_where_somebody_flies_a_new_reign_is_no_excuse(service: ServiceCheck) -> None:
+    service.reigned(10 * S)
+    for tick in range(1, 600):
+        service.ran(tick * 50 * MS)
+    assert len(judged(service)) == 1
+
+
 def test_time_begins_anew_with_whatever_happens_meanwhile(service: ServiceCheck) -> None:
     steps = [Struck("pe:tail_pe", (9 + i) * S, (10 + i) * S) for i in range(6)]
     assert judged(service, *steps) == []

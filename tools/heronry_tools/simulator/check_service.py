@@ -9,10 +9,13 @@ Twice:
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
   every wanted function of that class and those above, any plan for less than that must, too.
 
-Not judged in flight: times in which a bus or a manager is struck, or in which whatever is measured may be wrong.
+Not judged in flight: times in which a bus or a manager is struck, or in which whatever is measured may be wrong; nor
+the start-up window of a reign for as long as nobody runs anything. Who has just been started and hears no PE that flies
+cannot tell that from an aircraft that is switched on: it waits for those that it has not heard, and plans for nobody
+before. The window ends no later than if it had begun with the first ALIVE of that reign.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import pairwise
 from typing import NamedTuple
@@ -20,6 +23,7 @@ from typing import NamedTuple
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation
+from heronry_manager.core import START_UP_WINDOW_NS
 from heronry_manager.radio_links import STEPS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios
@@ -29,7 +33,7 @@ from heronry_tools.simulator.planning import critical_at_best
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import Control, ElementKind, Operation
+from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Operation
 
 _SECOND_NS = 1_000_000_000
 _DOUBTED_NS = 30 * _SECOND_NS
@@ -55,6 +59,10 @@ class ServiceCheck:
         self._acknowledged: dict[str, int] = {}  # and when first
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
         self._phases: list[tuple[int, str | None]] = []
+        self._reigns: list[int] = []  # when they began
+        self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
+        self._ran_ns = 0  # when somebody did last
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._radios = {radio.link_id: radio for radio in radios(spec).values()}
         self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
@@ -68,6 +76,16 @@ class ServiceCheck:
     def counts_on(self, t_ns: int, pes: frozenset[str]) -> None:
         """ALIVE names other PEs than before."""
         self._counted_on.append((t_ns, pes))
+
+    def reigned(self, t_ns: int) -> None:
+        """The first ALIVE of a term was heard."""
+        self._reigns.append(t_ns)
+
+    def ran(self, t_ns: int) -> None:
+        """A PE says that it runs something."""
+        if t_ns - self._ran_ns > self._lease_ns:
+            self._idle.append((self._ran_ns, t_ns))
+        self._ran_ns = t_ns
 
     def measured(self, sent: Sent) -> None:
         """A gateway reports on its radio."""
@@ -104,12 +122,14 @@ class ServiceCheck:
 
     def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent for too long without need."""
+        self.ran(end_ns)
         return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
 
     def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]
         moments = {moment for one in struck for moment in (one.from_ns, one.to_ns) if moment is not None}
         moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)} | set(self._acknowledged.values())
+        moments |= {moment for time in self._starts() for moment in time}
         to_ns = end_ns if outage.to_ns is None else outage.to_ns
         within = sorted({outage.from_ns, to_ns, *(t for t in moments if outage.from_ns < t < to_ns)})
         for begin_ns, over_ns in pairwise(within):
@@ -125,7 +145,8 @@ class ServiceCheck:
     def _situation(self, begin_ns: int, over_ns: int, struck: Sequence[Struck]) -> Situation | None:
         """What is down in a time in which nothing changes; None where nobody can tell."""
         hit = [s for s in struck if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
-        if any(one.element is None for one in hit):
+        starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
+        if starts or any(one.element is None for one in hit):
             return None
         elements = {one.element for one in hit if one.element is not None}
         down = elements | {element for element, t_ns in self._acknowledged.items() if t_ns <= begin_ns}
@@ -133,6 +154,14 @@ class ServiceCheck:
         down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
         phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
         return Situation(frozenset(down), self._limits(over_ns), phase)
+
+    def _starts(self) -> Iterator[tuple[int, int]]:
+        """From when to when nobody ran anything in the start-up window of a reign."""
+        for began_ns in self._reigns:
+            for from_ns, to_ns in self._idle:
+                first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
+                if first_ns < last_ns:
+                    yield first_ns, last_ns
 
     def _could_serve(self, name: str, now: Situation) -> bool:
         """Tell whether the oracle serves everything of a function's class, and of those above."""

@@ -44,7 +44,7 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import Alive, Control, StatePage0, decode_command, decode_emergency
+from heronry_wire.management import Alive, Control, PeState, StatePage0, decode_command, decode_emergency
 from heronry_wire.pe_table import PeTable
 
 
@@ -66,6 +66,7 @@ class Checks:
         """
         self._spec, self._bus = spec, spec.manager.bus
         self._phase = spec.initial_phase()
+        self._term = 0  # the highest that was heard
         self._commands = Commanded(spec, tables)
         self._proven = None if key is None else ProvenStates(key)
         self._exclusion = ExclusionCheck(spec)
@@ -210,6 +211,8 @@ class Checks:
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
             self._terms.state(node, sent.end_ns, page)
+            if page.state is not PeState.UNCONFIGURED:
+                self._service.ran(sent.end_ns)
             self._safe_mode.state(self._pe_of[node], sent.end_ns, page)
         else:
             read = page if self._proven is None else self._proven.read(node, page, self._commands.digests(page))
@@ -254,6 +257,9 @@ class Checks:
         message = decode_command(Command.ALIVE, sent.frame.data)
         if isinstance(message, Alive):
             self._terms.alive(sent.end_ns, sent.sender, message.term)
+            if message.term > self._term:
+                self._term = message.term
+                self._service.reigned(sent.end_ns)
             before = self._losses.counted_on
             self._losses.alive(sent.end_ns, message)
             if self._losses.counted_on != before:
