@@ -346,6 +346,22 @@ def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_belie
     assert late.one.requests == []
 
 
+def test_with_a_key_who_speaks_is_waited_for_until_the_window_closes_and_who_falls_silent_is_not() -> None:
+    late = LateWithAKey()
+    late.hear_all(PeFlags.HEARS_LEASE)
+    late.one.pass_time(START_UP_WINDOW_NS + LEASE_NS)
+    late.hear_all(PeFlags(0))
+    for _ in range(10):
+        late.one.pass_time(BEAT_NS)
+        late.hear_all(PeFlags(0))
+    assert state(late.one) == "starting"
+    assert late.one.of("pe_absent")[len(PHASES.pes) :] == []
+    late.one.pass_time(4 * BEAT_NS)
+    absent = late.one.of("pe_absent")[len(PHASES.pes) :]
+    assert {told["cause"] for told in absent} == {"not heard any more, before it could be believed"}
+    assert state(late.one) == "reigning"
+
+
 class TestOverheard:
     """A standby that has missed, or was told, what cannot be put together knows nothing, and says nothing."""
 
