@@ -122,18 +122,19 @@ def test_decisions_are_kept_and_another_decision_is_a_difference(
     assert golden_file(file).read_text() == kept
 
 
-def test_junit_has_a_case_for_each_expectation_and_two_for_what_always_counts(
+def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_besides(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    results = tmp_path / "results.xml"
-    assert main(["scenario", str(written(tmp_path, FAILS)), "--junit", str(results)]) == 1
+    results, file = tmp_path / "results.xml", written(tmp_path, FAILS)
+    assert main(["scenario", str(file), "--junit", str(results)]) == 1
     (suite,) = JUnitXml.fromfile(str(results))
-    assert (suite.tests, suite.failures) == (3, 1)
-    assert [case.name for case in suite] == [
-        "5: function:elevator served within 20ms",
-        "what must never be",
-        "decided as before",
-    ]
+    assert (suite.tests, suite.failures) == (2, 1)
+    assert [case.name for case in suite] == ["5: function:elevator served within 20ms", "what must never be"]
+    golden_file(file).write_text("nothing was decided\n")
+    assert main(["scenario", str(file), "--junit", str(results)]) == 1
+    (suite,) = JUnitXml.fromfile(str(results))
+    assert (suite.tests, suite.failures) == (3, 2)
+    assert [case.name for case in suite][-1] == "decided as before"
 
 
 def test_a_fault_that_does_not_strike_as_it_is_written_fails(

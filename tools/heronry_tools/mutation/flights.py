@@ -123,7 +123,7 @@ def _fly_scenario(file: Path) -> Landed:
 
     flown = fly_script(read_script(file))
     missed = next((f"'{one.expectation.text}': {one.seen}" for one in flown.verdicts if not one.holds), None)
-    wrong = [*flown.violations[:1], *([missed] if missed else []), *flown.differences[3:4]]
+    wrong = [*flown.violations[:1], *([missed] if missed else []), *(flown.differences or ())[3:4]]
     return Landed(wrong[0] if wrong else None, flown.digest)
 
 

@@ -16,7 +16,7 @@ class Flown:
     verdicts: tuple[Verdict, ...]
     violations: tuple[str, ...]
     trace: tuple[str, ...]
-    differences: tuple[str, ...] = ()  # from the golden trace
+    differences: tuple[str, ...] | None = None  # from the golden trace; None where there is none to hold it against
     digest: str = ""  # of all frames, in the simulator
 
     @property

@@ -90,7 +90,7 @@ def fly(script: Script) -> Flown:
         verdicts,
         tuple(violations),
         lines,
-        tuple(differences(script.file, lines)),
+        differences(script.file, lines),
         flight.digest(),
     )
 

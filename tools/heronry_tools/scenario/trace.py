@@ -69,13 +69,13 @@ def golden_file(file: Path) -> Path:
     return file.with_name(f"{file.name}.golden")
 
 
-def differences(file: Path, trace: Iterable[str]) -> list[str]:
-    """Lines of a diff between a scenario's golden trace and this one; empty where they agree or none is kept."""
+def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
+    """Lines of a diff between a scenario's golden trace and this one; None where none is kept."""
     golden = golden_file(file)
     if not golden.exists():
-        return []
+        return None
     kept = golden.read_text(encoding="utf-8").splitlines()
-    return list(difflib.unified_diff(kept, list(trace), golden.name, "this flight", n=1, lineterm=""))
+    return tuple(difflib.unified_diff(kept, list(trace), golden.name, "this flight", n=1, lineterm=""))
 
 
 def keep(file: Path, trace: Iterable[str]) -> None:
