@@ -14,7 +14,7 @@ MANAGER, AGENT, WIRE = "manager/heronry_manager", "pe_agent/heronry_agent", "dbc
 CORES: Mapping[str, str] = {
     MANAGER: "announcing authenticity beacon checked_lines compilation core deployment exclusion following health "
     "known_situation latched_faults lost_channels memory mission_phase numbering operator_orders overheard "
-    "planning radio_links reconfiguration topology turn",
+    "planning radio_links reconfiguration restarts_told topology turn",
     AGENT: "authenticity canopen_node channel_reports core error_history faults gateway link_meter mailboxes "
     "network_management node_services obedience object_dictionary pe_objects permission phase_requests publishing "
     "radio_port radio_queue reconfiguration reign reporting restarts running_modules schedule sdo_server "
