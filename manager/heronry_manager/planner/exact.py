@@ -10,7 +10,8 @@ runs out, the best configuration found so far is returned, and the plan says of 
 good it could be. There is always a plan: the greedy one, at worst.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Final
 
 from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver
@@ -23,11 +24,13 @@ from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import hops
 from heronry_manager.planner.candidates import Candidates, candidates
+from heronry_manager.planner.choosing import PACKING_EFFORT, Choosing, Chosen
 from heronry_manager.planner.deadlines import Deadlines
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.levels import Kind, Level, bounds_of, level_groups, merged
 from heronry_manager.planner.placing import Placing, weighted
 from heronry_manager.planner.publishing import Publishing
+from heronry_manager.planner.solver import new_solver, packing_solvers, short_solver
 from heronry_manager.planner.wiring import Wiring
 
 DEFAULT_EFFORT = 60.0  # deterministic seconds, near real ones on a desktop computer of 2020
@@ -106,7 +109,7 @@ class Search:
     @property
     def proven(self) -> bool:
         """Tell whether `best` is proven to be the best, as far as `run` was to look."""
-        return all(level.value(self._key) == self._bounds[level.position] for level in self._looked_at)
+        return self._is_at_bound(self._looked_at)
 
     def run(self, groups: int | None = None) -> None:
         """Solve group after group of levels: the first `groups` ones, or all."""
@@ -142,35 +145,79 @@ class Search:
         self._model.add(weighted(level.terms) >= level.value(self._key))
 
     def _maximise(self, group: list[Level]) -> None:
-        """Search the best of a group of levels."""
+        """Find the best of a group of levels."""
+        kind = group[0].kind
+        if kind is Kind.SERVING and self._effort > 0:
+            self._choose_and_pack(group)
+            if self._is_at_bound(group):
+                return
+            self._placing.count_parts()
         self._model.maximize(weighted(merged(group)))
-        while self._effort > 0:
-            solver = _solver(group[0].kind, self._effort / 2)  # half of what is left: later levels want their share
-            self._hint()
-            status = solver.solve(self._model)
-            response = solver.response_proto
-            self._effort -= response.deterministic_time
-            if status not in (OPTIMAL, FEASIBLE):
+        if kind is Kind.SERVING:
+            self._search(group, short_solver)
+        self._search(group, partial(new_solver, kind))
+
+    def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
+        """Search the best of a group of levels until what is found meets its deadlines, as far as the effort goes."""
+        while self._effort > 0 and not self._is_at_bound(group):
+            solver = set_up(self._effort / 2)  # half of what is left: later levels want their share
+            self._hint(self._values)
+            in_time = self._look(solver)
+            if in_time is None:
                 return
-            found = self._configuration(solver)
-            in_time = self._deadlines.are_met(frozenset(hops(self._possible.left, found)))
-            if in_time:
-                self._take(found, response.solution)
-            self._bound(group, -response.inner_objective_lower_bound)
+            self._bound(group, -solver.response_proto.inner_objective_lower_bound)
             if in_time:
                 return
+
+    def _choose_and_pack(self, group: list[Level]) -> None:
+        """Bound a group of levels by what can be chosen, and find places for that if it is quick."""
+        choosing = Choosing(self._possible, group, self._key)
+        bound = choosing.bound()
+        if bound is not None:
+            self._bound(group, bound)
+            chosen = None if self._is_at_bound(group) else choosing.cheapest()
+            if chosen is not None:
+                self._pack(chosen)
+                self._bound(group, bound)
+        self._effort -= choosing.spent
+
+    def _pack(self, chosen: Chosen) -> None:
+        """Search places for what was chosen."""
+        self._model.proto.clear_objective()
+        self._hint({self._placing.on[key].index: is_on for key, is_on in chosen.items()})
+        for solver in packing_solvers(PACKING_EFFORT):
+            in_time: bool | None = False
+            while in_time is False and self._effort > 0:
+                in_time = self._look(solver)
+            if in_time:
+                return
+
+    def _look(self, solver: CpSolver) -> bool | None:
+        """Search once: tells whether what was found meets its deadlines, and counts; None: nothing was found."""
+        status = solver.solve(self._model)
+        self._effort -= solver.response_proto.deterministic_time
+        if status not in (OPTIMAL, FEASIBLE):
+            return None
+        found = self._configuration(solver)
+        in_time = self._deadlines.are_met(frozenset(hops(self._possible.left, found)))
+        if in_time:
+            self._take(found, solver.response_proto.solution)
+        return in_time
+
+    def _is_at_bound(self, group: list[Level]) -> bool:
+        return all(level.value(self._key) == self._bounds[level.position] for level in group)
 
     def _bound(self, group: list[Level], bound: int) -> None:
         """Note what the solver has proven: it minimises, so the sign is the other one."""
         for level, most in zip(group, bounds_of(group, bound, self._key), strict=True):
-            self._bounds[level.position] = most
+            self._bounds[level.position] = min(most, self._bounds[level.position])
 
-    def _hint(self) -> None:
-        """Start the search from the best configuration so far."""
+    def _hint(self, values: Mapping[int, int]) -> None:
+        """Start the search from these values of variables."""
         self._model.proto.clear_solution_hint()
         hint = self._model.proto.solution_hint
-        hint.vars.extend(self._values.keys())
-        hint.values.extend(self._values.values())
+        hint.vars.extend(values.keys())
+        hint.values.extend(values.values())
 
     def _start_from(self, first: Configuration) -> None:
         self.best, self.objective = first, self._score(first)
@@ -214,18 +261,3 @@ class Search:
                 if solver.boolean_value(literal)
             }
         )
-
-
-def _solver(kind: Kind, effort: float) -> CpSolver:
-    """Set up one search: measured to suit problems of 30 to 60 modules, and deterministic."""
-    solver = CpSolver()
-    solver.parameters.num_workers = 1
-    solver.parameters.random_seed = 0
-    solver.parameters.max_deterministic_time = effort
-    solver.parameters.absolute_gap_limit = 0.0  # a gap is computed in floating point; merged levels outgrow it
-    solver.parameters.symmetry_level = 0
-    solver.parameters.cut_level = 0
-    solver.parameters.max_presolve_iterations = 1
-    solver.parameters.linearization_level = 2  # the bound that proves utility where there is too much work
-    solver.parameters.cp_model_probing_level = 0 if kind is Kind.SERVING else 2
-    return solver

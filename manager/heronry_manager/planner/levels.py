@@ -18,7 +18,7 @@ from itertools import groupby
 from heronry_dg.gates import Expression, Leaf, Xor, child_path
 from heronry_dg.objective import CRITICAL_CLASSES, Placement
 from heronry_manager.planner.candidates import Candidates
-from heronry_manager.planner.placing import Placing, Terms
+from heronry_manager.planner.placing import Choice, Placing, Terms
 from heronry_manager.planner.publishing import Publishing
 from heronry_manager.planner.wiring import Wiring
 
@@ -58,8 +58,7 @@ def level_groups(
     """All levels that can differ, most important first, in the groups that are solved together."""
     possible = placing.possible
     levels = [
-        *_critical(possible, placing),
-        _utility(possible, placing),
+        *serving_levels(placing),
         _inputs(possible, wiring),
         _changes(placing, running),
         _branches(possible, placing),
@@ -69,6 +68,11 @@ def level_groups(
     can_differ = (level for level in levels if level.low < level.high)
     kinds = groupby(can_differ, key=lambda level: level.kind)
     return [part for _, group in kinds for part in _that_fit(group)]
+
+
+def serving_levels(choice: Choice) -> list[Level]:
+    """Levels 1 and 2; they ask nothing of where modules run."""
+    return [*_critical(choice), _utility(choice)]
 
 
 def merged(group: list[Level]) -> Terms:
@@ -126,24 +130,22 @@ def _level(position: int, kind: Kind, alternatives: Iterable[Terms], offset: int
     )
 
 
-def _critical(possible: Candidates, placing: Placing) -> Iterator[Level]:
+def _critical(choice: Choice) -> Iterator[Level]:
+    possible = choice.possible
     for position, criticality in enumerate(CRITICAL_CLASSES):
         functions = [f for f in possible.spec.functions.values() if f.criticality_in(possible.phase) == criticality]
         yield _level(
             position,
             Kind.SERVING,
             (
-                [
-                    (placing.runs[output], f.priority_in(possible.phase))
-                    for output in f.outputs
-                    if output in placing.runs
-                ]
+                [(choice.runs[output], f.priority_in(possible.phase)) for output in f.outputs if output in choice.runs]
                 for f in functions
             ),
         )
 
 
-def _utility(possible: Candidates, placing: Placing) -> Level:
+def _utility(choice: Choice) -> Level:
+    possible = choice.possible
     functions = []
     for function in possible.spec.functions.values():
         priority = function.priority_in(possible.phase)
@@ -152,7 +154,7 @@ def _utility(possible: Candidates, placing: Placing) -> Level:
             if name in possible.modules:
                 module = possible.modules[name].module
                 served.extend(
-                    (placing.on[name, mode], priority * function.value_of(module.mode_index(mode), len(module.modes)))
+                    (choice.on[name, mode], priority * function.value_of(module.mode_index(mode), len(module.modes)))
                     for mode in possible.modules[name].hosts
                 )
         functions.append(served)

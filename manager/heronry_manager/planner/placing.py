@@ -26,23 +26,61 @@ def weighted(terms: Iterable[tuple[IntVar, int]]) -> LinearExpr:
     return LinearExpr.weighted_sum(literals, weights)
 
 
-class Placing:
+class Choice:
+    """The variables of who runs in which mode, in a model that it was given; who makes them says what that takes."""
+
+    def __init__(self, model: CpModel, possible: Candidates) -> None:
+        """Nothing is stated yet."""
+        self.possible = possible
+        self.on: dict[tuple[str, str], IntVar] = {}
+        self.runs: dict[str, IntVar] = {}
+        self._model = model
+
+    def in_modes(self, module: str, modes: Collection[str]) -> list[IntVar]:
+        """Literals of which exactly one is true iff a module runs in one of `modes`, else none."""
+        if len(modes) == len(self.possible.modules[module].hosts):
+            return [self.runs[module]]
+        return [self.on[module, mode] for mode in modes]
+
+    def _sum(self, literals: list[IntVar], name: str) -> IntVar:
+        if len(literals) == 1:
+            return literals[0]
+        result = self._model.new_bool_var(name)
+        self._model.add(LinearExpr.sum(literals) == result)
+        return result
+
+    def _one_branch(self) -> None:
+        for demux in self.possible.spec.demuxes.values():
+            self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
+
+    def _fits_in(self, pes: Collection[str], modes: Iterable[tuple[str, str]], modules: Iterable[str]) -> None:
+        """State that these modes, and the code of these modules, take no more than some PEs have together."""
+        spec, cpu_millis = self.possible.spec, self.possible.left.pe_cpu_millis
+        taken = [(spec.modules[module].modes[mode], self.on[module, mode]) for module, mode in modes]
+        self._at_most([(literal, mode.cpu_millis) for mode, literal in taken], sum(cpu_millis[pe] for pe in pes))
+        self._at_most([(literal, mode.ram) for mode, literal in taken], sum(spec.pes[pe].ram for pe in pes))
+        stored = [(self.runs[module], spec.modules[module].flash) for module in modules]
+        self._at_most(stored, sum(spec.pes[pe].flash for pe in pes))
+
+    def _at_most(self, terms: Terms, capacity: int) -> None:
+        if sum(weight for _, weight in terms) > capacity:
+            self._model.add(weighted(terms) <= capacity)
+
+
+class Placing(Choice):
     """The variables of who runs where, in a model that it was given."""
 
     def __init__(self, model: CpModel, possible: Candidates) -> None:
         """Make the variables and state their rules."""
-        self.possible = possible
+        super().__init__(model, possible)
         self.pes = {name: candidate.pes() for name, candidate in possible.modules.items()}
         self.x: dict[tuple[str, str, str], IntVar] = {}
-        self.on: dict[tuple[str, str], IntVar] = {}
         self.at: dict[tuple[str, str], IntVar] = {}
-        self.runs: dict[str, IntVar] = {}
-        self._model = model
         for name, candidate in possible.modules.items():
             self._add_module(name, candidate)
         self._one_branch()
         self._capacities()
-        self._capacity_in_all()
+        self._fits_in(tuple(possible.left.pe_cpu_millis), self.on, self.runs)  # follows, and bounds what can be served
         self._separate()
         self._together()
 
@@ -52,12 +90,6 @@ class Placing:
         if all(pe in pes for pe in hosts):
             return None
         return [self.at[module, pe] for pe in hosts if pe in pes]
-
-    def in_modes(self, module: str, modes: Collection[str]) -> list[IntVar]:
-        """Literals of which exactly one is true iff a module runs in one of `modes`, else none."""
-        if len(modes) == len(self.possible.modules[module].hosts):
-            return [self.runs[module]]
-        return [self.on[module, mode] for mode in modes]
 
     def hint(self, configuration: Configuration) -> Iterator[tuple[IntVar, bool]]:
         """Values that the variables have for a configuration."""
@@ -71,6 +103,21 @@ class Placing:
                 yield self.at[name, other], other == pe
         for (name, other, at), literal in self.x.items():
             yield literal, runs.get(name) == (other, at)
+
+    def count_parts(self) -> None:
+        """State what follows of whole modules: no three larger than a third of a PE's CPU, no four than a fourth.
+
+        What is larger still counts as often as the part goes into it. Of two halves the solver knows by itself; none of
+        it follows from the linear relaxation, where half of a module fills what is left.
+        """
+        modules = self.possible.spec.modules
+        for pe, capacity in self.possible.left.pe_cpu_millis.items():
+            here = [
+                (literal, modules[m].modes[mode].cpu_millis) for (m, mode, at), literal in self.x.items() if at == pe
+            ]
+            for parts in (3, 4):
+                counted = [(literal, parts * cpu // (capacity + 1)) for literal, cpu in here]
+                self._at_most([(literal, times) for literal, times in counted if times], parts - 1)
 
     def _add_module(self, name: str, candidate: Candidate) -> None:
         for mode, hosts in candidate.hosts.items():
@@ -86,17 +133,6 @@ class Placing:
         else:
             self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
 
-    def _sum(self, literals: list[IntVar], name: str) -> IntVar:
-        if len(literals) == 1:
-            return literals[0]
-        result = self._model.new_bool_var(name)
-        self._model.add(LinearExpr.sum(literals) == result)
-        return result
-
-    def _one_branch(self) -> None:
-        for demux in self.possible.spec.demuxes.values():
-            self._model.add_at_most_one(self.runs[branch] for branch in demux.branches if branch in self.runs)
-
     def _capacities(self) -> None:
         spec, left = self.possible.spec, self.possible.left
         for name, pe in spec.pes.items():
@@ -108,20 +144,6 @@ class Placing:
             self._at_most([(literal, mode.ram) for mode, literal in modes], pe.ram)
             stored = [(literal, spec.modules[m].flash) for (m, host), literal in self.at.items() if host == name]
             self._at_most(stored, pe.flash)
-
-    def _capacity_in_all(self) -> None:
-        """State what follows: all PEs together carry no more than they have. It bounds what cannot be served."""
-        spec, left = self.possible.spec, self.possible.left
-        modes = [(spec.modules[module].modes[mode], literal) for (module, mode), literal in self.on.items()]
-        pes = [spec.pes[pe] for pe in left.pe_cpu_millis]
-        self._at_most([(literal, mode.cpu_millis) for mode, literal in modes], sum(left.pe_cpu_millis.values()))
-        self._at_most([(literal, mode.ram) for mode, literal in modes], sum(pe.ram for pe in pes))
-        stored = [(literal, spec.modules[module].flash) for module, literal in self.runs.items()]
-        self._at_most(stored, sum(pe.flash for pe in pes))
-
-    def _at_most(self, terms: Terms, capacity: int) -> None:
-        if sum(weight for _, weight in terms) > capacity:
-            self._model.add(weighted(terms) <= capacity)
 
     def _separate(self) -> None:
         for group in self.possible.spec.separate:

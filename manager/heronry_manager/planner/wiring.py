@@ -22,7 +22,7 @@ from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 from heronry_dg.configuration import Configuration
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
 from heronry_manager.planner.candidates import Candidates, Source
-from heronry_manager.planner.placing import Placing
+from heronry_manager.planner.placing import Choice
 
 Link = tuple[str, str, str]  # consumer, producer, variable
 
@@ -30,18 +30,18 @@ Link = tuple[str, str, str]  # consumer, producer, variable
 class Wiring:
     """The variables of who reads from whom, in a model that it was given."""
 
-    def __init__(self, model: CpModel, possible: Candidates, placing: Placing) -> None:
+    def __init__(self, model: CpModel, possible: Candidates, choice: Choice) -> None:
         """Make the variables and state rules 2, 3 and 5."""
         self.wires: dict[tuple[str, str, str], list[tuple[Source, Leaf, IntVar]]] = {}
         self.links: dict[Link, list[IntVar]] = {}  # at most one of the literals is true
         self._forced: set[tuple[str, str, str]] = set()  # inputs whose wire is the literal that demands it
         self._model = model
         self._possible = possible
-        self._placing = placing
+        self._choice = choice
         for name, candidate in possible.modules.items():
             for mode in candidate.modes():
                 if mode.needs is not None:
-                    self._require(mode.needs, (name, mode.name, ""), placing.on[name, mode.name])
+                    self._require(mode.needs, (name, mode.name, ""), choice.on[name, mode.name])
         self._producers_run()
         self._purpose()
 
@@ -126,7 +126,7 @@ class Wiring:
                 asked.setdefault((consumer, source, leaf.variable), []).append(literal)
         for (consumer, source, _), literals in asked.items():
             if consumer != source.module:
-                giving = self._placing.in_modes(source.module, source.modes)
+                giving = self._choice.in_modes(source.module, source.modes)
                 self._model.add(LinearExpr.sum(literals) <= LinearExpr.sum(giving))
 
     def _purpose(self) -> None:
@@ -150,7 +150,7 @@ class Wiring:
                     support.append(self._ranked(name, consumer, literals, ranks))
                 else:
                     support.extend(literals)
-            self._model.add(LinearExpr.sum(support) >= self._placing.runs[name])
+            self._model.add(LinearExpr.sum(support) >= self._choice.runs[name])
 
     def _ranked(self, name: str, consumer: str, literals: list[IntVar], ranks: dict[str, IntVar]) -> IntVar:
         """Return a literal that is true only if `consumer` reads from `name` and is ranked below it."""

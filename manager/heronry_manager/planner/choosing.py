@@ -1,0 +1,90 @@
+"""Choose first, then pack: levels 1 and 2 where there is more to do than fits.
+
+*Choose*: who runs, in which modes, as if the PEs that a module may go to were one PE. That leaves a small problem of
+some hundred literals, and every legal configuration is among its answers: so the most that can be chosen bounds what
+can be served. As a rule that much can be had, and then what is hard is to find places for it.
+
+*Pack*: of the choices that are worth as much, the one that takes the least CPU leaves the most room. The search fixes
+it in its own model, where finding the places is all that is left.
+
+What this finds is a configuration like any other, and the bound holds of all. Where it finds none, others may do that
+are worth as much, or a little less; that is left to the search over everything, which is told of each PE what follows
+of whole modules and takes its time to prepare.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from ortools.sat.python.cp_model import OPTIMAL, CpModel, CpSolver, LinearExpr
+
+from heronry_manager.planner.candidates import Candidates
+from heronry_manager.planner.levels import Level, merged, serving_levels
+from heronry_manager.planner.placing import Choice, weighted
+from heronry_manager.planner.solver import light_solver
+from heronry_manager.planner.wiring import Wiring
+
+PACKING_EFFORT: Final = 0.03  # where a packing is to be had, it is found in less
+_CHOOSING_EFFORT: Final = 0.1
+
+Chosen = Mapping[tuple[str, str], bool]
+"""Module and mode -> whether it runs in it."""
+
+
+class Choosing(Choice):
+    """The choices in one situation."""
+
+    def __init__(self, possible: Candidates, group: Sequence[Level], key: Sequence[int]) -> None:
+        """`group`: the levels to maximise, no worse than `key` in those above them."""
+        super().__init__(CpModel(), possible)
+        self.spent = 0.0  # deterministic time
+        self._add_modules()
+        self._one_branch()
+        self._add_capacities()
+        Wiring(self._model, possible, self)
+        self._worth = self._aim(group, key)
+
+    def bound(self) -> int | None:
+        """Find the most that the merged levels can be; then only choices that are worth so much are left."""
+        self._model.maximize(self._worth)
+        solver = self._solved()
+        if solver is None:
+            return None
+        bound = -solver.response_proto.inner_objective_lower_bound
+        self._model.add(self._worth >= bound)
+        return bound
+
+    def cheapest(self) -> Chosen | None:
+        """Find the choice that takes the least CPU."""
+        modules = self.possible.spec.modules
+        cpu = [(literal, modules[name].modes[mode].cpu_millis) for (name, mode), literal in self.on.items()]
+        self._model.minimize(weighted(cpu))
+        solver = self._solved()
+        return None if solver is None else {key: solver.boolean_value(literal) for key, literal in self.on.items()}
+
+    def _solved(self) -> CpSolver | None:
+        solver = light_solver(_CHOOSING_EFFORT)
+        status = solver.solve(self._model)
+        self.spent += solver.response_proto.deterministic_time
+        return solver if status == OPTIMAL else None
+
+    def _add_modules(self) -> None:
+        for name, candidate in self.possible.modules.items():
+            for mode in candidate.hosts:
+                self.on[name, mode] = self._model.new_bool_var(f"{name}.{mode}")
+            self.runs[name] = self._sum([self.on[name, mode] for mode in candidate.hosts], name)
+
+    def _add_capacities(self) -> None:
+        """Say of PEs that they have room for what can run nowhere else: of all, and of the hosts of each mode."""
+        modules = self.possible.modules
+        everywhere = frozenset(self.possible.left.pe_cpu_millis)
+        hosts = {frozenset(pes) for candidate in modules.values() for pes in candidate.hosts.values()}
+        for pes in sorted(hosts | {everywhere}, key=sorted):
+            modes = [(name, mode) for name, mode in self.on if pes.issuperset(modules[name].hosts[mode])]
+            self._fits_in(pes, modes, [name for name, candidate in modules.items() if pes.issuperset(candidate.pes())])
+
+    def _aim(self, group: Sequence[Level], key: Sequence[int]) -> LinearExpr:
+        levels = {level.position: level for level in serving_levels(self)}
+        for position, level in levels.items():
+            if position < group[0].position and level.terms:
+                self._model.add(weighted(level.terms) >= level.value(key))
+        return weighted(merged([levels[level.position] for level in group]))
