@@ -281,7 +281,10 @@ def _judge_table(spec: Spec, pe: str) -> None:
         equal(None if entry_.variable is None else (entry_.variable, entry_.hold_ns), wanted, "rule of a phase")
     first = [f for f in spec.functions.values() if f.criticality_in(spec.initial_phase()) == "A"]
     critical = {f"module:{output}" for function in first for output in function.outputs}
-    demand(critical <= set(table.flight_critical), f"{critical} are critical")
+    named = set(table.flight_critical)
+    demand(critical <= named, f"{critical} are critical")
+    bolted = {f"device:{one.device}" for one in spec.modules.values() if one.device and f"module:{one.name}" in named}
+    equal({one for one in named if one.startswith("device:")}, bolted, "devices that are flight-critical")
 
 
 def its_events_tell_the_story() -> None:

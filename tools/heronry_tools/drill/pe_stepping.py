@@ -24,6 +24,7 @@ from heronry_tools.drill.pe_under_test import (
     PeUnderTest,
     at_once,
     datum,
+    gaps,
     moments,
 )
 from heronry_tools.drill.player import MS, demand, equal
@@ -352,6 +353,22 @@ def after_a_silence_an_alive_must_name_it() -> None:
     demand(bool([t for t in pe.drives if t > began_ns]), "after a silence ALIVE names it, and it does not drive")
 
 
+def a_silence_within_t_lease_raises_no_doubt() -> None:
+    """Of what is exclusive: it is driven on. What could run elsewhere is sent again once that doubt is over."""
+    pe = _attended().flies()
+    kept = pe.neighbour
+    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
+    pe.lease = pe.alive = pe.neighbour = None
+    pe.run(70)
+    pe.neighbour = kept
+    began_ns = pe.run(90)
+    gap_ns = max(gaps([*(t for t in pe.drives if t > began_ns - 30 * MS), pe.now_ns]))
+    demand(gap_ns < 30 * MS, f"after a silence of 80 ms its branch stands still for {gap_ns / MS} ms")
+    equal(pe.data(DEMAND_ID, began_ns), [], "what could run elsewhere, within T_lease of a silence of 80 ms")
+    began_ns = pe.run(60)
+    demand(bool(pe.data(DEMAND_ID, began_ns)), "what could run elsewhere is sent no more")
+
+
 def a_newer_epoch_elsewhere_stops_it() -> None:
     """What a neighbour runs and it has not followed; an older one, or none, does not matter."""
     pe = _attended().flies()
@@ -464,6 +481,7 @@ DRILLS = (
     a_branch_needs_its_name_in_alive,
     a_branch_needs_somebody_to_be_heard,
     after_a_silence_an_alive_must_name_it,
+    a_silence_within_t_lease_raises_no_doubt,
     a_newer_epoch_elsewhere_stops_it,
     what_could_run_elsewhere_is_sent_for_two_periods,
     an_output_is_echoed,
