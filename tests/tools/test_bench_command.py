@@ -119,6 +119,9 @@ def test_the_command_reports_and_writes_json(capsys: pytest.CaptureFixture[str])
         (["--sizes", "30"], "'30' is no size; write MODULESxPES, 30x6 to 220x34"),
         (["--sizes", "30x40"], "'30x40' is no size"),
         (["--cases", "0"], "--cases 0: measure at least one case"),
+        (["--work", "-1"], "--work -1: write a share of the CPU, above 0"),
+        (["--work", "nan"], "--work nan: write a share of the CPU, above 0"),
+        (["--effort", "-1"], "--effort -1 is no limit"),
         (["--rivals", "scip"], "'scip' is none of cp-sat, highs; write none for nobody"),
     ],
 )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _SIZE = re.compile(r"(?P<modules>\d{1,3})x(?P<pes>\d{1,2})", re.ASCII)
 _RIVALS = ("cp-sat", "highs")
+_MOST_WORK = 10.0  # there is nothing to learn from what is tenfold too much
 
 _PLAN_EPILOG = """\
 Specs are generated, ten faults for each; the same seed gives the same ones. Work is the CPU of every module in its best
@@ -59,6 +60,10 @@ def run_plan(arguments: argparse.Namespace) -> int:
 
     if arguments.cases < 1:
         raise UserError(f"--cases {arguments.cases}: measure at least one case")
+    if not 0 < arguments.work <= _MOST_WORK:
+        raise UserError(f"--work {arguments.work:g}: write a share of the CPU, above 0 and up to {_MOST_WORK:g}")
+    if not 0 <= arguments.effort < float("inf"):
+        raise UserError(f"--effort {arguments.effort:g} is no limit; write a number from 0")
     rivals = _rivals(arguments.rivals)
     races = []
     for size in _sizes(arguments):
