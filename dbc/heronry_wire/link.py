@@ -16,7 +16,8 @@ millisecond later; no error is ever the end of a link that was once open:
     lost   the interface is down or gone, the hub has ended, the controller is bus-off, or whatever a back-end raises:
            the bus is closed, what waited to be sent is dropped, as is what is sent meanwhile, and every REOPEN_NS it is
            opened again. A SocketCAN interface whose controller is bus-off is restarted before, unless Linux will do it
-           (restart-ms); one at another bit rate than was asked for is left alone: speaking there would destroy frames
+           (restart-ms); one at another bit rate than was asked for is left alone: speaking there would destroy frames.
+           What may take seconds to open (`slow_opening`) is opened beside everything else
 
 `health` says since when it is lost, tells it in sentences, and counts. Only a bus that cannot be opened at the start
 raises LinkError, with one sentence; one channel of a replicated bus (`replicated_link`) may begin lost.
@@ -35,6 +36,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import can
@@ -44,6 +46,7 @@ from heronry_wire.can_interface import CanInterface, read_interface, take_down_a
 from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.errors import HeronryError
 from heronry_wire.frame import Frame
+from heronry_wire.slow_opening import Opened, SlowOpening
 from heronry_wire.transmit_queue import TransmitQueue
 
 ECHO_TIMEOUT_NS = 100_000_000
@@ -100,8 +103,9 @@ class Link:
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
+        self._opening: SlowOpening | None = None
         if may_begin_lost:
-            self._open_again(time.monotonic_ns())
+            self._try_to_open(time.monotonic_ns(), None)
         else:
             self._open()
 
@@ -173,7 +177,11 @@ class Link:
         self.has_more = False
         with self._surviving(now_ns):
             for _ in range(_BURST):
-                message = None if self._bus is None else self._bus.recv(0)
+                try:
+                    message = None if self._bus is None else self._bus.recv(0)
+                except (ValueError, IndexError):  # noise on a serial line: slcan does not look before it reads
+                    self.health.counts["not understood"] += 1
+                    continue
                 if message is None:
                     return arrivals
                 frame = frame_of(message)
@@ -215,6 +223,9 @@ class Link:
 
     def close(self) -> None:
         """Close the bus."""
+        if self._opening is not None:
+            self._opening.abandon()
+            self._opening = None
         if self._bus is not None:
             self._bus.shutdown()
             self._bus = None
@@ -224,11 +235,11 @@ class Link:
         """Whatever the bus raises in here, it is lost, and nothing else happens."""
         try:
             yield
-        except (can.CanError, OSError) as error:
+        except Exception as error:  # noqa: BLE001 - a back-end may raise anything
             self._lose(_sentence(error), now_ns)
 
     def _lose(self, reason: str, now_ns: int) -> None:
-        with suppress(can.CanError, OSError):  # it is broken, and may say so again
+        with suppress(Exception):  # it is broken, and may say so again
             self.close()
         self._bus = None
         self.health.lost(now_ns, reason)
@@ -239,16 +250,16 @@ class Link:
         self._given_up.clear()
         self._deadline_ns = now_ns + REOPEN_NS
 
-    def _open(self) -> None:
-        """Open the bus and see that it works; raises LinkError."""
+    def _open(self, opened: Opened | None = None) -> None:
+        """Open the bus, unless it has been opened, and see that it works; raises LinkError."""
         self._look_at_interface()
-        bus, self._fileno = open_bus(self._config)
+        bus, self._fileno = opened or open_bus(self._config)
         try:
             bus.recv(0)  # an interface that is down can be opened, and says so here
             self._look_at_interface()  # again: it may have come up, at another bit rate, in between
             self._bus = bus
             self._set_filters()
-        except (can.CanError, OSError, LinkError) as error:
+        except Exception as error:
             self._bus = None
             bus.shutdown()
             if isinstance(error, LinkError):
@@ -263,9 +274,24 @@ class Link:
             raise LinkError(f"{self.name} cannot be opened: {obstacle}")
 
     def _open_again(self, now_ns: int) -> None:
+        if self._is_well_known or self._config.get("interface") in _WELL_KNOWN:
+            self._try_to_open(now_ns, None)
+            return
+        self._opening = self._opening or SlowOpening(partial(open_bus, self._config))
+        result = self._opening.result
+        if result is None:
+            self._deadline_ns = now_ns + REOPEN_NS
+            return
+        self._opening = None
+        self._try_to_open(now_ns, result)
+
+    def _try_to_open(self, now_ns: int, result: Opened | HeronryError | None) -> None:
+        """Open the bus now, or take what a try of its own has come to."""
         try:
-            self._open()
-        except LinkError as error:
+            if isinstance(result, HeronryError):
+                raise result
+            self._open(result)
+        except HeronryError as error:
             self.health.lost(now_ns, str(error).partition(": ")[2])
             self._deadline_ns = now_ns + REOPEN_NS
         else:

@@ -4,9 +4,11 @@ import errno
 import re
 import select
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from threading import Event
+from typing import Any
 
 import can
 import pytest
@@ -17,6 +19,7 @@ from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
 from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Arrival, Link, LinkError
+from heronry_wire.slow_opening import SlowOpening
 
 PATIENCE_S = 10.0
 
@@ -219,6 +222,99 @@ def test_a_back_end_that_raises_loses_the_bus_and_nothing_else(stubborn: Link, w
         stubborn.accept({5})
     assert not stubborn.is_open
     assert "there is no such interface" in stubborn.health.take_news()[0]
+
+
+def test_whatever_a_back_end_raises_is_not_the_end_of_its_node(stubborn: Link) -> None:
+    Stubborn.current.broken = RuntimeError("of a library")
+    assert stubborn.receive(0) == []
+    assert not stubborn.is_open
+    assert "of a library" in stubborn.health.take_news()[0]
+
+
+@pytest.mark.parametrize("noise", [ValueError("invalid literal"), IndexError("string index out of range")])
+def test_noise_is_counted_and_what_comes_after_it_is_taken(stubborn: Link, noise: Exception) -> None:
+    """The slcan back-end raises where its modem says anything but what it expects."""
+    bus = Stubborn.current
+    bus.broken, bus.arrived = noise, [can.Message(timestamp=0.0)]
+    assert stubborn.receive(0) == []
+    assert stubborn.is_open
+    assert stubborn.has_more
+    bus.broken = None
+    assert len(stubborn.receive(0)) == 1
+    assert stubborn.health.counts["not understood"] > 0
+
+
+@pytest.fixture
+def modem(monkeypatch: pytest.MonkeyPatch) -> Iterator[Link]:
+    """A back-end that is neither SocketCAN nor the software bus, and has been lost at 0."""
+    monkeypatch.setattr(can, "Bus", Stubborn)
+    monkeypatch.setattr(Stubborn, "channel_info", "a modem")
+    with closing(Link({"interface": "slcan", "channel": "x"})) as link:
+        Stubborn.current.broken = OSError(errno.ENODEV, "gone")
+        link.receive(0)
+        yield link
+
+
+def pump_until(link: Link, is_done: Callable[[], bool]) -> None:
+    """Pump as time passes, for as long as another thread works."""
+    while not is_done():
+        link.pump(link.next_deadline_ns() or 0)
+
+
+def test_a_bus_that_takes_long_to_open_holds_nothing_up(modem: Link, monkeypatch: pytest.MonkeyPatch) -> None:
+    modem_answers = Event()
+
+    def slowly(**config: Any) -> can.BusABC:
+        assert modem_answers.wait(PATIENCE_S)
+        return Stubborn(**config)
+
+    monkeypatch.setattr(can, "Bus", slowly)
+    for _ in range(3):
+        modem.pump(modem.next_deadline_ns() or 0)
+        assert not modem.is_open
+    modem_answers.set()
+    pump_until(modem, lambda: modem.is_open)
+    assert "is back after" in modem.health.take_news()[-1]
+    modem.send(Frame(5, b""), 0)
+    assert [message.arbitration_id for message in Stubborn.current.sent] == [5]
+
+
+def test_a_bus_that_cannot_be_opened_again_is_tried_again(modem: Link, monkeypatch: pytest.MonkeyPatch) -> None:
+    tries: list[str] = []
+
+    def refused(**_: Any) -> can.BusABC:
+        tries.append("in vain")
+        raise can.CanInitializationError("could not open port x")
+
+    monkeypatch.setattr(can, "Bus", refused)
+    pump_until(modem, lambda: len(tries) == 2)
+    assert not modem.is_open
+
+
+@pytest.mark.parametrize("when", ["it is open", "it opens", "it cannot be opened"])
+def test_a_bus_that_nobody_wants_any_more_is_closed(when: str) -> None:
+    is_closed, goes_on = Event(), Event()
+
+    class Late(Stubborn):
+        def shutdown(self) -> None:
+            super().shutdown()
+            is_closed.set()
+
+    def open_late() -> tuple[can.BusABC, int]:
+        if when != "it is open":
+            assert goes_on.wait(PATIENCE_S)
+        if when == "it cannot be opened":
+            is_closed.set()
+            raise RuntimeError("of a library")
+        return Late("x"), 0
+
+    opening = SlowOpening(open_late)
+    while when == "it is open" and opening.result is None:
+        pass
+    opening.abandon()
+    goes_on.set()
+    assert is_closed.wait(PATIENCE_S)
+    assert opening.result is None
 
 
 def test_a_bus_that_opens_and_does_not_work_is_refused_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
