@@ -9,7 +9,8 @@ From the moment at which nothing more is done to it (`bound_ns`), one after the 
     the way back    a PE starts and speaks, and is held down; after each loss for twice as long, up to a minute. How
                     often it was lost is read from ALIVE, which names the PEs that are counted on: losses that lie
                     further back than a minute of being counted on are forgiven; a new reign may remember the
-                    others. One more loss may follow from what was done last
+                    others, and each reign's end may be one, for a manager that has lost all says nothing more. One
+                    more loss may follow from what was done last
     radios          what is measured of one is ten periods old, and more bandwidth is believed after a hold-down, in two
                     steps at most: the first while the measure still rises
     new epochs      one for each of the last changes, `_LAST_EPOCHS` times a quarter of the patience, and the time that
@@ -49,12 +50,12 @@ class Losses:
         """An ALIVE was sent."""
         if message.term < self._term:
             return
-        if message.term > self._term:
-            self._term, self._counted_on = message.term, {}  # it has its own opinion of who is there
         named = {self._names[node] for node in message.nodes if node in self._names}
-        for pe in self._counted_on.keys() - named:
+        still = named if message.term == self._term else frozenset()  # a new reign has its own opinion of who is there
+        for pe in self._counted_on.keys() - still:
             forgiven = t_ns - self._counted_on.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
+        self._term = message.term
         for pe in named - self._counted_on.keys():
             self._counted_on[pe] = t_ns
 
