@@ -106,6 +106,7 @@ def test_a_page_stands_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["--require", "A"], "write WHAT after N"),
         (["--require", "lasers after 1"], "'lasers' is neither a class (A to E) nor a function"),
         (["--require", "A after 1 in glide"], "no phase is named 'glide'; there is none"),
+        (["--require", "A after 20"], "sets of faults, and 10000000 is the most that is tried: ask for fewer"),
         (["--scheduler", ""], "no Dask scheduler answers at"),
     ],
 )

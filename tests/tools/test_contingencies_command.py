@@ -136,6 +136,7 @@ def test_kinds_and_phases_restrict(tmp_path: Path, capsys: pytest.CaptureFixture
     [
         (["elevator_and_chute"], "one of the arguments -o/--output --check is required"),
         (["elevator_and_chute", "-o", "FILE", "--faults", "-1"], "write how many may happen at once"),
+        (["elevator_and_chute", "-o", "FILE", "--faults", "99"], "these are 16777216 sets of faults, and 10000000 is"),
         (["elevator_and_chute", "-o", "FILE", "--jobs", "0"], "at least one process must plan"),
         (["elevator_and_chute", "-o", "FILE", "--kinds", "pes"], "'pes' is no kind of element; there is pe, device"),
         (["elevator_and_chute", "-o", "FILE", "--phase", "glide"], "no phase is named 'glide'"),

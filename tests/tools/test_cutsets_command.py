@@ -135,6 +135,8 @@ def test_a_function_that_is_lost_anyway_says_so(
         (["elevator_and_chute", "elevater"], "no function is named 'elevater'; did you mean 'elevator'?"),
         (["elevator_and_chute", "xyz"], "there is elevator, parachute, servo_monitoring"),
         (["elevator_and_chute", "elevator", "--order", "0"], "a set of faults has at least one"),
+        (["elevator_and_chute", "elevator", "--order", "24"], "these are 16777216 sets of faults"),
+        (["elevator_and_chute", "elevator", "--jobs", "0"], "at least one process must plan"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.campaign.scope import add_scope_arguments, jobs_of, scope_of
+from heronry_tools.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
 from heronry_tools.errors import UserError
 
 _EPILOG = """\
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         expect_writable(arguments.html)
     required = [read_requirement(spec, text) for text in arguments.require]
     asked = scope_of(spec, arguments)
-    scope = replace(asked, faults=max([asked.faults, *(one.faults for one in required)]))
+    scope = feasible(replace(asked, faults=max([asked.faults, *(one.faults for one in required)])))
     for one in required:
         if one.phase is not None and one.phase not in scope.phases:
             raise UserError(f"--require '{one.text}': phase {one.phase} is not looked at; add --phase {one.phase}")

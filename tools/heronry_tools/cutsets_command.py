@@ -8,7 +8,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from heronry_tools.campaign.scope import jobs_of, kinds_of
+from heronry_tools.campaign.scope import feasible, jobs_of, kinds_of
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -82,7 +82,7 @@ def _scope(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
         raise UserError(f"--order {order}: a set of faults has at least one")
     kinds = kinds_of(arguments.kinds)
     chosen = tuple(one for one in elements(spec) if one.partition(":")[0] in kinds)
-    return Scope(chosen, order, (situation(spec, phase=arguments.phase).phase,))
+    return feasible(Scope(chosen, order, (situation(spec, phase=arguments.phase).phase,)))
 
 
 def _swept(spec: "Spec", scope: "Scope", jobs: int) -> Any:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from heronry_dg.model import Spec
     from heronry_manager.planner.sweep import Scope
 
+MOST_SETS: Final = 10_000_000  # a day or two of planning
 KINDS: Final = ("pe", "device", "module", "bus", "channel")
 
 
@@ -42,7 +43,16 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
     asked = arguments.phase or spec.contingency.phases or tuple(spec.phases) or (None,)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
     kinds = kinds_of(arguments.kinds)
-    return Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases)
+    return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
+
+
+def feasible(scope: "Scope") -> "Scope":
+    """Give a scope back if it can be gone through in a lifetime; raises UserError."""
+    sets = scope.set_count() * len(scope.phases)
+    if sets > MOST_SETS:
+        less = "fewer faults at once, fewer phases, or fewer --kinds of elements"
+        raise UserError(f"these are {sets} sets of faults, and {MOST_SETS} is the most that is tried: ask for {less}")
+    return scope
 
 
 def jobs_of(arguments: argparse.Namespace) -> int:
