@@ -114,6 +114,9 @@ def test_a_target_that_is_not_there(
 ) -> None:
     assert fuzzed(monkeypatch, tmp_path, "nobody") == 2
     assert capsys.readouterr().err == "heronry: there is no target 'nobody'; there is bad, good\n"
+    for budget in ("--count", "--seconds"):
+        assert fuzzed(monkeypatch, tmp_path, "good", budget, "0") == 2
+        assert capsys.readouterr().err == "heronry: --count and --seconds are 1 or more\n"
 
 
 @dataclass

@@ -41,6 +41,9 @@ examples:
 def main(argv: Sequence[str] | None = None) -> int:
     """Fuzz; returns 1 if something was found, 2 where the command line is wrong."""
     arguments = _parser().parse_args(argv)
+    if arguments.count < 1 or (arguments.seconds is not None and arguments.seconds < 1):
+        print("heronry: --count and --seconds are 1 or more", file=sys.stderr)
+        return 2
     unknown = [name for name in arguments.targets if name not in TARGETS]
     if unknown:
         print(f"heronry: there is no target '{unknown[0]}'; there is {', '.join(TARGETS)}", file=sys.stderr)
@@ -67,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"default: all of {', '.join(TARGETS)}")
     how_long = parser.add_mutually_exclusive_group()
     how_long.add_argument("--count", type=int, default=_COUNT, metavar="N", help=f"inputs for each (default {_COUNT})")
-    how_long.add_argument("--seconds", type=int, metavar="S", help="for so long altogether")
+    how_long.add_argument("--seconds", type=int, metavar="S", help="for so long altogether, and to start each target")
     how_long.add_argument("--input", type=Path, metavar="FILE", help="give this to the target, and nothing else")
     parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="the same one draws the same inputs")
     parser.add_argument(
