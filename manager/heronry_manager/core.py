@@ -10,7 +10,9 @@ out; only state frames write what a PE is seen to run.
 
     LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start. Also, and until
                 somebody is heard again, whoever reigned and hears no PE any more: it is deaf, or its wire is broken,
-                and what it would still say could only take things away from who hears it
+                and what it would still say could only take things away from who hears it. So does one that most PEs
+                refuse: they are heard, and say that they hear no LEASE, because they know of a higher term; each time
+                it has been refused before it stays for twice as long. The next term may be high enough
     STARTING    LEASE and ALIVE go out; waiting for every PE, or for the start-up window to close
     REIGNING    everything else
     STANDBY     another manager reigns: this one follows (`following`) and takes over when the PEs hear none any more
@@ -100,6 +102,7 @@ from heronry_wire.sansio import Received, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 _EVERYBODY = 0
+_MOST_DOUBLINGS = 9
 _FOLLOWED_BY_DIGEST = (Command.PREPARE, Command.SLICE, Command.ACTIVATE)  # a LEASE that is proven names the digest
 
 
@@ -147,6 +150,8 @@ class ManagerCore:
         self._advise, self._standby, self._window_ns = advise, standby, window_ns
         self._key, self._on_board = key, on_board
         self._journal_problem: str | None = None
+        self._refused_ns: int | None = None  # since when most PEs say that they hear no LEASE
+        self._refusals = 0  # reigns, one after the other, that have ended for it
         term = next_term(node, memory.term)
         self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
         self._planning = Planning(self._turn)
@@ -453,7 +458,7 @@ class ManagerCore:
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
-        if self._reign is Reign.REIGNING and not self._advise and self._health.hears_nobody(now_ns):
+        if self._reign is Reign.REIGNING and not self._advise and self._is_over():
             self._fall_silent()
             return
         if self._reign is Reign.STANDBY:
@@ -468,9 +473,30 @@ class ManagerCore:
         if first or self._planning.is_due_again():
             self._ask_for_plan()
 
+    def _is_over(self) -> bool:
+        """Tell whether this reign has come to its end: this manager is cut off, or deaf, or its term is behind."""
+        if self._health.hears_nobody(self._turn.now_ns):
+            self._turn.emit("hears_nobody", term=self._turn.term)
+            return True
+        if self._turn.now_ns >= self._beacon.next_ns and self._is_refused():
+            self._turn.emit("refused", term=self._turn.term)
+            return True
+        return False
+
+    def _is_refused(self) -> bool:
+        """Tell whether most PEs say, and have said for long, that they hear no LEASE, though this manager speaks."""
+        now_ns = self._turn.now_ns
+        if not self._following.most_hear_none():
+            self._refused_ns, self._refusals = None, 0
+            return False
+        self._refused_ns = now_ns if self._refused_ns is None else self._refused_ns
+        if now_ns - self._refused_ns < self.lease_ns << min(self._refusals, _MOST_DOUBLINGS):
+            return False
+        self._refused_ns, self._refusals = None, self._refusals + 1
+        return True
+
     def _fall_silent(self) -> None:
-        """Nobody is heard any more: it is this manager that is cut off, or deaf, or there is nobody to command."""
-        self._turn.emit("hears_nobody", term=self._turn.term)
+        """Forget all but what is remembered, say nothing, and begin anew with whoever is heard next."""
         self._planning.forget()
         self._begin()
         self._reign, self._listen_until_ns, self._goes_first = Reign.LISTENING, None, True

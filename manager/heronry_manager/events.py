@@ -50,6 +50,7 @@ KINDS: Mapping[str, str] = {
     "journal_failed": "problem: the disk does not keep the manager's journal; a restart will know less",
     "journal_kept": "before: what was wrong; the disk keeps the journal again, all of it",
     "standing_by": "node, term: this manager follows that one, and is ready to take over",
+    "refused": "term: most PEs say that they hear no LEASE, though it is sent; the manager begins a new term",
     "hears_nobody": "term: no PE is heard any more; the manager says nothing until one is, and then begins a new term",
     "stepped_down": "node, term: another manager reigns with a higher term; this one stands by from now on",
     "taken_over": "term, before, silent_ns, phase: the manager of the term before is heard no more; this one reigns",

@@ -131,6 +131,11 @@ class Following:
         orphans = sum(1 for pe in asked if heard.get(pe) is False)
         return 2 * orphans > len(asked)
 
+    def most_hear_none(self) -> bool:
+        """Tell whether most PEs that are heard, whoever counts on them, say that they hear no LEASE."""
+        heard = self._heard().values()
+        return 2 * sum(not hears for hears in heard) > len(heard)
+
     def unbelieved(self) -> frozenset[str]:
         """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()

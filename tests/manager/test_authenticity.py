@@ -43,7 +43,7 @@ from heronry_wire.sansio import Received, Send
 from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
-UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0)
+UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
 LEFT = 92
 
 

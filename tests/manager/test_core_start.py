@@ -5,7 +5,18 @@ import pytest
 from heronry_manager.core import START_UP_WINDOW_NS
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
-from heronry_wire.management import Alive, ElementKind, Emergency, FaultCode, Lease, PeState, Ping, Prepare, Step
+from heronry_wire.management import (
+    Alive,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    PeFlags,
+    PeState,
+    Ping,
+    Prepare,
+    Step,
+)
 from heronry_wire.node_services import Service, encode_service, request, service_id
 from heronry_wire.sansio import Tick
 from manager.one_manager import BEAT_NS, MS, OneManager
@@ -97,6 +108,26 @@ def test_who_hears_nobody_any_more_says_nothing_until_somebody_is_heard_and_begi
     assert manager.said(Lease)[-1].term == 3
     assert manager.last("adopted")["epoch"] == 1
     assert len(manager.of("reconfigured")) == 1
+
+
+def test_who_is_refused_by_most_pes_begins_a_new_term_and_waits_longer_each_time() -> None:
+    manager = OneManager()
+    manager.start()
+    for pe, flags in (("left", PeFlags(0)), ("middle", PeFlags.HEARS_LEASE), ("right", PeFlags(0))):
+        manager.flags = flags
+        page = manager.running[pe]
+        manager.live(pe, page.state, epoch=page.epoch, digest=page.digest)
+    manager.pass_time(60 * MS)
+    assert manager.of("refused") == []
+    manager.pass_time(8_000 * MS)
+    terms = [told["term"] for told in manager.of("refused")]
+    assert terms == [1, 3, 5, 7, 9, 11]  # after 0.1, 0.2, 0.4, 0.8, 1.6 and 3.2 s
+    assert manager.said(Lease)[-1].term == 13
+    manager.flags = PeFlags.HEARS_LEASE
+    for pe, page in list(manager.running.items()):
+        manager.live(pe, page.state, epoch=page.epoch, digest=page.digest)
+    manager.pass_time(10_000 * MS)
+    assert manager.said(Lease)[-1].term == 13
 
 
 def test_who_hears_nobody_may_find_that_another_one_reigns() -> None:

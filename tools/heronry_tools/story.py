@@ -40,6 +40,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "journal_failed": ("the journal cannot be kept: {problem}", "bad"),
     "journal_kept": ("the journal is kept again", "good"),
     "standing_by": ("a manager stands by: it follows manager {node}, term {term}", "quiet"),
+    "refused": ("most PEs hear no manager, though one speaks: it begins a new term", "bad"),
     "hears_nobody": ("a manager hears nobody any more: it says nothing until it does", "bad"),
     "stepped_down": ("a manager steps down: manager {node} reigns with the higher term {term}", "plain"),
     "adopted": ("epoch {epoch} runs already: it is adopted as it is", "good"),

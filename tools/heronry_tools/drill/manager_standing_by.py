@@ -184,9 +184,10 @@ def what_it_has_overheard_is_adopted() -> None:
     reigning.speaks = False
     for pe in manager.pes.values():
         pe.hears = False
-    manager.run(300)
+    manager.run(150)
     for pe in manager.pes.values():
         pe.hears = True
+    manager.run(150)
     equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
@@ -209,7 +210,10 @@ def what_is_no_configuration_is_not_remembered() -> None:
     reigning.speaks = False
     for pe in manager.pes.values():
         pe.hears = False
-    manager.run(400)
+    manager.run(150)
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.run(250)
     equal(manager.told("adopted"), [], "adopted")
     demand(bool(manager.said(Prepare)), "it does not plan anew")
 

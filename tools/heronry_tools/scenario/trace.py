@@ -38,6 +38,7 @@ _LINES: Mapping[str, str] = {
     "journal_kept": "the journal is kept again",
     "standing_by": "this manager stands by: manager {node} reigns, term {term}",
     "stepped_down": "this manager steps down: manager {node} reigns, term {term}",
+    "refused": "this manager is heard by most PEs as none, and begins anew",
     "hears_nobody": "this manager hears nobody any more, and says nothing",
     "taken_over": "the standby takes over, term {term}",
     "stopped": "the manager ends: {reason}",

@@ -48,7 +48,15 @@ _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
 _OTHER_DIGEST = "0" * 64
 _PHASE_EVENTS = ("manager_started", "phase_changed", "taken_over")
-_OF_A_STANDBY = ("manager_started", "standing_by", "stepped_down", "hears_nobody", "second_manager", "stopped")
+_OF_A_STANDBY = (
+    "manager_started",
+    "standing_by",
+    "stepped_down",
+    "hears_nobody",
+    "refused",
+    "second_manager",
+    "stopped",
+)
 
 
 class Simulation:
