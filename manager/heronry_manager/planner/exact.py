@@ -3,7 +3,8 @@
 It starts from the greedy plan, and builds one model. Each group of levels is maximised, then fixed: later groups may
 not fall below it. Every solution is looked at before it counts: one that misses a deadline (rule 9) is ruled out and
 the same group solved again, so a value is fixed only when a legal configuration has it. A level that already stands at
-its bound costs no search: as a rule the greedy plan serves all that can be served.
+its bound costs no search: as a rule the greedy plan serves all that can be served. Where it does not, what is served
+is chosen first and packed then (`choosing`); everything is searched only where that leaves a gap.
 
 Deterministic: one worker, a fixed seed, no clock. The limit is the solver's own count of its work, `effort`; when it
 runs out, the best configuration found so far is returned, and the plan says of each level whether it is proven, or how

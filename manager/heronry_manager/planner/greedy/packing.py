@@ -1,17 +1,20 @@
 """When functions of class A to D find no room one after the other: choose first, then pack.
 
-*Choose*: all of them are served in their cheapest modes, by their cheapest producers, on PEs without limits.
+*Choose*: they are served in their cheapest modes, by their cheapest producers, on PEs without limits.
 
 *Pack*: what came out of that is put on the real PEs without a wire: what has one PE to go to first, then the largest
 first, each where the least is left. The size of a module counts what is scarce: its share of each resource weighs as
 much as that resource is asked for. What does not fit goes to the front, and all is packed anew, a few times over; the
 packing that places the most counts.
 
+That is done with all of these functions at once. Should some still be left out, a second answer takes them one after
+the other, the most important first, and keeps those for which all that was chosen so far can be packed.
+
 The answer says where modules should be, and nothing about wires: it stands in for what ran before, and a repair makes a
 configuration of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -19,44 +22,71 @@ from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_manager.planner.greedy.draft import Draft
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.serving import Before, Server
-from heronry_manager.planner.greedy.tables import Tables, Wanted
+from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
 
-_ROUNDS: Final = 8
+_ROUNDS: Final = 8  # for one packing
+_BUDGET: Final = 2000  # modules placed in all of them
 _ENDLESS: Final = 1 << 60
 
 
-def packed(tables: Tables, wanted: Wanted, scene: Scene) -> Before:
-    """Choose and pack what serves the critical functions."""
-    modes = _chosen(tables, wanted, scene)
-    draft = Draft(tables, scene)
+def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
+    """Choose and pack what serves the critical functions: all of them at once, then one after the other."""
+    draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.buses)))
+    draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.pes) for _ in range(3))
     server = Server(tables, wanted, scene, draft, _nothing(tables))
-    server.tight = True
-    empty, best, most = draft.mark(), _nothing(tables), 0
-    order = _order(tables, scene, draft, modes)
-    for _ in range(_ROUNDS):
-        left_out = _pack(tables, server, order)
-        if len(order) - len(left_out) > most:
-            most, best = len(order) - len(left_out), list(zip(draft.mode, draft.pe, strict=True))
-        draft.undo(empty)
-        if not left_out:
-            break
-        order = [*left_out, *(mode for mode in order if mode not in left_out)]
-    return best
+    critical = [goal for goal in wanted.goals if goal.rank < len(CRITICAL_CLASSES)]
+    packer = _Packer(tables, wanted, scene)
+    for goal in critical:
+        _choose(server, goal)
+    yield packer.packed(draft)[0]
+    draft.undo(0)
+    best = _nothing(tables)
+    for goal in critical:
+        mark = draft.mark()
+        _choose(server, goal)
+        places, left_out = packer.packed(draft)
+        if left_out:
+            draft.undo(mark)
+        else:
+            best = places
+    yield best
 
 
 def _nothing(tables: Tables) -> Before:
     return [(-1, -1)] * len(tables.modules)
 
 
-def _chosen(tables: Tables, wanted: Wanted, scene: Scene) -> list[int]:
-    """Modes in which modules would run for the critical functions, if there was room for anything."""
-    draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.buses)))
-    draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.pes) for _ in range(3))
-    server = Server(tables, wanted, scene, draft, _nothing(tables))
-    for goal in wanted.goals:
-        if goal.rank < len(CRITICAL_CLASSES) and not server.is_served(goal):
-            server.serve_in(reversed(goal.modes))
-    return [mode for mode in draft.mode if mode >= 0]
+def _choose(server: Server, goal: Goal) -> None:
+    """Run in an endless draft what a function takes at least."""
+    if not server.is_served(goal):
+        server.serve_in(reversed(goal.modes))
+
+
+class _Packer:
+    """Packs what was chosen."""
+
+    def __init__(self, tables: Tables, wanted: Wanted, scene: Scene) -> None:
+        self._tables, self._scene = tables, scene
+        self._draft = Draft(tables, scene)
+        self._server = Server(tables, wanted, scene, self._draft, _nothing(tables))
+        self._server.tight = True
+        self._budget = _BUDGET
+
+    def packed(self, chosen: Draft) -> tuple[Before, int]:
+        """Place as many modules as can be; gives the places, and how many found none."""
+        draft, tables = self._draft, self._tables
+        order = _order(tables, self._scene, draft, [mode for mode in chosen.mode if mode >= 0])
+        best, fewest = _nothing(tables), len(order)
+        for _ in range(_ROUNDS):
+            left_out = _pack(tables, self._server, order)
+            if len(left_out) < fewest:
+                fewest, best = len(left_out), list(zip(draft.mode, draft.pe, strict=True))
+            draft.undo(0)
+            self._budget -= len(order)
+            if not left_out or self._budget <= 0:
+                break
+            order = [*left_out, *(mode for mode in order if mode not in left_out)]
+        return best, fewest
 
 
 def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> list[int]:

@@ -2,8 +2,8 @@
 
 Nothing is proven here, and nothing is searched for long. What ran before is repaired (`repairing`): what still holds
 stays as it is, what a fault took is served again where there is room, and room is made for what matters more. Where a
-function of class A to D is still left out though no fault keeps it from running, all that these functions need is
-chosen and packed anew (`packing`), repaired in its turn, and the better of the two drafts counts. Inputs that are
+function of class A to D is still left out though no fault keeps it from running, what these functions need is chosen
+and packed anew (`packing`), in up to two ways, repaired in its turn, and the best of the drafts counts. Inputs that are
 optional, or could be better, are supplied last (`supplying`).
 
 A plan is legal by construction, and by the judge's own rules: capacities, placement rules, gates and buses are kept at
@@ -29,7 +29,7 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, Placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.planner.greedy.packing import packed
+from heronry_manager.planner.greedy.packing import packings
 from heronry_manager.planner.greedy.punctuality import Punctuality
 from heronry_manager.planner.greedy.repairing import Repair
 from heronry_manager.planner.greedy.report import plan_of
@@ -77,11 +77,15 @@ class Greedy:
         return repair
 
     def _best(self, wanted: Wanted, scene: Scene, before: Before, punctuality: Punctuality | None) -> Repair:
-        """Repair what ran; where that leaves out a critical function, pack anew as well."""
-        repair = Repair(self._tables, wanted, scene, before)
-        repair.run(punctuality)
-        if all(goal.rank >= len(CRITICAL_CLASSES) for goal in repair.unserved()):
-            return repair
-        other = Repair(self._tables, wanted, scene, packed(self._tables, wanted, scene))
-        other.run(punctuality)
-        return other if other.score() > repair.score() else repair
+        """Repair what ran; as long as that leaves out a critical function, pack anew as well."""
+        best = Repair(self._tables, wanted, scene, before)
+        best.run(punctuality)
+        anew = packings(self._tables, wanted, scene)
+        while any(goal.rank < len(CRITICAL_CLASSES) for goal in best.unserved()):
+            places = next(anew, None)
+            if places is None:
+                break
+            other = Repair(self._tables, wanted, scene, places)
+            other.run(punctuality)
+            best = other if other.score() > best.score() else best
+        return best
