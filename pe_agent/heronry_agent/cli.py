@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 from can.cli import add_bus_arguments
@@ -204,7 +204,8 @@ def _silent(note: Note) -> None:
 
 
 def _print_note(note: Note) -> None:
-    print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # a full disk, or a reader that went away, is no reason to stop flying
+        print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
 
 
 def _complain(what: object, code: int) -> int:

@@ -1,4 +1,7 @@
-"""Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind."""
+"""Where output goes wrong: no room, a folder, a device, a link. One sentence, and nothing half-made is left behind.
+
+Who flies goes on flying.
+"""
 
 import os
 import resource
@@ -9,8 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from heronry_agent import cli as agent
+from heronry_agent.vocabulary import Note
 from heronry_tools.cli import main
 from heronry_tools.errors import UserError
+from heronry_tools.event_printer import print_event, surviving
 from heronry_tools.whole_file import write_whole
 
 FULL = Path("/dev/full")  # every write to it fails like one to a full disk
@@ -104,3 +110,30 @@ def test_a_reader_that_goes_away_is_no_error(
     sys.stdout.flush()
     with pytest.raises(BrokenPipeError):
         pipe.close()
+
+
+def test_a_manager_does_not_end_because_its_events_cannot_be_written(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tell = surviving(print_event)
+    full = FULL.open("w")
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.stdout", full)
+        for _ in range(1000):
+            tell({"event": "pe_answered"})
+    with pytest.raises(OSError, match="No space"):
+        full.close()
+    said = "heronry: events are dropped until they can be written: No space left on device\n"
+    assert capsys.readouterr() == ("", said), "once"
+    tell({"event": "pe_lost"})
+    assert capsys.readouterr() == ('{"event":"pe_lost"}\n', "")
+
+
+def test_an_agent_does_not_end_because_its_notes_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    full = FULL.open("w")
+    with monkeypatch.context() as patch:
+        patch.setattr("sys.stderr", full)
+        for _ in range(1000):
+            agent._print_note(Note("step", "epoch 1 at GO_ALL"))
+    with pytest.raises(OSError, match="No space"):
+        full.close()

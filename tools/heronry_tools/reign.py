@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from heronry_manager.memory import NOTHING
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.foresight import Foresight
 from heronry_tools.bus_flags import what_it_models
-from heronry_tools.event_printer import print_event
+from heronry_tools.event_printer import print_event, surviving
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
@@ -45,7 +45,7 @@ def reign(arguments: argparse.Namespace) -> int:
     made = contingencies_of(spec, arguments.contingencies)
     table = None if made is None else ContingencyTable(spec, made)
     numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
-    tell = print_event if arguments.json else screen(spec)
+    tell = surviving(print_event if arguments.json else screen(spec))
     bus = spec.buses[spec.manager.bus]
     config = {"bitrate": bus.bitrate, **flagged_bus(arguments), "can_filters": FILTERS}
     link = open_link(
@@ -110,9 +110,9 @@ def _has_solver() -> bool:
         import_module("ortools")
     except ModuleNotFoundError:
         how = 'pip install "heronry[manager]"'
-        print(
-            f"heronry: ortools is not installed, so the greedy planner flies alone; add it with: {how}", file=sys.stderr
-        )
+        said = f"heronry: ortools is not installed, so the greedy planner flies alone; add it with: {how}"
+        with suppress(OSError):  # a full disk is no reason not to fly
+            print(said, file=sys.stderr)
         return False
     return True
 
