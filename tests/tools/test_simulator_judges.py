@@ -18,7 +18,7 @@ from heronry_tools.simulator.strike import Strikes
 from heronry_tools.witness import Outage
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import Alive, Control, ElementKind, Operation, PeFlags, PeState, StatePage0
+from heronry_wire.management import LEASE_PERIODS, Alive, Control, ElementKind, Operation, PeFlags, PeState, StatePage0
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 
 PES = frozenset(elevator_and_chute().pes)
@@ -161,6 +161,15 @@ def test_a_reign_may_end_with_a_loss_that_it_did_not_tell_and_a_deposed_one_is_n
     alive(losses, 6, "tail_pe", term=5)
     assert held_down_ns(losses) == 7 * shortest_ns
     alive(losses, 7, term=1)
+    assert losses.counted_on == {"tail_pe"}
+
+
+def test_whoever_speaks_reigns_once_a_higher_term_has_fallen_silent() -> None:
+    losses, lease_ns = Losses(elevator_and_chute()), LEASE_PERIODS * 20 * MS
+    alive(losses, 1, *PES, term=5)  # in a part of the aircraft that had been cut off
+    alive(losses, 1 + lease_ns, "tail_pe", term=2)
+    assert losses.counted_on == PES
+    alive(losses, 2 + lease_ns, "tail_pe", term=2)
     assert losses.counted_on == {"tail_pe"}
 
 

@@ -42,20 +42,21 @@ class Losses:
         self._periods = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
         periods_ns = [spec.buses[radio].heartbeat_ns for radio in radios(spec)]
         self._radios_ns = (WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << MOST_DOUBLINGS)) * max(periods_ns, default=0)
-        self._term = 0
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._term, self._said_ns = 0, 0
         self._counted_on: dict[str, int] = {}  # and since when
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """An ALIVE was sent."""
-        if message.term < self._term:
+        """An ALIVE was sent; of two managers at once the higher term counts, until nothing is heard of it any more."""
+        if message.term < self._term and t_ns - self._said_ns <= self._lease_ns:
             return
         named = {self._names[node] for node in message.nodes if node in self._names}
         still = named if message.term == self._term else frozenset()  # a new reign has its own opinion of who is there
         for pe in self._counted_on.keys() - still:
             forgiven = t_ns - self._counted_on.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
-        self._term = message.term
+        self._term, self._said_ns = message.term, t_ns
         for pe in named - self._counted_on.keys():
             self._counted_on[pe] = t_ns
 
@@ -66,13 +67,11 @@ class Losses:
 
     def bound_ns(self) -> int:
         """Longest time from now on until all is well, if nothing more is done."""
-        manager_period_ns = self._spec.buses[self._spec.manager.bus].heartbeat_ns
-        lease_ns = LEASE_PERIODS * manager_period_ns
         patience_ns = PATIENCE_PERIODS * max(self._periods.values())
         held_ns = max(
             min(period_ns * HOLD_DOWN_PERIODS << self._losses[pe], LONGEST_HOLD_DOWN_NS)
             for pe, period_ns in self._periods.items()
         )
         new_epochs_ns = _LAST_EPOCHS * patience_ns // 4 + unnoticed_ns(self._spec)
-        at_rest_ns = RESTART_NS + 2 * lease_ns + START_UP_WINDOW_NS + patience_ns
+        at_rest_ns = RESTART_NS + 2 * self._lease_ns + START_UP_WINDOW_NS + patience_ns
         return at_rest_ns + held_ns + self._radios_ns + new_epochs_ns
