@@ -30,6 +30,7 @@ are driven without: there a frame counts as sent when `send` returns, and has ar
 """
 
 import errno
+import logging
 import socket
 import struct
 import time
@@ -54,6 +55,8 @@ RETRY_NS = 1_000_000
 REOPEN_NS = 250_000_000
 STUCK_NS = 1_000_000_000  # nothing has got out for so long
 _WELL_KNOWN = ("socketcan", "softbus")
+_SOCKETCAND = "socketcand"
+_SERVER_S = 2.0  # to answer
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
 _SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): nine counters, the last are frames dropped for want of room
@@ -103,6 +106,7 @@ class Link:
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
+        self._connection: socket.socket | None = None  # that may end without a word
         self._opening: SlowOpening | None = None
         if may_begin_lost:
             self._try_to_open(time.monotonic_ns(), None)
@@ -183,6 +187,7 @@ class Link:
                     self.health.counts["not understood"] += 1
                     continue
                 if message is None:
+                    self._see_whether_it_ended()
                     return arrivals
                 frame = frame_of(message)
                 age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
@@ -266,7 +271,9 @@ class Link:
                 raise
             raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
         self._overruns = 0
-        self._is_well_known = bus.channel_info.startswith(_WELL_KNOWN)
+        kind = bus.channel_info.partition(" ")[0]
+        self._is_well_known = kind in _WELL_KNOWN
+        self._connection = connection_of(bus) if kind == _SOCKETCAND else None
 
     def _look_at_interface(self) -> None:
         obstacle = None if self._interface is None else _obstacle(self._interface, self._config.get("bitrate"))
@@ -326,6 +333,12 @@ class Link:
         self.health.reported(report, now_ns)
         if report.state is ControllerState.BUS_OFF:
             self._lose("its controller is bus-off", now_ns)
+
+    def _see_whether_it_ended(self) -> None:
+        """A connection that its server has closed is readable for ever, and python-can says nothing of it."""
+        with suppress(BlockingIOError):
+            if self._connection is not None and not self._connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT):
+                raise ConnectionResetError("its server has closed the connection")
 
     def _count_overruns(self, now_ns: int) -> None:
         """After a full burst: ask SocketCAN how many frames it had to drop."""
@@ -395,10 +408,13 @@ def _restarted(interface: CanInterface) -> str | None:
 
 
 def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
-    """Open the bus that python-can's keyword arguments describe, with its descriptor; raises LinkError."""
+    """Open the bus that python-can's keyword arguments describe, with its descriptor; raises LinkError.
+
+    A socketcand is named by its channel: INTERFACE@HOST:PORT.
+    """
     name = _name(config)
     try:
-        bus = can.Bus(**config)
+        bus = can.Bus(**(_at_its_server(config) if config.get("interface") == _SOCKETCAND else config))
     except can.CanInterfaceNotImplementedError as error:
         if "interface" in config:
             raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
@@ -408,9 +424,30 @@ def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
     try:
         return bus, bus.fileno()
     except NotImplementedError:
+        connection = connection_of(bus)
+        if connection is not None:
+            return bus, connection.fileno()
         bus.shutdown()
         remedy = "use socketcan, softbus, or another that has one"
         raise LinkError(f"{name} has no file descriptor to wait on; {remedy}") from None
+
+
+def connection_of(bus: can.BusABC) -> socket.socket | None:
+    """The connection of a back-end that keeps one and does not tell of it, as python-can's socketcand; or None."""
+    return next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)
+
+
+def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
+    """Take the channel of a socketcand apart; where it names no server, can.conf has to."""
+    channel, at, server = str(config.get("channel") or "").rpartition("@")
+    if not at:
+        return dict(config)
+    host, _, port = server.rpartition(":")
+    if not channel or not host or not port.isdecimal():
+        raise ValueError(f"a socketcand is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'")
+    socket.create_connection((host, int(port)), _SERVER_S).close()  # python-can tries for ten seconds, without a pause
+    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every frame cut in two
+    return {**config, "channel": channel, "host": host, "port": int(port)}
 
 
 def _name(config: Mapping[str, Any]) -> str:

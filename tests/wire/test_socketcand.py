@@ -1,0 +1,106 @@
+"""A bus behind a socketcand: TCP, through python-can, with a server that speaks the protocol and can go away."""
+
+import select
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from threading import Thread
+
+import pytest
+
+from heronry_wire.frame import Frame
+from heronry_wire.link import Link, LinkError, open_bus
+
+PATIENCE_S = 10.0
+
+
+class Server:
+    """One client at a time: it is greeted, opens `can0` and goes to raw mode, as socketcand's protocol says."""
+
+    def __init__(self) -> None:
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
+        self.heard = b""
+        self.client: socket.socket | None = None
+
+    def expect(self) -> Thread:
+        thread = Thread(target=self._greet, daemon=True)
+        thread.start()
+        return thread
+
+    def _greet(self) -> None:
+        while True:
+            client = self._listening.accept()[0]
+            client.sendall(b"< hi >")
+            if client.recv(100) == b"< open can0 >":  # a client that only looks whether we are here says nothing
+                break
+            client.close()
+        client.sendall(b"< ok >")
+        assert client.recv(100) == b"< rawmode >"
+        client.sendall(b"< ok >")
+        self.client = client
+
+    def close(self) -> None:
+        self._listening.close()
+        if self.client is not None:
+            self.client.close()
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with closing(Server()) as opened:
+        yield opened
+
+
+def linked(server: Server) -> Link:
+    greeting = server.expect()
+    link = Link({"interface": "socketcand", "channel": f"can0@{server.address}"})
+    greeting.join(PATIENCE_S)
+    return link
+
+
+def test_frames_come_and_go_and_none_is_left_lying(server: Server) -> None:
+    with closing(linked(server)) as link:
+        assert server.client is not None
+        server.client.sendall(b"< frame 123 1.5 0102 >< frame 7ff 1.6  >< fra")
+        select.select([link], [], [], PATIENCE_S)
+        arrivals = link.receive(time.monotonic_ns())
+        assert [arrival.frame for arrival in arrivals] == [Frame(0x123, b"\1\2"), Frame(0x7FF, b"")]
+        assert time.monotonic_ns() - arrivals[0].time_ns < 1_000_000_000  # dated by this machine's clock
+        server.client.sendall(b"me 001 1.7 ff >")
+        select.select([link], [], [], PATIENCE_S)
+        assert [arrival.frame for arrival in link.receive(time.monotonic_ns())] == [Frame(1, b"\xff")]
+        link.send(Frame(0x0C8, b"\x0a\xff"), time.monotonic_ns())
+        assert server.client.recv(100) == b"< send 0C8 2 a ff >"
+        assert link.all_left  # nothing is echoed, so nothing is waited for
+        assert link.departures_ns() == [0]
+
+
+def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server) -> None:
+    with closing(linked(server)) as link:
+        assert server.client is not None
+        server.client.close()
+        select.select([link], [], [], PATIENCE_S)
+        assert link.receive(time.monotonic_ns()) == []
+        assert not link.is_open
+        assert "its server has closed the connection" in " ".join(link.take_news())
+        server.expect()
+        until_s = time.monotonic() + PATIENCE_S
+        while not link.readers:
+            assert time.monotonic() < until_s
+            link.pump(time.monotonic_ns())
+            select.select([], [], [], 0.02)
+
+
+@pytest.mark.parametrize("channel", ["can0@nowhere", "can0@host:", "@host:29536", "can0@:29536", "can0@host:port"])
+def test_a_server_that_is_not_named_is_one_sentence(channel: str) -> None:
+    with pytest.raises(LinkError, match="a socketcand is named INTERFACE@HOST:PORT"):
+        open_bus({"interface": "socketcand", "channel": channel})
+
+
+def test_a_server_that_is_not_there_is_one_sentence_at_once() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+    with pytest.raises(LinkError, match="refused"):
+        open_bus({"interface": "socketcand", "channel": f"can0@127.0.0.1:{port}"})
