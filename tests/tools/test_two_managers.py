@@ -156,6 +156,17 @@ def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:
     assert voices(*alone, (60, "manager 126 again"), (80, "manager 126 again")) == []
 
 
+def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_again() -> None:
+    check = TermCheck(big_blue())
+    for t_ms in range(0, 800, 20):
+        if t_ms in (0, 400):
+            check.split(t_ms == 0)
+        for station in ("manager 126", "manager 126 again"):
+            check.alive(t_ms * MS, station, 3)
+        assert check.violations == [] or t_ms > 600
+    assert len(check.violations) == 1
+
+
 # What is drawn, and what it reaches
 
 

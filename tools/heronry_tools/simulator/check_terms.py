@@ -2,7 +2,8 @@
 
 - At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
   from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
-  their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent.
+  their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
+  bus is broken in the middle they cannot, and both may reign in one term, each over its own half.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
@@ -29,8 +30,14 @@ class TermCheck:
         self._own: dict[str, int] = {}  # the same by station: there may be two of one number
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
+        self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+
+    def split(self, is_split: bool) -> None:
+        """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
+        self._is_split = is_split
+        self._voices.clear()
 
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
@@ -52,6 +59,8 @@ class TermCheck:
 
     def alive(self, t_ns: int, station: str, term: int) -> None:
         """A station has sent an ALIVE on the managers' bus."""
+        if self._is_split:
+            return
         voices = self._voices.setdefault(term, {})
         first_ns, _ = voices.get(station, (t_ns, t_ns))
         voices[station] = first_ns, t_ns

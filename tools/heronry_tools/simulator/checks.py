@@ -121,6 +121,11 @@ class Checks:
         self._freshness.driven(driven)
         self._safe_mode.driven(driven)
 
+    def bus_split(self, bus: str, is_split: bool) -> None:
+        """A bus is broken in the middle, or whole again."""
+        if bus == self._bus:
+            self._terms.split(is_split)
+
     def manager_copied(self, station: str, twin: str) -> None:
         """A manager is about to be started once more, elsewhere, with a copy of its journal."""
         self._journals.copied(station, twin)
