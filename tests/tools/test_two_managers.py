@@ -18,6 +18,7 @@ from heronry_tools.simulator.scenario import Outcome, Scenario, need_key, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_wire.frame import Frame
+from heronry_wire.management import LEASE_PERIODS, Lease, SliceHead, Step
 from scenarios.flights import MS, big_blue, two_tails
 
 OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
@@ -165,6 +166,22 @@ def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_ag
             check.alive(t_ms * MS, station, 3)
         assert check.violations == [] or t_ms > 600
     assert len(check.violations) == 1
+
+
+def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
+    check, lease_ns = TermCheck(two_tails()), LEASE_PERIODS * 20 * MS
+    head = SliceHead(94, 3, 0, 0)
+
+    def reigns(t_ns: int, manager: int, term: int) -> bool:
+        named = check.commanded(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+        assert check.commanded(t_ns, manager, head, f"manager {manager}") == named
+        return named
+
+    assert reigns(1, 127, 6)
+    assert reigns(2, 126, 7)
+    assert not reigns(2 + lease_ns, 127, 6)
+    assert reigns(3 + lease_ns, 127, 6)
+    assert check.violations == []
 
 
 # What is drawn, and what it reaches

@@ -9,7 +9,8 @@
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
   but with the digest that it had.
 
-What a deposed manager still says is judged here alone: nobody else has to believe it.
+What a deposed manager still says is judged here alone: nobody else has to believe it. Whoever speaks of the highest
+term reigns, until nobody has named that term for T_lease: it may have begun where no PE could hear it, and ended.
 """
 
 from heronry_dg.model import Spec
@@ -26,13 +27,14 @@ class TermCheck:
         self.violations: list[Violation] = []
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
-        self._highest: dict[int, int] = {}  # term of each manager
-        self._own: dict[str, int] = {}  # the same by station: there may be two of one number
+        self._own: dict[str, int] = {}  # term of each station: there may be two of one number
+        self._term, self._named_ns = 0, 0  # of the reign, and when it was named last
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
         self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
-        self._together_ns = _TOGETHER_LEASES * LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._together_ns = _TOGETHER_LEASES * self._lease_ns
 
     def split(self, is_split: bool) -> None:
         """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
@@ -42,20 +44,22 @@ class TermCheck:
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
-            return self._highest.get(manager, 0) >= max(self._highest.values(), default=0)
+            return self._own.get(station, 0) == self._term
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
             self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
         if term < self._own.get(station, 0):
             self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
         self._own[station] = max(term, self._own.get(station, 0))
-        self._highest[manager] = max(term, self._highest.get(manager, 0))
         if isinstance(message, Prepare):
             first = self._prepared.setdefault(message.epoch, message)
             if first.term != term and first.digest != message.digest:
                 story = f"epoch {message.epoch} is prepared in term {term}, and was another one in term {first.term}"
                 self._tell(t_ns, "reign", story)
-        return term >= max(self._highest.values())
+        if term < self._term and t_ns - self._named_ns <= self._lease_ns:
+            return False
+        self._term, self._named_ns = term, t_ns
+        return True
 
     def alive(self, t_ns: int, station: str, term: int) -> None:
         """A station has sent an ALIVE on the managers' bus."""

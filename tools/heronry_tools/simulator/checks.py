@@ -241,13 +241,13 @@ class Checks:
             self._last_commands[identifier] = data
         message = decode_command(command, data)
         if not isinstance(message, Malformed):
+            if self._proven is not None and isinstance(message, Control):
+                self._proven.commanded(manager, message)  # a session is opened for whoever believes it
             if not self._terms.commanded(sent.end_ns, manager, message, sent.sender):
                 return
             self._journals.commanded(sent.end_ns, sent.sender, message)
         self._exclusion.commanded(message)
         if isinstance(message, Control):
-            if self._proven is not None:
-                self._proven.commanded(manager, message)
             self._service.acknowledged(sent.end_ns, message)
         elif not isinstance(message, Malformed):
             epoch = self._commands.take(sent.end_ns, message)
