@@ -414,7 +414,7 @@ def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
     """
     name = _name(config)
     try:
-        bus = can.Bus(**(_at_its_server(config) if config.get("interface") == _SOCKETCAND else config))
+        bus = _open_at_server(config) if config.get("interface") == _SOCKETCAND else can.Bus(**config)
     except can.CanInterfaceNotImplementedError as error:
         if "interface" in config:
             raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
@@ -437,6 +437,24 @@ def connection_of(bus: can.BusABC) -> socket.socket | None:
     return next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)
 
 
+def _open_at_server(config: Mapping[str, Any]) -> can.BusABC:
+    """Open a socketcand; python-can would wait for its server without end, and try to reach it without a pause."""
+    place = _at_its_server(config)
+    if "host" in place:
+        socket.create_connection((place["host"], place["port"]), _SERVER_S).close()
+    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every frame cut in two
+    before_s = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_SERVER_S)
+    try:
+        bus = can.Bus(**place)
+    finally:
+        socket.setdefaulttimeout(before_s)
+    connection = connection_of(bus)
+    if connection is not None:
+        connection.settimeout(None)
+    return bus
+
+
 def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
     """Take the channel of a socketcand apart; where it names no server, can.conf has to."""
     channel, at, server = str(config.get("channel") or "").rpartition("@")
@@ -445,8 +463,6 @@ def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
     host, _, port = server.rpartition(":")
     if not channel or not host or not port.isdecimal():
         raise ValueError(f"a socketcand is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'")
-    socket.create_connection((host, int(port)), _SERVER_S).close()  # python-can tries for ten seconds, without a pause
-    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every frame cut in two
     return {**config, "channel": channel, "host": host, "port": int(port)}
 
 

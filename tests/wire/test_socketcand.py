@@ -1,14 +1,16 @@
 """A bus behind a socketcand: TCP, through python-can, with a server that speaks the protocol and can go away."""
 
+import gc
 import select
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from threading import Thread
 
 import pytest
 
+from heronry_wire import link
 from heronry_wire.frame import Frame
 from heronry_wire.link import Link, LinkError, open_bus
 
@@ -32,9 +34,10 @@ class Server:
     def _greet(self) -> None:
         while True:
             client = self._listening.accept()[0]
-            client.sendall(b"< hi >")
-            if client.recv(100) == b"< open can0 >":  # a client that only looks whether we are here says nothing
-                break
+            with suppress(ConnectionError):  # somebody who only looks whether we are here goes away
+                client.sendall(b"< hi >")
+                if client.recv(100) == b"< open can0 >":
+                    break
             client.close()
         client.sendall(b"< ok >")
         assert client.recv(100) == b"< rawmode >"
@@ -55,41 +58,41 @@ def server() -> Iterator[Server]:
 
 def linked(server: Server) -> Link:
     greeting = server.expect()
-    link = Link({"interface": "socketcand", "channel": f"can0@{server.address}"})
+    joined = Link({"interface": "socketcand", "channel": f"can0@{server.address}"})
     greeting.join(PATIENCE_S)
-    return link
+    return joined
 
 
 def test_frames_come_and_go_and_none_is_left_lying(server: Server) -> None:
-    with closing(linked(server)) as link:
+    with closing(linked(server)) as joined:
         assert server.client is not None
         server.client.sendall(b"< frame 123 1.5 0102 >< frame 7ff 1.6  >< fra")
-        select.select([link], [], [], PATIENCE_S)
-        arrivals = link.receive(time.monotonic_ns())
+        select.select([joined], [], [], PATIENCE_S)
+        arrivals = joined.receive(time.monotonic_ns())
         assert [arrival.frame for arrival in arrivals] == [Frame(0x123, b"\1\2"), Frame(0x7FF, b"")]
         assert time.monotonic_ns() - arrivals[0].time_ns < 1_000_000_000  # dated by this machine's clock
         server.client.sendall(b"me 001 1.7 ff >")
-        select.select([link], [], [], PATIENCE_S)
-        assert [arrival.frame for arrival in link.receive(time.monotonic_ns())] == [Frame(1, b"\xff")]
-        link.send(Frame(0x0C8, b"\x0a\xff"), time.monotonic_ns())
+        select.select([joined], [], [], PATIENCE_S)
+        assert [arrival.frame for arrival in joined.receive(time.monotonic_ns())] == [Frame(1, b"\xff")]
+        joined.send(Frame(0x0C8, b"\x0a\xff"), time.monotonic_ns())
         assert server.client.recv(100) == b"< send 0C8 2 a ff >"
-        assert link.all_left  # nothing is echoed, so nothing is waited for
-        assert link.departures_ns() == [0]
+        assert joined.all_left  # nothing is echoed, so nothing is waited for
+        assert joined.departures_ns() == [0]
 
 
 def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server) -> None:
-    with closing(linked(server)) as link:
+    with closing(linked(server)) as joined:
         assert server.client is not None
         server.client.close()
-        select.select([link], [], [], PATIENCE_S)
-        assert link.receive(time.monotonic_ns()) == []
-        assert not link.is_open
-        assert "its server has closed the connection" in " ".join(link.take_news())
+        select.select([joined], [], [], PATIENCE_S)
+        assert joined.receive(time.monotonic_ns()) == []
+        assert not joined.is_open
+        assert "its server has closed the connection" in " ".join(joined.take_news())
         server.expect()
         until_s = time.monotonic() + PATIENCE_S
-        while not link.readers:
+        while not joined.readers:
             assert time.monotonic() < until_s
-            link.pump(time.monotonic_ns())
+            joined.pump(time.monotonic_ns())
             select.select([], [], [], 0.02)
 
 
@@ -104,3 +107,14 @@ def test_a_server_that_is_not_there_is_one_sentence_at_once() -> None:
         port = taken.getsockname()[1]
     with pytest.raises(LinkError, match="refused"):
         open_bus({"interface": "socketcand", "channel": f"can0@127.0.0.1:{port}"})
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves its socket open
+def test_a_server_that_says_nothing_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "_SERVER_S", 0.2)
+    with closing(socket.create_server(("127.0.0.1", 0))) as mute:
+        channel = f"can0@127.0.0.1:{mute.getsockname()[1]}"
+        with pytest.raises(LinkError, match="timed out"):
+            open_bus({"interface": "socketcand", "channel": channel})
+    gc.collect()
+    assert socket.getdefaulttimeout() is None
