@@ -181,3 +181,13 @@ def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
     protocol.take({"event": "plan_requested"})
     protocol.take({"event": "manager_started"})
     assert protocol.now == "idle"
+
+
+def test_a_surface_that_no_branch_drives_excuses_whoever_doubts_its_sensor() -> None:
+    simulation = flying(elevator_and_chute())
+    struck(simulation, "0.1 raise module:servo_driver_1 for 0.2", "0.5 overrun module:servo_driver_2 for 0.2")
+    simulation.run_for(200 * MS)
+    assert simulation.excusable == {"module:servo_driver_1", "device:elevator_servo_1"}
+    simulation.run_for(600 * MS)
+    assert "device:elevator_angle_sensor" in simulation.excusable
+    assert "device:barometer" not in simulation.excusable

@@ -233,9 +233,19 @@ def _stuck(simulation: Simulation, act: Act, _random: Random) -> End | None:
 
 
 def _excuse(simulation: Simulation, module: str) -> None:
-    """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck."""
-    device = simulation.spec.modules[module].device
-    simulation.excusable |= {f"module:{module}"} | ({f"device:{device}"} if device is not None else set())
+    """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck.
+
+    Where no branch of a DEMUX is left, its surface stands still, and so do the sensors beside it.
+    """
+    spec, excusable = simulation.spec, simulation.excusable
+    devices = {spec.modules[module].device}
+    excusable.add(f"module:{module}")
+    for function in spec.functions.values():
+        branches = function.outputs
+        if module in branches and len(branches) > 1 and all(f"module:{branch}" in excusable for branch in branches):
+            places = {spec.devices[device].pe for branch in branches if (device := spec.modules[branch].device)}
+            devices |= {one.name for one in spec.devices.values() if one.kind == "sensor" and one.pe in places}
+    excusable |= {f"device:{device}" for device in devices if device is not None}
 
 
 def _inspect(simulation: Simulation, act: Act, _random: Random) -> End | None:
