@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import canopen
@@ -49,6 +50,14 @@ class Desk:
         self.agent.communicate()
 
 
+def reset(nmt: Any) -> None:
+    """Reset a node, and hear its boot-up; `wait_for_bootup` misses one that comes before it waits."""
+    booted = Event()
+    nmt.add_heartbeat_callback(lambda state: None if state else booted.set())
+    nmt.state = "RESET"
+    assert booted.wait(PATIENCE_S)
+
+
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A client waits for 0.3 s, and a busy machine may take longer."""
@@ -89,8 +98,7 @@ def test_it_sets_the_heartbeat_and_commands_by_nmt(desk: Desk) -> None:
         nmt.state = state
         nmt.wait_for_heartbeat(PATIENCE_S)
         assert nmt.state == state
-    nmt.state = "RESET"
-    nmt.wait_for_bootup(PATIENCE_S)
+    reset(nmt)
     assert heartbeat.raw == 1000
 
 

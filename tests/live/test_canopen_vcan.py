@@ -22,7 +22,7 @@ from heronry_tools.cli import main
 from heronry_wire.frame import Frame, LoggedFrame, format_log_line
 from heronry_wire.identifiers import emcy_id, heartbeat_id, state_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode
-from live.test_canopen_master import EDS, PATIENCE_S, PE, SPEC, Desk
+from live.test_canopen_master import EDS, PATIENCE_S, PE, SPEC, Desk, reset
 from live.test_demo_vcan import candump, log_lines, read_dbc
 
 pytestmark = pytest.mark.vcan
@@ -98,8 +98,7 @@ def converse(desk: Desk) -> Told:
         nmt.state = state
         while nmt.wait_for_heartbeat(PATIENCE_S) != state:
             pass  # one that was on its way
-    nmt.state = "RESET"
-    nmt.wait_for_bootup(PATIENCE_S)
+    reset(nmt)
     return Told(identity, digest, incarnation, eds, refused.value.code)
 
 
