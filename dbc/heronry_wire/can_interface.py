@@ -65,6 +65,31 @@ def take_down_and_up(name: str) -> None:
         _ask(_NEW_LINK, _REQUEST | _ACKNOWLEDGE, body)
 
 
+def obstacle(name: str, bitrate: int | None) -> str | None:
+    """Say why an interface should not be used now, and restart one that is bus-off; None: nothing is known of it."""
+    interface = read_interface(name)
+    if interface is None or not interface.is_up:
+        return None  # opening it tells
+    if interface.state is ControllerState.BUS_OFF:
+        return _restarted(interface)
+    if bitrate is not None and interface.bitrate not in (None, bitrate):
+        mend = f"ip link set {name} down && ip link set {name} up type can bitrate {bitrate}"
+        return f"it runs at {interface.bitrate} bit/s, and this bus at {bitrate}: '{mend}'"
+    return None
+
+
+def _restarted(interface: CanInterface) -> str | None:
+    name = interface.name
+    if interface.restart_ms:
+        return f"its controller is bus-off; Linux restarts it after {interface.restart_ms} ms"
+    try:
+        take_down_and_up(name)
+    except OSError:
+        mend = f"ip link set {name} down && ip link set {name} up type can restart-ms 100"
+        return f"its controller is bus-off, and this user may not restart it: '{mend}'"
+    return None
+
+
 def parse_link(body: bytes) -> CanInterface:
     """Read the body of an RTM_NEWLINK message."""
     _, hardware, _, flags, _ = _LINK.unpack_from(body)

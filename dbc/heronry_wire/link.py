@@ -29,10 +29,7 @@ That a back-end echoes, and stamps frames by this machine's clock, is known of S
 are driven without: there a frame counts as sent when `send` returns, and has arrived when it is taken.
 """
 
-import errno
-import logging
 import socket
-import struct
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -43,11 +40,13 @@ from typing import Any, NamedTuple
 import can
 
 from heronry_wire.bus_health import BusHealth
-from heronry_wire.can_interface import CanInterface, read_interface, take_down_and_up
+from heronry_wire.bus_opening import LinkError, Opened, bus_name, look_at_interface, open_bus
 from heronry_wire.controller import ControllerState, read_error_frame
 from heronry_wire.errors import HeronryError
 from heronry_wire.frame import Frame
-from heronry_wire.slow_opening import Opened, SlowOpening
+from heronry_wire.python_can import frame_of, frames_dropped, is_full, message_of, sentence_of
+from heronry_wire.slow_opening import SlowOpening
+from heronry_wire.socketcand import see_whether_it_ended
 from heronry_wire.transmit_queue import TransmitQueue
 
 ECHO_TIMEOUT_NS = 100_000_000
@@ -55,20 +54,8 @@ RETRY_NS = 1_000_000
 REOPEN_NS = 250_000_000
 STUCK_NS = 1_000_000_000  # nothing has got out for so long
 _WELL_KNOWN = ("socketcan", "softbus")
-_SOCKETCAND = "socketcand"
-_SERVER_S = 2.0  # to answer
 _BURST = 64  # frames taken in one turn: a flood must not starve the timers
 _LATE_ECHOES = 16  # how many frames given up are remembered
-_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): nine counters, the last are frames dropped for want of room
-_REMEDIES = {
-    errno.EAFNOSUPPORT: "this kernel has no CAN: use a software bus, or run under tools/with-vcan",
-    errno.ENODEV: "there is no such interface: 'ip link' lists those there are",
-    errno.ENETDOWN: "the interface is down: 'ip link set NAME up' brings it up",
-}
-
-
-class LinkError(HeronryError):
-    """The bus cannot be used; the message is one sentence with a remedy where there is one."""
 
 
 class Arrival(NamedTuple):
@@ -86,7 +73,7 @@ class Link:
 
         may_begin_lost: a bus that cannot be opened now is lost, and tried again.
         """
-        self.name = _name(config)
+        self.name = bus_name(config)
         self.health = BusHealth(self.name)
         self.echoes_lost = 0
         self.has_more = False  # the last `receive` took a whole burst
@@ -102,7 +89,6 @@ class Link:
         self._sent: set[int] = set()  # identifiers whose echoes must come in
         self._overruns = 0
         self._config = {**config, "receive_own_messages": True}
-        self._interface = config.get("channel") if config.get("interface") == "socketcan" else None
         self._is_well_known = False
         self._fileno = -1
         self._bus: can.BusABC | None = None
@@ -187,7 +173,8 @@ class Link:
                     self.health.counts["not understood"] += 1
                     continue
                 if message is None:
-                    self._see_whether_it_ended()
+                    if self._connection is not None:
+                        see_whether_it_ended(self._connection)
                     return arrivals
                 frame = frame_of(message)
                 age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
@@ -241,7 +228,7 @@ class Link:
         try:
             yield
         except Exception as error:  # noqa: BLE001 - a back-end may raise anything
-            self._lose(_sentence(error), now_ns)
+            self._lose(sentence_of(error), now_ns)
 
     def _lose(self, reason: str, now_ns: int) -> None:
         with suppress(Exception):  # it is broken, and may say so again
@@ -257,11 +244,11 @@ class Link:
 
     def _open(self, opened: Opened | None = None) -> None:
         """Open the bus, unless it has been opened, and see that it works; raises LinkError."""
-        self._look_at_interface()
-        bus, self._fileno = opened or open_bus(self._config)
+        look_at_interface(self._config)
+        bus, self._fileno, self._connection = opened or open_bus(self._config)
         try:
             bus.recv(0)  # an interface that is down can be opened, and says so here
-            self._look_at_interface()  # again: it may have come up, at another bit rate, in between
+            look_at_interface(self._config)  # again: it may have come up, at another bit rate, in between
             self._bus = bus
             self._set_filters()
         except Exception as error:
@@ -269,16 +256,9 @@ class Link:
             bus.shutdown()
             if isinstance(error, LinkError):
                 raise
-            raise LinkError(f"{self.name} cannot be opened: {_sentence(error)}") from error
+            raise LinkError(f"{self.name} cannot be opened: {sentence_of(error)}") from error
         self._overruns = 0
-        kind = bus.channel_info.partition(" ")[0]
-        self._is_well_known = kind in _WELL_KNOWN
-        self._connection = connection_of(bus) if kind == _SOCKETCAND else None
-
-    def _look_at_interface(self) -> None:
-        obstacle = None if self._interface is None else _obstacle(self._interface, self._config.get("bitrate"))
-        if obstacle is not None:
-            raise LinkError(f"{self.name} cannot be opened: {obstacle}")
+        self._is_well_known = bus.channel_info.partition(" ")[0] in _WELL_KNOWN
 
     def _open_again(self, now_ns: int) -> None:
         if self._is_well_known or self._config.get("interface") in _WELL_KNOWN:
@@ -334,20 +314,11 @@ class Link:
         if report.state is ControllerState.BUS_OFF:
             self._lose("its controller is bus-off", now_ns)
 
-    def _see_whether_it_ended(self) -> None:
-        """A connection that its server has closed is readable for ever, and python-can says nothing of it."""
-        with suppress(BlockingIOError):
-            if self._connection is not None and not self._connection.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT):
-                raise ConnectionResetError("its server has closed the connection")
-
     def _count_overruns(self, now_ns: int) -> None:
-        """After a full burst: ask SocketCAN how many frames it had to drop."""
-        raw = getattr(self._bus, "socket", None)
-        if isinstance(raw, socket.socket):
-            counters = raw.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
-            dropped = struct.unpack(f"={_MEMINFO_DROPS + 1}I", counters)[_MEMINFO_DROPS]
-            self.health.overrun(dropped - self._overruns, now_ns)
-            self._overruns = dropped
+        """After a full burst: see whether there was more than SocketCAN had room for."""
+        dropped = 0 if self._bus is None else frames_dropped(self._bus)
+        self.health.overrun(dropped - self._overruns, now_ns)
+        self._overruns = dropped
 
     def _set_filters(self) -> None:
         if self._wanted is None or self._bus is None:
@@ -360,15 +331,12 @@ class Link:
         if frame.can_id not in self._sent:
             self._sent.add(frame.can_id)
             self._set_filters()
-        message = can.Message(
-            arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
-        )
         if self._waiting_since_ns is None:
             self._waiting_since_ns = now_ns
         try:
-            bus.send(message, timeout=0)
+            bus.send(message_of(frame), timeout=0)
         except (can.CanError, OSError) as error:
-            if not _is_full(error):
+            if not is_full(error):
                 raise
             self.health.counts["queue full"] += 1
             self._deadline_ns = now_ns + RETRY_NS
@@ -380,119 +348,3 @@ class Link:
             self._left(frame, now_ns, 0)
             self._waiting_since_ns = None
         return not self._is_well_known
-
-
-def _obstacle(name: str, bitrate: int | None) -> str | None:
-    """Why a SocketCAN interface should not be used now; restarts one that is bus-off. None: nothing known against."""
-    interface = read_interface(name)
-    if interface is None or not interface.is_up:
-        return None  # opening it tells
-    if interface.state is ControllerState.BUS_OFF:
-        return _restarted(interface)
-    if bitrate is not None and interface.bitrate not in (None, bitrate):
-        mend = f"ip link set {name} down && ip link set {name} up type can bitrate {bitrate}"
-        return f"it runs at {interface.bitrate} bit/s, and this bus at {bitrate}: '{mend}'"
-    return None
-
-
-def _restarted(interface: CanInterface) -> str | None:
-    name = interface.name
-    if interface.restart_ms:
-        return f"its controller is bus-off; Linux restarts it after {interface.restart_ms} ms"
-    try:
-        take_down_and_up(name)
-    except OSError:
-        mend = f"ip link set {name} down && ip link set {name} up type can restart-ms 100"
-        return f"its controller is bus-off, and this user may not restart it: '{mend}'"
-    return None
-
-
-def open_bus(config: Mapping[str, Any]) -> tuple[can.BusABC, int]:
-    """Open the bus that python-can's keyword arguments describe, with its descriptor; raises LinkError.
-
-    A socketcand is named by its channel: INTERFACE@HOST:PORT.
-    """
-    name = _name(config)
-    try:
-        bus = _open_at_server(config) if config.get("interface") == _SOCKETCAND else can.Bus(**config)
-    except can.CanInterfaceNotImplementedError as error:
-        if "interface" in config:
-            raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
-        raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
-    except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
-        raise LinkError(f"{name} cannot be opened: {_sentence(error)}") from error
-    try:
-        return bus, bus.fileno()
-    except NotImplementedError:
-        connection = connection_of(bus)
-        if connection is not None:
-            return bus, connection.fileno()
-        bus.shutdown()
-        remedy = "use socketcan, softbus, or another that has one"
-        raise LinkError(f"{name} has no file descriptor to wait on; {remedy}") from None
-
-
-def connection_of(bus: can.BusABC) -> socket.socket | None:
-    """The connection of a back-end that keeps one and does not tell of it, as python-can's socketcand; or None."""
-    return next((kept for kept in vars(bus).values() if isinstance(kept, socket.socket)), None)
-
-
-def _open_at_server(config: Mapping[str, Any]) -> can.BusABC:
-    """Open a socketcand; python-can would wait for its server without end, and try to reach it without a pause."""
-    place = _at_its_server(config)
-    if "host" in place:
-        socket.create_connection((place["host"], place["port"]), _SERVER_S).close()
-    logging.getLogger("can.interfaces.socketcand").setLevel(logging.CRITICAL)  # it warns of every frame cut in two
-    before_s = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(_SERVER_S)
-    try:
-        bus = can.Bus(**place)
-    finally:
-        socket.setdefaulttimeout(before_s)
-    connection = connection_of(bus)
-    if connection is not None:
-        connection.settimeout(None)
-    return bus
-
-
-def _at_its_server(config: Mapping[str, Any]) -> dict[str, Any]:
-    """Take the channel of a socketcand apart; where it names no server, can.conf has to."""
-    channel, at, server = str(config.get("channel") or "").rpartition("@")
-    if not at:
-        return dict(config)
-    host, _, port = server.rpartition(":")
-    if not channel or not host or not port.isdecimal():
-        raise ValueError(f"a socketcand is named INTERFACE@HOST:PORT, such as can0@192.168.1.5:29536, not '{server}'")
-    return {**config, "channel": channel, "host": host, "port": int(port)}
-
-
-def _name(config: Mapping[str, Any]) -> str:
-    return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
-
-
-def frame_of(message: can.Message) -> Frame:
-    """Give a frame of python-can as one of ours."""
-    return Frame(
-        message.arbitration_id,
-        b"" if message.is_remote_frame else bytes(message.data),
-        message.is_extended_id,
-        message.is_remote_frame,
-        message.is_error_frame,
-    )
-
-
-def _is_full(error: Exception) -> bool:
-    """Tell whether a send failed only because the controller's queue is full."""
-    if isinstance(error, can.CanError) and error.error_code is None:
-        return "buffer full" in str(error)  # python-can 4.6 on SocketCAN, when its socket is not writable
-    code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
-    return code in (errno.ENOBUFS, errno.EAGAIN)
-
-
-def _sentence(error: BaseException) -> str:
-    """First line of an error, without a full stop, or what to do where we know better."""
-    code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
-    if code in _REMEDIES:
-        return _REMEDIES[code]
-    cause = error.__cause__ if isinstance(error.__cause__, OSError) and not str(error) else error
-    return str(cause).strip().splitlines()[0].rstrip(".") if str(cause).strip() else type(error).__name__

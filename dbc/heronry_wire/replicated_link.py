@@ -30,10 +30,11 @@ from functools import partial
 from time import monotonic_ns
 from typing import Any
 
+from heronry_wire.bus_opening import LinkError
 from heronry_wire.channel_merge import ChannelMerge, latest_copy_ns
 from heronry_wire.channel_watch import ChannelWatch
 from heronry_wire.frame import Frame
-from heronry_wire.link import Arrival, Link, LinkError
+from heronry_wire.link import Arrival, Link
 
 _DEPARTURES_KEPT = 64
 

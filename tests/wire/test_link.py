@@ -14,11 +14,12 @@ import can
 import pytest
 
 from heronry_tools.softbus.starter import start_hub
-from heronry_wire import link as link_module
+from heronry_wire import can_interface
+from heronry_wire.bus_opening import LinkError, Opened
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
-from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Arrival, Link, LinkError
+from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, RETRY_NS, Arrival, Link
 from heronry_wire.slow_opening import SlowOpening
 
 PATIENCE_S = 10.0
@@ -300,13 +301,13 @@ def test_a_bus_that_nobody_wants_any_more_is_closed(when: str) -> None:
             super().shutdown()
             is_closed.set()
 
-    def open_late() -> tuple[can.BusABC, int]:
+    def open_late() -> Opened:
         if when != "it is open":
             assert goes_on.wait(PATIENCE_S)
         if when == "it cannot be opened":
             is_closed.set()
             raise RuntimeError("of a library")
-        return Late("x"), 0
+        return Opened(Late("x"), 0)
 
     opening = SlowOpening(open_late)
     while when == "it is open" and opening.result is None:
@@ -345,7 +346,7 @@ def test_a_bus_on_which_nobody_acknowledges_is_told_once(stubborn: Link) -> None
 
 def test_an_interface_at_another_bit_rate_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     slow = CanInterface("can0", "can", is_can=True, is_up=True, queue_length=10, bitrate=500_000)
-    monkeypatch.setattr(link_module, "read_interface", lambda _: slow)
+    monkeypatch.setattr(can_interface, "read_interface", lambda _: slow)
     with pytest.raises(LinkError, match=r"it runs at 500000 bit/s, and this bus at 1000000: 'ip link set can0 down"):
         Link({"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000})
 
@@ -371,8 +372,8 @@ def test_a_controller_that_is_still_bus_off_is_restarted_where_that_may_be(
             raise refusal
         restarted.append(name)
 
-    monkeypatch.setattr(link_module, "read_interface", lambda _: off)
-    monkeypatch.setattr(link_module, "take_down_and_up", restart)
+    monkeypatch.setattr(can_interface, "read_interface", lambda _: off)
+    monkeypatch.setattr(can_interface, "take_down_and_up", restart)
     with pytest.raises(LinkError) as caught:  # this kernel has no can0, so after all it cannot be opened
         Link({"interface": "socketcan", "channel": "can0"})
     assert (says is None) == (restarted == ["can0"])

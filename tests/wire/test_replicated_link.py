@@ -10,9 +10,10 @@ import can
 import pytest
 
 from heronry_tools.softbus.starter import start_hub
+from heronry_wire.bus_opening import LinkError
 from heronry_wire.channel_merge import latest_copy_ns
 from heronry_wire.frame import Frame
-from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, Link, LinkError
+from heronry_wire.link import ECHO_TIMEOUT_NS, REOPEN_NS, Link
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 
 PATIENCE_S = 10.0

@@ -10,9 +10,10 @@ from threading import Thread
 
 import pytest
 
-from heronry_wire import link
+from heronry_wire import socketcand
+from heronry_wire.bus_opening import LinkError, open_bus
 from heronry_wire.frame import Frame
-from heronry_wire.link import Link, LinkError, open_bus
+from heronry_wire.link import Link
 
 PATIENCE_S = 10.0
 
@@ -111,7 +112,7 @@ def test_a_server_that_is_not_there_is_one_sentence_at_once() -> None:
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves its socket open
 def test_a_server_that_says_nothing_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "_SERVER_S", 0.2)
+    monkeypatch.setattr(socketcand, "SERVER_S", 0.2)
     with closing(socket.create_server(("127.0.0.1", 0))) as mute:
         channel = f"can0@127.0.0.1:{mute.getsockname()[1]}"
         with pytest.raises(LinkError, match="timed out"):

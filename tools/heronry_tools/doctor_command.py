@@ -82,8 +82,8 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     from heronry_tools.doctor.interface import judge_interface  # noqa: PLC0415
     from heronry_tools.doctor.listening import judge_channels, judge_digests, judge_hearing  # noqa: PLC0415
     from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
+    from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
     from heronry_wire.can_interface import read_interface  # noqa: PLC0415
-    from heronry_wire.link import LinkError, open_bus  # noqa: PLC0415
 
     expected = None if arguments.spec is None else _expected(arguments.spec)
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
@@ -101,7 +101,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
                 if not found[0].is_right:
                     continue
             try:
-                buses[name] = stack.enter_context(open_bus(config)[0])
+                buses[name] = stack.enter_context(open_bus(config).bus)
             except LinkError as error:
                 if not (is_socketcan and not knows_can()):
                     yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
@@ -141,7 +141,7 @@ def _listen(buses: dict[str, "can.BusABC"], seconds: float, heartbeat_ns: int | 
     """Listen to a bus, given by its channels: each frame once, and who is on which channel."""
     from heronry_tools.doctor.listening import Hearing  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
-    from heronry_wire.link import frame_of  # noqa: PLC0415
+    from heronry_wire.python_can import frame_of  # noqa: PLC0415
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
     merge = ChannelMerge(heartbeat_ns or _USUAL_HEARTBEAT_NS)

@@ -90,12 +90,11 @@ def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[],
     from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415
 
     from heronry_tools.errors import UserError  # noqa: PLC0415
-    from heronry_wire.link import open_bus  # noqa: PLC0415
+    from heronry_wire.bus_opening import open_bus  # noqa: PLC0415
     from heronry_wire.sdo import Abort  # noqa: PLC0415
 
-    bus, _ = open_bus(flags)
     give_up_s = time.monotonic() + _ANSWER_WITHIN_S
-    with canopen.Network(bus) as network:
+    with canopen.Network(open_bus(flags).bus) as network:
         network.connect()
         sdo: Any = network.add_node(node, canopen.ObjectDictionary()).sdo  # type: ignore[no-untyped-call]
         sdo.RESPONSE_TIMEOUT = _ANSWER_WITHIN_S

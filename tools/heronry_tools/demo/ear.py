@@ -13,8 +13,8 @@ import can
 
 from heronry_dg.model import Bus
 from heronry_tools.demo.buses import BusChoice
+from heronry_wire.bus_opening import open_bus
 from heronry_wire.frame import Frame
-from heronry_wire.link import open_bus
 from heronry_wire.replicated_link import ReplicatedLink
 
 _NS_PER_S = 1_000_000_000
@@ -27,7 +27,7 @@ class Ear:
         """Open it; raises LinkError."""
         configs = choice.configs()
         self._bus: can.BusABC | ReplicatedLink = (
-            open_bus(configs[0])[0] if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
+            open_bus(configs[0]).bus if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
         )
 
     def __enter__(self) -> Self:

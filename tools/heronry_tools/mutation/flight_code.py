@@ -32,7 +32,8 @@ NEITHER: Mapping[str, str] = {
     "events fault_cases management_times reconfiguration_bound status vocabulary",
     AGENT: "__init__ __main__ cli devices driver host incarnation module module_runner partition "
     "partition_groups partition_host partition_messages partition_process ports table_waiting vocabulary",
-    WIRE: "__init__ bus_arguments can_interface eds key_file link replicated_link service_manager slow_opening",
+    WIRE: "__init__ bus_arguments bus_opening can_interface eds key_file link python_can replicated_link "
+    "service_manager slow_opening socketcand",
 }
 
 

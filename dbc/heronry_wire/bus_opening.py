@@ -1,0 +1,67 @@
+"""A bus opened: what python-can opens, with what to wait on, or one sentence.
+
+Whatever a back-end raises, the caller gets LinkError. A back-end that has no descriptor cannot be waited on together
+with anything else, and is refused; a socketcand has its connection's.
+"""
+
+import socket
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import can
+
+from heronry_wire import socketcand
+from heronry_wire.can_interface import obstacle
+from heronry_wire.errors import HeronryError
+from heronry_wire.python_can import sentence_of
+
+
+class LinkError(HeronryError):
+    """The bus cannot be used; the message is one sentence with a remedy where there is one."""
+
+
+class Opened(NamedTuple):
+    """A bus that is open."""
+
+    bus: can.BusABC
+    fileno: int  # readable when something has come
+    connection: socket.socket | None = None  # that may end without a word
+
+
+def bus_name(config: Mapping[str, Any]) -> str:
+    """How sentences call the bus that python-can's keyword arguments describe."""
+    return f"{config.get('interface') or 'the configured interface'} {config.get('channel') or ''}".strip()
+
+
+def look_at_interface(config: Mapping[str, Any]) -> None:
+    """Raise LinkError if a SocketCAN interface is named that should not be used now; restarts one that is bus-off."""
+    interface = config.get("channel") if config.get("interface") == "socketcan" else None
+    reason = None if interface is None else obstacle(interface, config.get("bitrate"))
+    if reason is not None:
+        raise LinkError(f"{bus_name(config)} cannot be opened: {reason}")
+
+
+def open_bus(config: Mapping[str, Any]) -> Opened:
+    """Open the bus that python-can's keyword arguments describe; raises LinkError.
+
+    A socketcand is named by its channel: INTERFACE@HOST:PORT.
+    """
+    name = bus_name(config)
+    at_server = config.get("interface") == socketcand.INTERFACE
+    try:
+        bus = socketcand.open_at_server(config) if at_server else can.Bus(**config)
+    except can.CanInterfaceNotImplementedError as error:
+        if "interface" in config:
+            raise LinkError(f"{name} cannot be opened: {sentence_of(error)}") from error
+        raise LinkError("no bus is named: give -i INTERFACE and -c CHANNEL, or set them in can.conf") from error
+    except Exception as error:  # a back-end without its library raises whatever comes to it, a NameError even
+        raise LinkError(f"{name} cannot be opened: {sentence_of(error)}") from error
+    connection = socketcand.connection_of(bus)
+    if connection is not None:
+        return Opened(bus, connection.fileno(), connection)
+    try:
+        return Opened(bus, bus.fileno())
+    except NotImplementedError:
+        bus.shutdown()
+        remedy = "use socketcan, softbus, or another that has one"
+        raise LinkError(f"{name} has no file descriptor to wait on; {remedy}") from None

@@ -1,0 +1,65 @@
+"""What python-can says, in our words: its messages as frames, its errors as one sentence, and how many frames it lost.
+
+A back-end may raise anything: its own errors, the kernel's, a NameError where its library is missing. Where we know
+better than its text what to do, that is said instead.
+"""
+
+import errno
+import socket
+import struct
+
+import can
+
+from heronry_wire.frame import Frame
+
+_SO_MEMINFO, _MEMINFO_DROPS = 55, 8  # Linux, socket(7): nine counters, the last are frames dropped for want of room
+_REMEDIES = {
+    errno.EAFNOSUPPORT: "this kernel has no CAN: use a software bus, or run under tools/with-vcan",
+    errno.ENODEV: "there is no such interface: 'ip link' lists those there are",
+    errno.ENETDOWN: "the interface is down: 'ip link set NAME up' brings it up",
+}
+
+
+def frame_of(message: can.Message) -> Frame:
+    """Give a frame of python-can as one of ours."""
+    return Frame(
+        message.arbitration_id,
+        b"" if message.is_remote_frame else bytes(message.data),
+        message.is_extended_id,
+        message.is_remote_frame,
+        message.is_error_frame,
+    )
+
+
+def message_of(frame: Frame) -> can.Message:
+    """Give a frame of ours as one of python-can, to be sent."""
+    return can.Message(
+        arbitration_id=frame.can_id, is_extended_id=frame.extended, is_remote_frame=frame.remote, data=frame.data
+    )
+
+
+def frames_dropped(bus: can.BusABC) -> int:
+    """How many frames SocketCAN had to drop since the bus was opened; 0 on any other, which do not tell."""
+    raw = getattr(bus, "socket", None)
+    if not isinstance(raw, socket.socket):
+        return 0
+    counters = raw.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+    dropped: int = struct.unpack(f"={_MEMINFO_DROPS + 1}I", counters)[_MEMINFO_DROPS]
+    return dropped
+
+
+def is_full(error: Exception) -> bool:
+    """Tell whether a send failed only because the controller's queue is full."""
+    if isinstance(error, can.CanError) and error.error_code is None:
+        return "buffer full" in str(error)  # python-can 4.6 on SocketCAN, when its socket is not writable
+    code = error.error_code if isinstance(error, can.CanError) else getattr(error, "errno", None)
+    return code in (errno.ENOBUFS, errno.EAGAIN)
+
+
+def sentence_of(error: BaseException) -> str:
+    """First line of an error, without a full stop, or what to do where we know better."""
+    code = error.errno if isinstance(error, OSError) else getattr(error, "error_code", None)
+    if code in _REMEDIES:
+        return _REMEDIES[code]
+    cause = error.__cause__ if isinstance(error.__cause__, OSError) and not str(error) else error
+    return str(cause).strip().splitlines()[0].rstrip(".") if str(cause).strip() else type(error).__name__
