@@ -27,8 +27,9 @@ from heronry_manager.radio_links import MOST_DOUBLINGS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios, uplink_bus
 from heronry_tools.simulator.check_end_state import unnoticed_ns
+from heronry_tools.simulator.reigning_term import ReigningTerm
 from heronry_tools.simulator.station import RESTART_NS
-from heronry_wire.management import LEASE_PERIODS, Alive
+from heronry_wire.management import Alive
 
 _LAST_EPOCHS = 4
 
@@ -42,21 +43,20 @@ class Losses:
         self._periods = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
         periods_ns = [spec.buses[radio].heartbeat_ns for radio in radios(spec)]
         self._radios_ns = (WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << MOST_DOUBLINGS)) * max(periods_ns, default=0)
-        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
-        self._term, self._said_ns = 0, 0
+        self._reign = ReigningTerm(spec)
         self._counted_on: dict[str, int] = {}  # and since when
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
-        """An ALIVE was sent; of two managers at once the higher term counts, until nothing is heard of it any more."""
-        if message.term < self._term and t_ns - self._said_ns <= self._lease_ns:
+        """An ALIVE was sent; of two managers at once the one that reigns counts."""
+        before = self._reign.number
+        if not self._reign.named(t_ns, message.term):
             return
         named = {self._names[node] for node in message.nodes if node in self._names}
-        still = named if message.term == self._term else frozenset()  # a new reign has its own opinion of who is there
+        still = named if message.term == before else frozenset()  # a new reign has its own opinion of who is there
         for pe in self._counted_on.keys() - still:
             forgiven = t_ns - self._counted_on.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
-        self._term, self._said_ns = message.term, t_ns
         for pe in named - self._counted_on.keys():
             self._counted_on[pe] = t_ns
 
@@ -73,5 +73,5 @@ class Losses:
             for pe, period_ns in self._periods.items()
         )
         new_epochs_ns = _LAST_EPOCHS * patience_ns // 4 + unnoticed_ns(self._spec)
-        at_rest_ns = RESTART_NS + 2 * self._lease_ns + START_UP_WINDOW_NS + patience_ns
+        at_rest_ns = RESTART_NS + 2 * self._reign.lease_ns + START_UP_WINDOW_NS + patience_ns
         return at_rest_ns + held_ns + self._radios_ns + new_epochs_ns

@@ -9,13 +9,13 @@
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
   but with the digest that it had.
 
-What a deposed manager still says is judged here alone: nobody else has to believe it. Whoever speaks of the highest
-term reigns, until nobody has named that term for T_lease: it may have begun where no PE could hear it, and ended.
+What a deposed manager still says is judged here alone: nobody else has to believe it (`reigning_term`).
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.simulator.reigning_term import ReigningTerm
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.management import LEASE_PERIODS, ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
+from heronry_wire.management import ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
 
 _TOGETHER_LEASES = 2
 
@@ -28,13 +28,12 @@ class TermCheck:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
-        self._term, self._named_ns = 0, 0  # of the reign, and when it was named last
+        self._reign = ReigningTerm(spec)
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
         self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
         self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
-        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
-        self._together_ns = _TOGETHER_LEASES * self._lease_ns
+        self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
 
     def split(self, is_split: bool) -> None:
         """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
@@ -44,7 +43,7 @@ class TermCheck:
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
-            return self._own.get(station, 0) == self._term
+            return self._own.get(station, 0) == self._reign.number
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
             self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
@@ -56,10 +55,7 @@ class TermCheck:
             if first.term != term and first.digest != message.digest:
                 story = f"epoch {message.epoch} is prepared in term {term}, and was another one in term {first.term}"
                 self._tell(t_ns, "reign", story)
-        if term < self._term and t_ns - self._named_ns <= self._lease_ns:
-            return False
-        self._term, self._named_ns = term, t_ns
-        return True
+        return self._reign.named(t_ns, term)
 
     def alive(self, t_ns: int, station: str, term: int) -> None:
         """A station has sent an ALIVE on the managers' bus."""
