@@ -2,7 +2,17 @@
 
 import os
 
+import pytest
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.demo import awaited_events
+from heronry_tools.demo.awaited_events import AwaitedEvents
 from heronry_tools.demo.event_stream import EventStream
+from heronry_tools.demo.fleet import Fleet, run_folder
+
+FILE = shipped_spec_path("elevator_and_chute")
+SPEC = load(FILE)
 
 
 def test_an_event_is_given_when_its_line_is_whole_and_the_end_is_noticed() -> None:
@@ -19,3 +29,27 @@ def test_an_event_is_given_when_its_line_is_whole_and_the_end_is_noticed() -> No
         os.close(writing)
         assert events.take(wait_s=10) == []
         assert events.has_ended
+
+
+def test_who_waits_gets_the_event_that_is_meant_and_ends_with_the_manager() -> None:
+    reading, writing = os.pipe()
+    with os.fdopen(reading, "rb") as pipe, Fleet(SPEC, FILE, run_folder()) as fleet:
+        events = AwaitedEvents(fleet, pipe)
+        os.write(writing, b'{"event": "lost", "pe": "a"}\n{"event": "lost", "pe": "b"}\n{"event": "done"}\n')
+        assert events.wait("lost", pe="b") == {"event": "lost", "pe": "b"}
+        assert events.take() == [{"event": "done"}]
+        os.close(writing)
+        with pytest.raises(SystemExit, match="a manager has closed its events"):
+            events.wait("done")
+
+
+def test_an_event_that_does_not_come_ends_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(awaited_events, "LONGEST_S", 0.0)
+    reading, writing = os.pipe()
+    with (
+        os.fdopen(reading, "rb") as pipe,
+        os.fdopen(writing, "wb"),
+        Fleet(SPEC, FILE, run_folder()) as fleet,
+        pytest.raises(SystemExit, match="no done or idle in 0 s, after nothing"),
+    ):
+        AwaitedEvents(fleet, pipe).wait("done", "idle")

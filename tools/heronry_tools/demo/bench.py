@@ -9,15 +9,15 @@ first one of a fleet of its own: they are made for what runs while nothing has f
 """
 
 import argparse
-import json
 import platform
 import statistics
 import sys
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
+from heronry_tools.demo.awaited_events import AwaitedEvents
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import exit_code
@@ -67,22 +67,22 @@ def _fly(spec_name: str, pes: tuple[str, ...], times: dict[str, list[float]], co
     folder = run_folder()
     with Fleet(spec, spec_path(spec_name), folder, contingencies) as fleet:
         fleet.start_buses(choose(spec, folder, {}, None, prefer_vcan=False))
-        events = _events(fleet.start_manager())
+        events = AwaitedEvents(fleet, fleet.start_manager())
         for pe in spec.pes:
             fleet.start_pe(pe)
-        _wait(events, _SETTLED)
+        events.wait(*_SETTLED)
         for pe in pes:
             time.sleep(PAUSE_S)
             killed_ns = time.monotonic_ns()
             fleet.kill_pe(pe)
-            lost = _wait(events, {"pe_lost"}, pe)
-            done = _wait(events, _SETTLED)
+            lost = events.wait("pe_lost", pe=pe)
+            done = events.wait(*_SETTLED)
             if done["event"] == "reconfigured":
                 _note(times, killed_ns, lost["t_ns"], done)
             if pe != pes[-1]:
                 fleet.start_pe(pe)
-                _wait(events, {"pe_joined"}, pe)
-                _wait(events, _SETTLED)
+                events.wait("pe_joined", pe=pe)
+                events.wait(*_SETTLED)
 
 
 def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Mapping[str, Any]) -> None:
@@ -91,18 +91,6 @@ def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Map
         times[name].append(four[name] / 1e6)
     times[_DECIDED].append(times["distribute"][-1] + times["activate"][-1])
     times[_IN_ALL].append((done["t_ns"] - killed_ns) / 1e6)
-
-
-def _events(stream: IO[bytes]) -> Iterator[dict[str, Any]]:
-    for line in stream:
-        yield json.loads(line)
-
-
-def _wait(events: Iterator[dict[str, Any]], kinds: Collection[str], pe: str | None = None) -> dict[str, Any]:
-    for one in events:
-        if one["event"] in kinds and pe in (None, one.get("pe")):
-            return one
-    raise SystemExit("the manager ended before the benchmark did")
 
 
 def _p99(values: list[float]) -> float:

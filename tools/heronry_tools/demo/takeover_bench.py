@@ -26,15 +26,14 @@ import select
 import statistics
 import sys
 import time
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_tools.demo.awaited_events import LONGEST_S, AwaitedEvents
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.ear import Ear
-from heronry_tools.demo.event_stream import EventStream
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import exit_code
 from heronry_tools.simulator.simulation import MS, Simulation
@@ -46,7 +45,6 @@ from heronry_wire.management import Lease, Step, decode_command
 
 _BEFORE_S = 2.0  # it is listened, and the manager thinks ahead
 _AFTER_S = 1.0  # for functions that fall silent
-_LONGEST_S = 60.0  # Python and the solver may take long to load; nothing else does
 _LEASE_IDS = {management_id(node, Command.LEASE) for node in MANAGER_NODES}
 
 
@@ -124,9 +122,9 @@ def _standby(spec_name: str) -> _Gone:
     with Fleet(spec, spec_path(spec_name), folder) as fleet:
         buses = choose(spec, folder, {}, None, prefer_vcan=False)
         fleet.start_buses(buses)
-        primary = _Events(fleet, fleet.start_manager(standby=True))
+        primary = AwaitedEvents(fleet, fleet.start_manager(standby=True))
         primary.wait("manager_started")  # or the other one might come first, and reign
-        standby = _Events(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
+        standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
         standby.wait("standing_by")
         _fly(fleet, spec, primary)
         with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
@@ -143,11 +141,11 @@ def _restart(spec_name: str) -> _Gone:
     with Fleet(spec, spec_path(spec_name), folder) as fleet:
         buses = choose(spec, folder, {}, None, prefer_vcan=False)
         fleet.start_buses(buses)
-        _fly(fleet, spec, _Events(fleet, fleet.start_manager()))
+        _fly(fleet, spec, AwaitedEvents(fleet, fleet.start_manager()))
         with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
             death = _Death(fleet, spec, ear)
             death.kill(FIRST_MANAGER)
-            death.wait_for_commands(_Events(fleet, fleet.start_manager()))
+            death.wait_for_commands(AwaitedEvents(fleet, fleet.start_manager()))
             return death.gone()
 
 
@@ -166,12 +164,12 @@ class _Death:
         self._heard.killed_ns = time.time_ns()
         self._fleet.kill_manager(manager)
 
-    def wait_for_commands(self, events: "_Events") -> None:
+    def wait_for_commands(self, events: AwaitedEvents) -> None:
         """Listen until the next one commands, and a while longer; ends the benchmark where it does not."""
-        heard, until_s = self._heard, time.monotonic() + _LONGEST_S
+        heard, until_s = self._heard, time.monotonic() + LONGEST_S
         while heard.commanded_ns is None:
             if time.monotonic() > until_s:
-                raise SystemExit(f"the benchmark ends here: no manager commands in {_LONGEST_S:g} s")
+                raise SystemExit(f"the benchmark ends here: no manager commands in {LONGEST_S:g} s")
             self._listen(0.01)
             for told in events.take():
                 self._note(told)
@@ -200,40 +198,7 @@ class _Death:
             self._heard.see(round(at_s * 1e9), frame)
 
 
-class _Events:
-    """The events of one manager, as they come."""
-
-    def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
-        self._fleet, self._stream = fleet, EventStream(stream)
-        self._come: deque[dict[str, Any]] = deque()
-
-    def wait(self, *kinds: str) -> dict[str, Any]:
-        """Give the next event of these kinds; ends the benchmark where none comes."""
-        last, until_s = "nothing", time.monotonic() + _LONGEST_S
-        while True:
-            while self._come:
-                told = self._come.popleft()
-                last = told["event"]
-                if last in kinds:
-                    return told
-            if time.monotonic() > until_s:
-                raise SystemExit(f"the benchmark ends here: no {' or '.join(kinds)} in {_LONGEST_S:g} s, after {last}")
-            self._read(max(0.0, until_s - time.monotonic()))
-
-    def take(self) -> list[dict[str, Any]]:
-        """Give all that has come."""
-        self._read(0.0)
-        come = list(self._come)
-        self._come.clear()
-        return come
-
-    def _read(self, wait_s: float) -> None:
-        self._come += self._stream.take(wait_s)
-        if self._stream.has_ended:
-            raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")
-
-
-def _fly(fleet: Fleet, spec: Spec, events: _Events) -> None:
+def _fly(fleet: Fleet, spec: Spec, events: AwaitedEvents) -> None:
     """Let every PE fly."""
     for pe in spec.pes:
         fleet.start_pe(pe)
