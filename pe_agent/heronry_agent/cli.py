@@ -1,6 +1,6 @@
 """The command `pe-agent`: the agent of one PE, from its table, on its buses.
 
-Exit codes: 0 stopped in order, 1 not started (no bus, its node-ID taken), 2 a wrong command line or table.
+Exit codes: 0 stopped in order, 1 its node-ID is taken, 2 what it was given cannot be used (a flag, a table, a bus).
 Whatever ends it is one sentence on standard error.
 """
 
@@ -26,10 +26,10 @@ from heronry_agent.ports import bus_configs
 from heronry_agent.table_waiting import HEARTBEAT_NS, MISSES, Waiting, WaitingCore
 from heronry_agent.vocabulary import Note
 from heronry_wire.authentication import Key
-from heronry_wire.bus_arguments import BusArgumentError, channel_configs, channels_named, flagged_bus
+from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
-from heronry_wire.key_file import KeyFileError, read_key
+from heronry_wire.key_file import read_key
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 from heronry_wire.service_manager import ServiceManager
@@ -54,15 +54,21 @@ can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTER
 """
 
 
+class _IdTakenError(HeronryError):
+    """Somebody else on the bus has this node-ID."""
+
+    def __init__(self, node: int, where: str = "") -> None:
+        super().__init__(f"another node on the bus has node-ID {node}; give one of them another{where}")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = _parser().parse_args(argv)
     try:
         return _run(arguments)
-    except (TableError, BusArgumentError, KeyFileError) as error:
-        return _complain(error, 2)
     except HeronryError as error:
-        return _complain(error, 1)
+        print(f"pe-agent: {error}", file=sys.stderr)
+        return 1 if isinstance(error, _IdTakenError) else 2
     except KeyboardInterrupt:
         return 0
 
@@ -126,8 +132,7 @@ def _run(arguments: argparse.Namespace) -> int:
             links.append(open_link(config, port.heartbeat_ns, port.misses))
             undo.callback(links[-1].close)
         if id_is_taken(links, table):
-            sentence = f"another node on the bus has node-ID {table.node_id}; give one of them another in the spec"
-            return _complain(sentence, 1)
+            raise _IdTakenError(table.node_id, " in the spec")
 
         def new_core() -> AgentCore:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
@@ -161,7 +166,7 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
     channels = channel_configs(flags, channels_named(flags), "the bus")
     with closing(open_link(channels, HEARTBEAT_NS, MISSES)) as link:
         if hears_own_id([link], arguments.node, _LISTEN_NS):
-            raise HeronryError(f"another node on the bus has node-ID {arguments.node}; give one of them another")
+            raise _IdTakenError(arguments.node)
         waiting = Waiting(core, link, tell)
         numbers = (signal.SIGTERM, signal.SIGINT)
         before = {number: signal.signal(number, lambda *_: waiting.stop()) for number in numbers}
@@ -206,11 +211,6 @@ def _silent(note: Note) -> None:
 def _print_note(note: Note) -> None:
     with suppress(OSError):  # a full disk, or a reader that went away, is no reason to stop flying
         print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
-
-
-def _complain(what: object, code: int) -> int:
-    print(f"pe-agent: {what}", file=sys.stderr)
-    return code
 
 
 if __name__ == "__main__":

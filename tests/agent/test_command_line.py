@@ -78,7 +78,7 @@ def test_a_table_that_cannot_be_used(
 
 def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str, tmp_path: Path) -> None:
     code, line = complaint(capsys, "--table", table, "-q", "--bus", f"can0=softbus:{tmp_path / 'none.sock'}")
-    assert code == 1
+    assert code == 2
     assert "no hub answers there" in line
 
 

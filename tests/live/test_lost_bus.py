@@ -253,7 +253,7 @@ def test_another_bit_rate_is_refused_and_in_flight_waited_out(wire: Ground, adap
     agent.until("it runs at 500000 bit/s, and this bus at 1000000")
     second = wire.start()
     _, said = second.communicate(timeout=PATIENCE_S)
-    assert second.returncode == 1
+    assert second.returncode == 2
     assert f"'ip link set {adapter.name} down && ip link set {adapter.name} up type can bitrate 1000000'" in said
     adapter.set_up(1_000_000)
     agent.until("is back after")
