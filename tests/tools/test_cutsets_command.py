@@ -97,7 +97,7 @@ def test_the_lists_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert out == (
         "parachute of elevator_and_chute: sets of up to 2\n\n"
         "logical: 2 sets\n  pe:control_pe\n  device:chute_solenoid\n\n"
-        "resource-aware: 2 sets\n  pe:control_pe\n  device:chute_solenoid\n\n"
+        "resource-aware: the same sets\n\n"
         "given up by the best plan: no sets\n"
     )
     document = json.loads(
@@ -119,6 +119,28 @@ def test_the_lists_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert document["resources"] == {"sets": [["pe:payload"]], "per_h": 0.0002, "complete": True}
     assert document["given_up"] == {"phase": "glide", "sets": [], "per_h": None, "complete": None}
+
+
+@pytest.mark.parametrize(
+    ("logical", "resources", "says"),
+    [
+        (["pe:nav"], ["pe:payload"], "1 more set, with the logical ones 2.0e-04 per hour\n  pe:payload\n"),
+        (["bus:can0"], ["bus:can0", "module:elevator_control"], "1 more set\n  module:elevator_control\n"),
+        ([], ["pe:nav", "pe:payload"], "2 sets, 4.0e-04 per hour\n  pe:nav\n  pe:payload\n"),
+        (["pe:nav"], [""], "with nothing down at all\n  nothing down\n"),
+        ([], [], "no sets\n"),
+    ],
+)
+def test_a_set_that_is_logical_is_listed_once(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    logical: list[str],
+    resources: list[str],
+    says: str,
+) -> None:
+    cuts = [tuple(frozenset(filter(None, [one])) for one in ones) for ones in (logical, resources)]
+    monkeypatch.setattr(cut_sets_module, "cut_sets", lambda *_: CutSets("elevator", 1, *cuts))
+    assert run(capsys, "big_blue", "elevator").endswith(f"resource-aware: {says}")
 
 
 def test_a_function_that_is_lost_anyway_says_so(

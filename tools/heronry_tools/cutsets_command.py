@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 logical: the graph cannot serve the function without these, even with resources without end. resource-aware: the PEs and
-buses that are left cannot fit it. Neither depends on the phase; both hold for every larger set as well. With --given-up
-also: sets after which the best plan of the phase leaves the function out for something more important, though it could
-be served; a larger set may bring it back.
+buses that are left cannot fit it; what is logical is not listed there again, except with --json. Neither depends on the
+phase; both hold for every larger set as well. With --given-up also: sets after which the best plan of the phase leaves
+the function out for something more important, though it could be served; a larger set may bring it back.
 
 examples:
   heronry cutsets elevator_and_chute parachute
@@ -95,12 +95,24 @@ def _swept(spec: "Spec", scope: "Scope", jobs: int) -> Any:
 
 def _text(spec: "Spec", found: "CutSets", phase: "Phase", left_out: "list[FaultSet] | None") -> str:
     lines = [f"{found.function} of {spec.name}: sets of up to {found.order}"]
-    for title, sets in (("logical", found.logical), ("resource-aware", found.resources)):
-        lines += ["", f"{title}: {_counted(spec, sets)}", *map(_set_line, sets)]
+    lines += ["", f"logical: {_counted(spec, found.logical)}", *map(_set_line, found.logical)]
+    more = [down for down in found.resources if down not in found.logical]
+    lines += ["", f"resource-aware: {_beyond_logic(spec, found, len(more))}", *map(_set_line, more)]
     if left_out is not None:
         where = f" in {phase}" if phase is not None else ""
         lines += ["", f"given up by the best plan{where}: {_counted(spec, left_out)}", *map(_set_line, left_out)]
     return "\n".join(lines) + "\n"
+
+
+def _beyond_logic(spec: "Spec", found: "CutSets", more: int) -> str:
+    from heronry_tools.campaign.rates import likelihood  # noqa: PLC0415
+
+    if not found.logical or frozenset() in found.resources:
+        return _counted(spec, found.resources)
+    if not more:
+        return "the same sets"
+    chance = likelihood(spec, found.resources)
+    return f"{more} more set{'s' * (more != 1)}" + (f", with the logical ones {chance}" if chance is not None else "")
 
 
 def _counted(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> str:
@@ -109,7 +121,7 @@ def _counted(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> str
     if frozenset() in sets:
         return "with nothing down at all"
     chance = likelihood(spec, sets)
-    return f"{len(sets) or 'no'} sets" + (f", {chance}" if chance is not None else "")
+    return f"{len(sets) or 'no'} set{'s' * (len(sets) != 1)}" + (f", {chance}" if chance is not None else "")
 
 
 def _set_line(down: "FaultSet") -> str:
