@@ -20,7 +20,7 @@ smallest ones: an element that comes back, or so much more of a capacity.
 examples:
   heronry why elevator_and_chute elevator --down pe:tail_pe
   heronry why big_blue experiment --phase landing
-  heronry why big_blue telemetry --down pe:nav --down pe:flight --phase glide
+  heronry why big_blue imaging --down pe:nav --down pe:payload --phase glide
   heronry why big_blue guidance --down device:gps --phase glide --json
 """
 
