@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,13 +23,16 @@ from heronry_tools.doctor.listening import (
     judge_digests,
     judge_hearing,
 )
+from heronry_tools.doctor_command import _listen
 from heronry_tools.softbus.starter import start_hub
 from heronry_tools.table_command import write_tables
+from heronry_wire.bus_opening import open_bus
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import Lease, PeFlags, PeState, StatePage0, Step
+from wire.test_socketcand import Server
 
 GOOD = CanInterface(
     name="can0",
@@ -210,6 +214,20 @@ def test_a_node_that_has_its_table_alone_compares_with_that(
     out = capsys.readouterr().out
     assert "not heard: node " in out
     assert out.endswith("things are not right\n")
+
+
+def test_behind_a_socketcand_it_hears_frames_that_come_at_once() -> None:
+    with closing(Server()) as server:
+        greeting = server.expect()
+        opened = open_bus({"interface": "socketcand", "channel": f"can0@{server.address}"})
+        greeting.join()
+        assert server.client is not None
+        said = (lease(126), lease(127), state(92))
+        server.client.sendall("".join(f"< frame {one.can_id:03x} 1.0 {one.data.hex()} >" for one in said).encode())
+        with opened.bus:
+            heard = _listen({"can0": opened}, 0.2, None)
+    assert heard.terms.keys() == {126, 127}
+    assert heard.incarnations.keys() == {92}
 
 
 def test_a_bus_that_cannot_be_opened_is_a_finding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

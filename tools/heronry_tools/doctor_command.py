@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from heronry_tools.doctor.finding import Finding
     from heronry_tools.doctor.listening import Expected, Hearing
+    from heronry_wire.bus_opening import Opened
 
 _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
@@ -90,7 +91,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     is_socketcan = flags.get("interface") == "socketcan"
     yield from judge_computer(needs_can=is_socketcan)
     channels = channels_named(flags) if expected is None else expected.channels
-    buses: dict[str, can.BusABC] = {}
+    buses: dict[str, Opened] = {}
     with ExitStack() as stack:
         for config in channel_configs(flags, channels, "the bus"):
             name = str(config.get("channel", "can0"))
@@ -101,14 +102,16 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
                 if not found[0].is_right:
                     continue
             try:
-                buses[name] = stack.enter_context(open_bus(config).bus)
+                buses[name] = open_bus(config)
             except LinkError as error:
                 if not (is_socketcan and not knows_can()):
                     yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
+            else:
+                stack.enter_context(buses[name].bus)
         if not buses:
             return
         heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
-        digests = _digests(next(iter(buses.values())), sorted(heard.incarnations))
+        digests = _digests(next(iter(buses.values())).bus, sorted(heard.incarnations))
     yield from judge_hearing(heard, expected, arguments.seconds)
     if len(buses) > 1:
         yield judge_channels(heard, expected)
@@ -137,7 +140,7 @@ def _expected(text: str) -> "Expected":
     return Expected(spec.name, spec.digest, bus.bitrate, pes, bus.channels, bus.heartbeat_ns)
 
 
-def _listen(buses: dict[str, "can.BusABC"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
+def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
     """Listen to a bus, given by its channels: each frame once, and who is on which channel."""
     from heronry_tools.doctor.listening import Hearing  # noqa: PLC0415
     from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
@@ -145,13 +148,17 @@ def _listen(buses: dict[str, "can.BusABC"], seconds: float, heartbeat_ns: int | 
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
     merge = ChannelMerge(heartbeat_ns or _USUAL_HEARTBEAT_NS)
+    is_quiet = False  # several frames may have come at once, and wait where no descriptor tells
     while (left_s := end_s - time.monotonic()) > 0:
-        ready, _, _ = select.select(list(buses.values()), [], [], min(left_s, 0.1))
+        if is_quiet:
+            select.select([opened.fileno for opened in buses.values()], [], [], min(left_s, 0.1))
         heard.clocks(time.time_ns(), time.monotonic_ns())
-        for number, (name, bus) in enumerate(buses.items()):
-            message = bus.recv(0) if bus in ready else None
+        is_quiet = True
+        for number, (name, opened) in enumerate(buses.items()):
+            message = opened.bus.recv(0)
             if message is None:
                 continue
+            is_quiet = False
             frame = frame_of(message)
             heard.take_copy(name, frame)
             if len(buses) == 1 or frame.error or merge.take(number, frame, int(message.timestamp * 1e9)):
