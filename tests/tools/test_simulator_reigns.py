@@ -89,6 +89,12 @@ def test_a_pe_that_changes_without_a_manager_is_seen() -> None:
     assert orphans((160, running(1)), (180, running(2)), keeps=False) == []
 
 
+def test_a_pe_that_stood_still_takes_up_first_what_it_was_told() -> None:
+    paused = (20, running(1, hears=True)), (400, running(1, state=PeState.BROKEN)), (401, running(1))
+    assert orphans(*paused) == []
+    assert "from ACTIVE in epoch 1 to ACTIVE in 2" in orphans(*paused, (421, running(1)), (441, running(2)))[0]
+
+
 def test_a_pe_that_restarts_without_a_manager_is_well() -> None:
     assert orphans((160, running(1)), (180, running(0, incarnation=2, state=PeState.UNCONFIGURED))) == []
 

@@ -4,7 +4,7 @@ Once no manager has been on the bus for T_lease, and a little longer for that to
 
 - nobody says that it hears a LEASE (but for what a PE that was cut off said before, and could not send);
 - `keep`: everybody goes on with what it runs. State, epoch and digest stay as they are, until it restarts or some
-  manager speaks again.
+  manager speaks again. Who stood still takes up first what it was told meanwhile, and is judged a heartbeat after that.
 
 `safe_mode` is another policy, and judged by `check_safe_mode`.
 """
@@ -28,8 +28,11 @@ class OrphanCheck:
         self._keeps = spec.manager.without_manager == "keep"
         self._names = {pe.node_id: pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses}
         self._patience_ns = (LEASE_PERIODS + _SLACK) * bus.heartbeat_ns
+        self._heartbeat_ns = bus.heartbeat_ns
         self._queued_ns = LEASE_PERIODS * bus.heartbeat_ns  # a frame may have waited for so long
         self._spoken_ns: int | None = None  # when some manager said anything last
+        self._heard_ns: dict[int, int] = {}
+        self._back_ns: dict[int, int] = {}  # when it was heard again after a silence
         self._orphans: dict[int, _What] = {}  # by node: what it ran when it heard none
 
     def commanded(self, t_ns: int) -> None:
@@ -38,6 +41,9 @@ class OrphanCheck:
 
     def state(self, node: int, t_ns: int, data: bytes) -> None:
         """A PE says what it runs, on the managers' bus."""
+        if t_ns - self._heard_ns.get(node, t_ns) > self._queued_ns:
+            self._back_ns[node] = t_ns
+        self._heard_ns[node] = t_ns
         if self._spoken_ns is None or t_ns - self._spoken_ns <= self._patience_ns:
             self._orphans.clear()
             return
@@ -48,7 +54,8 @@ class OrphanCheck:
             self._tell(t_ns, f"{self._names[node]} says that it hears a manager, and there is none")
         runs = (page.incarnation, page.state, page.epoch, page.digest if self._has_digests else 0)
         before, self._orphans[node] = self._orphans.get(node), runs
-        if self._keeps and before is not None and before != runs and before[0] == runs[0]:
+        is_settled = node not in self._back_ns or t_ns - self._back_ns[node] >= self._heartbeat_ns
+        if self._keeps and is_settled and before is not None and before != runs and before[0] == runs[0]:
             story = (
                 f"{self._names[node]} went from {before[1].name} in epoch {before[2]} to {runs[1].name} in {runs[2]}"
             )
