@@ -12,7 +12,6 @@ good it could be. There is always a plan: the greedy one, at worst.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Final
 
 from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver
@@ -31,7 +30,7 @@ from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.levels import Kind, Level, bounds_of, level_groups, merged
 from heronry_manager.planner.placing import Placing, weighted
 from heronry_manager.planner.publishing import Publishing
-from heronry_manager.planner.solver import new_solver, packing_solvers, short_solver
+from heronry_manager.planner.solver import packing_solvers, searches
 from heronry_manager.planner.wiring import Wiring
 
 DEFAULT_EFFORT = 60.0  # deterministic seconds, near real ones on a desktop computer of 2020
@@ -154,9 +153,8 @@ class Search:
                 return
             self._placing.count_parts()
         self._model.maximize(weighted(merged(group)))
-        if kind is Kind.SERVING:
-            self._search(group, short_solver)
-        self._search(group, partial(new_solver, kind))
+        for set_up in searches(kind):
+            self._search(group, set_up)
 
     def _search(self, group: list[Level], set_up: Callable[[float], CpSolver]) -> None:
         """Search the best of a group of levels until what is found meets its deadlines, as far as the effort goes."""

@@ -1,13 +1,28 @@
 """How CP-SAT is set up for every search: measured to suit problems of 30 to 60 modules, and deterministic."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Final
 
 from ortools.sat.python.cp_model import CpSolver
 
 from heronry_manager.planner.levels import Kind
 
-_SHORT: Final = 0.1
+SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
+
+
+def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
+    """Give the ways to search everything for levels of a kind, short ones first: each takes an effort, its limit.
+
+    What serves all that the linear relaxation says is possible is found soon. Where deadlines, hosts and CPU together
+    forbid some of it, the relaxation does not see that, and sets of inputs are looked for that cannot all be had.
+    """
+    if kind is Kind.SERVING:
+        yield lambda effort: light_solver(min(effort, SHORT_EFFORT[kind]))
+    if kind is Kind.SUPPLYING:
+        yield lambda effort: new_solver(kind, min(effort, SHORT_EFFORT[kind]))
+        yield core_solver
+    yield partial(new_solver, kind)
 
 
 def new_solver(kind: Kind, effort: float) -> CpSolver:
@@ -16,6 +31,15 @@ def new_solver(kind: Kind, effort: float) -> CpSolver:
     solver.parameters.cp_model_probing_level = 2
     if kind is Kind.SERVING:  # what choosing and packing have left open is worth a long look beforehand
         solver.parameters.max_presolve_iterations = 3
+    return solver
+
+
+def core_solver(effort: float) -> CpSolver:
+    """Set up a search for sets of terms that cannot all be had: what the linear relaxation does not bound."""
+    solver = light_solver(effort)
+    solver.parameters.optimize_with_core = True
+    solver.parameters.core_minimization_level = 1
+    solver.parameters.linearization_level = 0
     return solver
 
 
@@ -32,11 +56,6 @@ def light_solver(effort: float) -> CpSolver:
     solver.parameters.linearization_level = 2  # the bound that proves utility where there is too much work
     solver.parameters.cp_model_probing_level = 0
     return solver
-
-
-def short_solver(effort: float) -> CpSolver:
-    """Set up a search over everything that ends soon, with a proof or without."""
-    return light_solver(min(effort, _SHORT))
 
 
 def packing_solvers(effort: float) -> Iterator[CpSolver]:
