@@ -19,7 +19,7 @@ def alone(way: Callable[[float], CpSolver]) -> Callable[[Kind], Iterator[Callabl
 
 
 @pytest.mark.parametrize("way", [core_solver, light_solver])
-def test_one_way_alone_proves_the_same_values(way: Callable[[float], CpSolver], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_way_alone_proves_the_same(way: Callable[[float], CpSolver], monkeypatch: pytest.MonkeyPatch) -> None:
     searched = 0
     for seed in range(40):
         case = random_case(random.Random(seed))

@@ -83,6 +83,18 @@ def test_a_frame_that_waited_while_another_epoch_was_activated_is_no_contradicti
     assert judged(Lease(3, 32, Step.GO_ALL, 9)) == []
 
 
+def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it_is_said_again() -> None:
+    before, after = (whole_journal(big_blue(), memory(*WHOLE, PhaseEntered(PHASES[i]))) for i in (0, 1))
+    disks = iter((before, after, after))
+    check = JournalCheck(big_blue(), lambda _: next(disks))
+    holds = Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0)
+    check.commanded(0, "manager 126", holds)
+    check.commanded(1, "manager 126", holds)
+    assert check.violations == []
+    check.commanded(2, "manager 126", holds)
+    assert f"holds phase {PHASES[0]}" in check.violations[0].story
+
+
 @pytest.mark.parametrize(
     ("message", "lacks", "story"),
     [

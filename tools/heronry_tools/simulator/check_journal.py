@@ -17,8 +17,8 @@ Whoever is started on a copy of another one's disk (`copied`) answers for what t
 nothing that was said before on the disk that it had at another time.
 
 Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
-deposed manager says (the caller tells nothing of it). A frame that waited long may be older than the journal: then
-that is newer, and not another.
+deposed manager says (the caller tells nothing of it). A frame that waited may be older than the journal: an epoch is
+then older, and not another; a phase and a fault are as the journal had them when it was last looked at.
 """
 
 from collections.abc import Callable
@@ -73,10 +73,13 @@ class JournalCheck:
             return
         said = self._said.setdefault(manager, _Said())
         news = self._news(manager, said, message)
+        _, before = self._last_read.get(manager, (b"", None))
         memory = self._memory(manager) if news or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
-            self._tell(t_ns, manager, [*_numbers(said, memory), *self._facts(memory, message)])
+            facts = self._facts(memory, message)
+            has_waited = before is not None and not self._facts(before, message)
+            self._tell(t_ns, manager, _numbers(said, memory) + ([] if has_waited else facts))
 
     def copied(self, manager: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk."""
