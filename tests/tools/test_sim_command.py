@@ -40,10 +40,21 @@ def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.Capture
     )
     assert [flight["seed"] for flight in flights] == [0, 1, 2]
     assert len({json.dumps(flight["acts"]) for flight in flights}) == 3
-    program, *words = shlex.split(flights[2]["replay"])
-    assert program == "heronry"
-    assert main([*words, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == flights[2]
+    assert ["--foreseen 1" in flight["replay"] for flight in flights] == [False, True, False]
+    for flight in flights[1:]:
+        program, *words = shlex.split(flight["replay"])
+        assert program == "heronry"
+        assert main([*words, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out) == flight
+
+
+def test_what_is_foreseen_is_there_sooner_and_called_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["sim", "elevator_and_chute", "--kill", "pe:tail_pe@0.5", "--seconds", "1", "--json"]
+    assert main(words) == 0
+    assert main([*words, "--foreseen", "1"]) == 0
+    sent, called = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    distribute = [flight["reconfigurations"][1]["times_ns"]["distribute"] for flight in (sent, called)]
+    assert distribute[1] < distribute[0]
 
 
 def test_a_violation_is_told_with_the_command_that_replays_it(
@@ -137,6 +148,8 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "2",
         "--loss",
         "0.01",
+        "--foreseen",
+        "1",
         "--act",
         "0.5 pause pe:tail_pe for 0.08 in suspect",
     ]
@@ -144,6 +157,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
     (file,) = tmp_path.glob("*.scenario")
     lines = file.read_text().splitlines()
     assert "loss 0.01" in lines
+    assert "contingencies 1" in lines
     assert "at 0.5s pause pe:tail_pe for 0.01s" in lines
     assert main(["scenario", str(file)]) == 1
     capsys.readouterr()

@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
@@ -12,6 +13,7 @@ from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.checks import Checks
+from heronry_tools.simulator.commanded import Epoch
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_tools.simulator.strike import Strikes
@@ -204,6 +206,24 @@ def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(servi
     assert judged(service, lasts_ns=service.longest_ns) == []
     lasting = Outage("elevator", 10 * S, None)
     assert len(service.silences([lasting], (), 30 * S)) == 1
+
+
+def called(service: ServiceCheck, *alive: tuple[int, frozenset[str]]) -> list[str]:
+    """What is said of an epoch that serves nothing, called by its number at 5 s, staged by all, and activated."""
+    epoch = Epoch(2, 0, 5 * S, contingency=3, configuration=Configuration())
+    epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
+    service.activated(5 * S + MS, epoch, None)
+    for t_ns, pes in alive:
+        service.counts_on(t_ns, pes)
+    return [violation.story for violation in service.silences((), (), 30 * S)]
+
+
+def test_who_stages_what_is_called_by_its_number_takes_part_if_it_is_counted_on(service: ServiceCheck) -> None:
+    assert "could be with []" in called(service)[0]
+
+
+def test_who_is_not_counted_on_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
+    assert called(service, (5 * S + 15 * MS, frozenset()), (6 * S, PES)) == []
 
 
 def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:

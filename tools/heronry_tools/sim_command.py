@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 _EPILOG = """\
 Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, ...), of
 kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds are virtual and count from the
-moment at which the first configuration runs. A seed replays a flight bit for bit.
+moment at which the first configuration runs. A seed replays a flight bit for bit. Where a seed draws the acts and is
+odd, every single fault has been planned for ahead, and PEs have on board what to do then (--foreseen 1).
 
 What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
@@ -73,6 +74,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
     parser.add_argument("--standby", action="store_true", help="two managers, and what can befall two: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument(
+        "--foreseen",
+        choices=(0, 1, 2),
+        type=int,
+        metavar="N",
+        help="plans for up to N faults are made ahead, and on board",
+    )
     parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
     parser.add_argument(
         "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
@@ -134,6 +142,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
     given = _given_acts(spec, arguments)
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind, of_two=arguments.standby)
+        foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
         long = max((arguments.seconds, *(act.at_ms / 1000 for act in given)))
         yield Scenario(
             seed,
@@ -143,6 +152,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
             drawn=not given,
             keyed=arguments.keyed,
             standby=arguments.standby,
+            foreseen=foreseen,
         )
 
 
@@ -184,6 +194,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
     lines += ["keyed"] if scenario.keyed else []
     lines += ["standby"] if scenario.standby else []
+    lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
     lines += map(_line, scenario.acts)
     file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
     file.write_text("\n".join([*why, *lines, f"end {scenario.seconds:g}s", ""]))
@@ -247,6 +258,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
         words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
+    words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
     return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
 
 

@@ -3,7 +3,8 @@
 Twice:
 
 - When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
-  manager can know: that the PEs which take no part are down, and what was reported and acknowledged has failed.
+  manager can know: that the PEs which take no part are down, and what was reported and acknowledged has failed. A
+  contingency that is called by its number is staged by whoever hears it; who of them takes part is said by ALIVE.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -58,6 +59,7 @@ class ServiceCheck:
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._acknowledged: dict[str, int] = {}  # and when first
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
         self._reigns: list[int] = []  # when they began
         self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
@@ -108,22 +110,42 @@ class ServiceCheck:
 
     def activated(self, t_ns: int, epoch: Epoch, phase: str | None) -> None:
         """An epoch has been activated."""
+        if epoch.contingency:
+            self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
+        else:
+            present = {pe for pe, node in self._node_of.items() if epoch.has(node)}
+            self.violations += self._compare(t_ns, epoch, phase, present)
+
+    def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
+        """Ask the oracle what could be served with those who take part."""
         if epoch.configuration is None:
             return
-        absent = {f"pe:{pe}" for pe, node in self._node_of.items() if not epoch.has(node)}
-        now = Situation(frozenset(absent | self._acknowledged.keys()), self._limits(t_ns), phase)
+        absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
+        failed = {element for element, told_ns in self._acknowledged.items() if told_ns <= t_ns}
+        now = Situation(frozenset(absent | failed), self._limits(t_ns), phase)
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
         if served < possible:
             story = (
                 f"epoch {epoch.number} serves {served} by criticality, and {possible} could be with {sorted(absent)}"
             )
-            self.violations.append(Violation(t_ns, "service", story))
+            yield Violation(t_ns, "service", story)
 
     def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent for too long without need."""
+        """Give the critical functions that were silent for too long without need, and what was called to no avail."""
         self.ran(end_ns)
-        return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
+        violations = [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
+        for t_ns, epoch, phase in self._called:
+            staged = {pe for pe, node in self._node_of.items() if epoch.has(node)}
+            present = staged & self._counted_on_throughout(epoch.prepared_ns, t_ns)
+            violations += self._compare(t_ns, epoch, phase, present)
+        return violations
+
+    def _counted_on_throughout(self, from_ns: int, to_ns: int) -> frozenset[str]:
+        """PEs that every ALIVE has named from one time to another, the first one after it included."""
+        before = [pes for t_ns, pes in self._counted_on if t_ns <= from_ns][-1:]
+        within = [pes for t_ns, pes in self._counted_on if from_ns < t_ns <= to_ns + self._lease_ns]
+        return frozenset(self._spec.pes).intersection(*(before or [frozenset[str]()]), *within)
 
     def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]

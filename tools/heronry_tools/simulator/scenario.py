@@ -39,6 +39,7 @@ class Scenario:
     drawn: bool = False  # the acts are just those that the seed draws
     keyed: bool = False  # managers and PEs have a key; where an act needs one they have it anyway
     standby: bool = False  # there are two managers
+    foreseen: int | None = None  # plans for up to so many faults are made ahead and on board; None: for none
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
         faults=lossy(scenario.loss),
         key=KEY if has_key else None,
         standby=scenario.standby,
+        contingencies=scenario.foreseen,
     )
     hits: Counter[tuple[str, str]] = Counter()
     try:
