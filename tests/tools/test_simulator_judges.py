@@ -196,7 +196,7 @@ def judged(check: ServiceCheck, *struck: Struck, function: str = "elevator", las
 @pytest.fixture
 def service() -> ServiceCheck:
     check = ServiceCheck(two_tails())
-    check.counts_on(S, PES)
+    check.alive(S, PES)
     return check
 
 
@@ -208,22 +208,29 @@ def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(servi
     assert len(service.silences([lasting], (), 30 * S)) == 1
 
 
-def called(service: ServiceCheck, *alive: tuple[int, frozenset[str]]) -> list[str]:
-    """What is said of an epoch that serves nothing, called by its number at 5 s, staged by all, and activated."""
+def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
+    """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
     epoch = Epoch(2, 0, 5 * S, contingency=3, configuration=Configuration())
     epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
     service.activated(5 * S + MS, epoch, None)
-    for t_ns, pes in alive:
-        service.counts_on(t_ns, pes)
-    return [violation.story for violation in service.silences((), (), 30 * S)]
+    assert service.violations == []
+    if reigned:
+        service.reigned(alive_ns)
+    service.alive(alive_ns, pes)
+    return [violation.story for violation in service.violations]
 
 
 def test_who_stages_what_is_called_by_its_number_takes_part_if_it_is_counted_on(service: ServiceCheck) -> None:
-    assert "could be with []" in called(service)[0]
+    assert "could be with []" in called(service, 5 * S + 15 * MS, PES)[0]
 
 
 def test_who_is_not_counted_on_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
-    assert called(service, (5 * S + 15 * MS, frozenset()), (6 * S, PES)) == []
+    assert called(service, 5 * S + 15 * MS, frozenset()) == []
+
+
+def test_who_took_part_is_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
+    assert called(service, 5 * S + 15 * MS, PES, reigned=True) == []
+    assert called(service, 6 * S, PES) == []
 
 
 def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:
@@ -259,14 +266,14 @@ def test_who_is_not_counted_on_and_what_was_acknowledged_is_down(service: Servic
     service.acknowledged(5 * S, Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
     assert judged(service) == []
     other = ServiceCheck(two_tails())
-    other.counts_on(S, PES - {"tail_pe", "control_pe"})
+    other.alive(S, PES - {"tail_pe", "control_pe"})
     assert judged(other) == []
 
 
 def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None:
     def check(spec: Spec, phase: str | None) -> ServiceCheck:
         found = ServiceCheck(spec)
-        found.counts_on(S, frozenset(spec.pes))
+        found.alive(S, frozenset(spec.pes))
         found.entered(2 * S, phase)
         return found
 
@@ -302,7 +309,7 @@ def test_the_strikes_tell_what_they_did_and_until_when() -> None:
 def test_no_phase_and_no_fault_leaves_every_critical_function_of_every_aircraft_to_be_served() -> None:
     for spec in (elevator_and_chute(), two_tails()):
         check = ServiceCheck(spec)
-        check.counts_on(0, PES)
+        check.alive(0, PES)
         critical = [f.name for f in spec.functions.values() if f.criticality_in(None) in "ABCD"]
         assert [name for name in critical if judged(check, function=name)] == critical
         assert Situation() == Situation(frozenset(), {}, spec.initial_phase())

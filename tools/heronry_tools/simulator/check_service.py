@@ -4,7 +4,8 @@ Twice:
 
 - When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
   manager can know: that the PEs which take no part are down, and what was reported and acknowledged has failed. A
-  contingency that is called by its number is staged by whoever hears it; who of them takes part is said by ALIVE.
+  contingency that is called by its number is staged by whoever hears it; who of them takes part is said by ALIVE, and
+  stays unknown where the manager dies before the next one.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -75,13 +76,21 @@ class ServiceCheck:
             for element in self._elements.get(ElementKind(message.a), [])[message.b : message.b + 1]:
                 self._acknowledged.setdefault(element, t_ns)
 
-    def counts_on(self, t_ns: int, pes: frozenset[str]) -> None:
-        """ALIVE names other PEs than before."""
-        self._counted_on.append((t_ns, pes))
+    def alive(self, t_ns: int, pes: frozenset[str]) -> None:
+        """ALIVE names these PEs."""
+        _, before = self._counted_on[-1] if self._counted_on else (0, frozenset[str]())
+        if pes != before:
+            self._counted_on.append((t_ns, pes))
+        for called_ns, epoch, phase in self._called:
+            if t_ns - called_ns <= self._lease_ns:
+                present = before & pes & self._participants(epoch)
+                self.violations += self._compare(called_ns, epoch, phase, present)
+        self._called.clear()
 
     def reigned(self, t_ns: int) -> None:
-        """The first ALIVE of a term was heard."""
+        """The first ALIVE of a term will be heard."""
         self._reigns.append(t_ns)
+        self._called.clear()
 
     def ran(self, t_ns: int) -> None:
         """A PE says that it runs something."""
@@ -113,8 +122,10 @@ class ServiceCheck:
         if epoch.contingency:
             self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
         else:
-            present = {pe for pe, node in self._node_of.items() if epoch.has(node)}
-            self.violations += self._compare(t_ns, epoch, phase, present)
+            self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
+
+    def _participants(self, epoch: Epoch) -> set[str]:
+        return {pe for pe, node in self._node_of.items() if epoch.has(node)}
 
     def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
         """Ask the oracle what could be served with those who take part."""
@@ -132,20 +143,9 @@ class ServiceCheck:
             yield Violation(t_ns, "service", story)
 
     def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
-        """Give the critical functions that were silent for too long without need, and what was called to no avail."""
+        """Give the critical functions that were silent for too long without need."""
         self.ran(end_ns)
-        violations = [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
-        for t_ns, epoch, phase in self._called:
-            staged = {pe for pe, node in self._node_of.items() if epoch.has(node)}
-            present = staged & self._counted_on_throughout(epoch.prepared_ns, t_ns)
-            violations += self._compare(t_ns, epoch, phase, present)
-        return violations
-
-    def _counted_on_throughout(self, from_ns: int, to_ns: int) -> frozenset[str]:
-        """PEs that every ALIVE has named from one time to another, the first one after it included."""
-        before = [pes for t_ns, pes in self._counted_on if t_ns <= from_ns][-1:]
-        within = [pes for t_ns, pes in self._counted_on if from_ns < t_ns <= to_ns + self._lease_ns]
-        return frozenset(self._spec.pes).intersection(*(before or [frozenset[str]()]), *within)
+        return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
 
     def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]

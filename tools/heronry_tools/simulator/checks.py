@@ -265,10 +265,8 @@ class Checks:
             if message.term > self._term:
                 self._term = message.term
                 self._service.reigned(sent.end_ns)
-            before = self._losses.counted_on
             self._losses.alive(sent.end_ns, message)
-            if self._losses.counted_on != before:
-                self._service.counts_on(sent.end_ns, self._losses.counted_on)
+            self._service.alive(sent.end_ns, self._losses.counted_on)
 
     def _link(self, sent: Sent) -> None:
         if sent.bus == self._bus:
