@@ -24,8 +24,9 @@ def report(t_ns: int, usable: int, state: LinkState = LinkState.UP) -> Sent:
     return Sent(t_ns, "can0", "comms", Frame(LINK_ID, LinkReport(93, state, 0, usable, 100, 0, 0).encode()))
 
 
-def judged(*frames: Sent) -> list[str]:
+def judged(*frames: Sent, is_altered: bool = False) -> list[str]:
     check = RadioCheck(SPEC)
+    check.is_altered = is_altered
     for sent in sorted(frames):
         if sent.frame.can_id == LINK_ID:
             check.reported(sent)
@@ -49,6 +50,15 @@ def test_a_datum_that_crosses_at_once_is_fine_and_one_that_waited_is_not() -> No
     old = (datum(20 * MS, "can0", 2, "nav"), datum(480 * MS, "radio", 2, "comms"))
     assert judged(*fresh) == []
     assert judged(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
+
+
+def test_one_that_is_changed_past_the_crc_may_become_what_an_old_one_was() -> None:
+    old, new = datum(20 * MS, "can0", 2, "nav"), datum(470 * MS, "can0", 3, "nav")
+    passed_on = datum(480 * MS, "radio", 2, "comms")
+    assert len(judged(old, new, passed_on)) == 1
+    assert judged(old, new, passed_on, is_altered=True) == []
+    assert len(judged(old, passed_on, is_altered=True)) == 1
+    assert len(judged(old, datum(470 * MS, "can0", 0x0103, "nav"), passed_on, is_altered=True)) == 1
 
 
 def test_what_was_made_beyond_or_by_the_gateway_has_no_age() -> None:

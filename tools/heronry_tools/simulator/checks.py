@@ -130,6 +130,10 @@ class Checks:
         """A manager is about to be started once more, elsewhere, with a copy of its journal."""
         self._journals.copied(station, twin)
 
+    def altered(self) -> None:
+        """Data are changed past the CRC from now on."""
+        self._radio.is_altered = True
+
     def manager_died(self, t_ns: int, station: str) -> None:
         """A manager has died, and left its journal."""
         self._journals.died(t_ns, station)

@@ -495,6 +495,7 @@ def _alter(uses: frozenset[Use], share: float) -> "_Do":
 
     def strike(simulation: Simulation, act: Act, random: Random) -> End:
         wires = simulation.wires[act.name]
+        simulation.checks.altered()
 
         def alter(sent: Sent) -> Frame | None:
             frame = sent.frame
