@@ -8,7 +8,7 @@ from ortools.sat.python.cp_model import CpSolver
 
 from heronry_manager.planner.levels import Kind
 
-SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
+_SHORT_EFFORT: Final = {Kind.SERVING: 0.1, Kind.SUPPLYING: 0.3}
 
 
 def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
@@ -18,9 +18,9 @@ def searches(kind: Kind) -> Iterator[Callable[[float], CpSolver]]:
     forbid some of it, the relaxation does not see that, and sets of inputs are looked for that cannot all be had.
     """
     if kind is Kind.SERVING:
-        yield lambda effort: light_solver(min(effort, SHORT_EFFORT[kind]))
+        yield lambda effort: light_solver(min(effort, _SHORT_EFFORT[kind]))
     if kind is Kind.SUPPLYING:
-        yield lambda effort: new_solver(kind, min(effort, SHORT_EFFORT[kind]))
+        yield lambda effort: new_solver(kind, min(effort, _SHORT_EFFORT[kind]))
         yield core_solver
     yield partial(new_solver, kind)
 

@@ -77,9 +77,8 @@ class JournalCheck:
         memory = self._memory(manager) if news or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
-            facts = self._facts(memory, message)
-            has_waited = before is not None and not self._facts(before, message)
-            self._tell(t_ns, manager, _numbers(said, memory) + ([] if has_waited else facts))
+            was_so = before is not None and not self._facts(before, message)
+            self._tell(t_ns, manager, _numbers(said, memory) + ([] if was_so else self._facts(memory, message)))
 
     def copied(self, manager: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk."""
