@@ -28,7 +28,7 @@ each bus on which PEs report, since heartbeats are a bus's own.
 detect, distribute and activate are bounds: from the same analysis of the buses as 'heronry bus', the slices of each
 plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and say nothing
 of how late an operating system runs a process. decide is measured, here and now, over all these plans: the planner has
-no deadline. A table that was made ahead ('heronry contingencies') answers at once, so --decide 0.1 stands for one.
+no deadline. What was planned ahead, as every single fault is, is looked up at once: --decide 0.1 stands for that.
 
 examples:
   heronry bound elevator_and_chute                every class of faults, with its worst element

@@ -4,7 +4,6 @@ Exit codes: 0 the file was written, or holds what it says; 1 it does not; 2 the 
 """
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,7 @@ from heronry_tools.campaign.scope import add_scope_arguments, jobs_of, scope_of
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
-    from heronry_manager.contingency.contingencies import Contingencies
-    from heronry_manager.planner.sweep import Tally
+    from heronry_tools.campaign.sweeping import Written
 
 _EPILOG = """\
 Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan takes it that the
@@ -55,41 +53,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
-    from heronry_manager.contingency.contingencies import contingencies  # noqa: PLC0415
-    from heronry_manager.contingency.file_format import to_bytes  # noqa: PLC0415
-    from heronry_manager.contingency.journal import Journal  # noqa: PLC0415
-    from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415
     from heronry_tools.campaign.crew import crew  # noqa: PLC0415
-    from heronry_tools.campaign.sweeping import sweep  # noqa: PLC0415
-    from heronry_tools.whole_file import expect_writable, write_whole  # noqa: PLC0415
+    from heronry_tools.campaign.sweeping import sweep_into  # noqa: PLC0415
 
-    scope, file = scope_of(spec, arguments), arguments.output
-    expect_writable(file)
-    partial = file.with_name(f"{file.name}.partial")
-    with crew(jobs_of(arguments), arguments.scheduler) as executor, Journal(partial, spec, scope) as journal:
-        if journal.known:
-            print(f"heronry: {journal.file} goes on with {len(journal.known)} plans", file=sys.stderr)
-        try:
-            swept = sweep(spec, scope, executor, journal)
-        except KeyboardInterrupt:
-            print(f"heronry: stopped; the same command goes on from {journal.file}", file=sys.stderr)
-            raise
-        safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
-        made = contingencies(spec, scope, swept.outcomes, safe_modes)
-        data = to_bytes(made, spec)
-        write_whole(file, data)
-        journal.remove()
-    _report(spec, file, len(data), made, swept.tally)
+    scope = scope_of(spec, arguments)
+    with crew(jobs_of(arguments), arguments.scheduler) as executor:
+        written = sweep_into(arguments.output, spec, scope, executor)
+    _report(spec, arguments.output, written)
     return 0
 
 
-def _report(spec: "Spec", file: Path, size: int, made: "Contingencies", tally: "Tally") -> None:
+def _report(spec: "Spec", file: Path, written: "Written") -> None:
     from heronry_manager.contingency.on_board import on_board  # noqa: PLC0415
 
-    scope, total = made.scope, made.scope.set_count() * len(made.phases)
+    made, tally, scope = written.made, written.tally, written.made.scope
+    total = scope.set_count() * len(made.phases)
     unproven = sum(not plan.optimal for _, _, plan in made.entries())
     phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
-    print(f"{file}: {size} bytes, bound to {spec.name} {spec.digest[:12]}")
+    print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
     print(f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, and safe modes")
     print(
         f"{tally.asked} searched, {tally.pruned_share():.1%} pruned: "

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.made_ahead import add_contingencies_argument
+
 _EPILOG = """\
 examples:
   heronry manager big_blue -i socketcan -c can0
@@ -53,9 +55,7 @@ def add_parsers(subparsers: Any) -> None:
         action="store_true",
         help="stand by while another manager reigns, and take over when the PEs hear none any more",
     )
-    parser.add_argument(
-        "--contingencies", type=Path, metavar="FILE", help="plans made ahead by 'heronry contingencies' for this spec"
-    )
+    add_contingencies_argument(parser, "to fly with")
     parser.add_argument(
         "--advise",
         action="store_true",

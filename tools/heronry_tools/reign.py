@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_manager.contingency.contingencies import Contingencies
-from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.control_place import default_socket
@@ -26,6 +24,7 @@ from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.foresight import Foresight
 from heronry_tools.bus_flags import what_it_models
 from heronry_tools.event_printer import print_event, surviving
+from heronry_tools.made_ahead import Ahead, contingencies_of
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
@@ -42,7 +41,8 @@ def reign(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
-    made = contingencies_of(spec, arguments.contingencies)
+    needs_solver = arguments.contingencies is Ahead.SINGLE_FAULTS
+    made = None if needs_solver and not has_solver else contingencies_of(spec, arguments.contingencies)
     table = None if made is None else ContingencyTable(spec, made)
     numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
     tell = surviving(print_event if arguments.json else screen(spec))
@@ -115,11 +115,6 @@ def _has_solver() -> bool:
             print(said, file=sys.stderr)
         return False
     return True
-
-
-def contingencies_of(spec: Spec, file: Path | None) -> Contingencies | None:
-    """Contingencies of a file; raises ContingencyFileError for one of another spec."""
-    return None if file is None else read_contingencies(file, spec)
 
 
 def default_state_dir(spec_name: str) -> Path:

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.made_ahead import Ahead, add_contingencies_argument, contingencies_of
 from heronry_tools.spec_argument import add_spec_argument
 
 if TYPE_CHECKING:
@@ -47,9 +48,8 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument(
         "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
     )
-    parser.add_argument(
-        "--contingencies", type=Path, metavar="FILE", help="plans made ahead that the manager flew with"
-    )
+    single = "those for every single fault, where it called one by its number"
+    add_contingencies_argument(parser, "with which the manager flew", single)
     parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
     parser.add_argument("--json", action="store_true", help="write everything as JSON")
     parser.set_defaults(run=run)
@@ -58,7 +58,6 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay every reign of the recording; returns the exit code."""
     from heronry_tools.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
-    from heronry_tools.reign import contingencies_of  # noqa: PLC0415
     from heronry_tools.replay.comparison import compared  # noqa: PLC0415
     from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns  # noqa: PLC0415
     from heronry_tools.replay.rerun import Planners, Rerun  # noqa: PLC0415
@@ -77,7 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
             f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
             "record from before the manager starts"
         )
-    planners = Planners(spec, prepared_with(spec, contingencies_of(spec, arguments.contingencies)))
+    is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(reign.calls_by_number() for reign in found)
+    made = None if is_silent else contingencies_of(spec, arguments.contingencies)
+    planners = Planners(spec, prepared_with(spec, made))
     comparisons = []
     for reign in found:
         rerun = Rerun(planners, reign)

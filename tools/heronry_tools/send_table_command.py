@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.made_ahead import add_contingencies_argument, contingencies_of
+
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
 _REMEDY = "it must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
@@ -30,7 +32,7 @@ def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry send-table`."""
     from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
 
-    from heronry_tools.table_command import add_contingencies_argument  # noqa: PLC0415
+    from heronry_tools.table_command import CARRIED  # noqa: PLC0415
 
     parser = subparsers.add_parser(
         "send-table",
@@ -41,7 +43,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
     parser.add_argument("pe", metavar="PE", help="name of the PE")
-    add_contingencies_argument(parser)
+    add_contingencies_argument(parser, CARRIED)
     parser.add_argument("--key", type=Path, metavar="FILE", help="what 'heronry key' made, where the PE has it too")
     parser.add_argument(
         "--socket", type=Path, metavar="PATH", help="with --key: where the manager listens, if it was told to"
@@ -62,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     if pe not in spec.pes:
         raise UserError(f"no pe is named '{pe}'; there is {', '.join(spec.pes)}")
     key = None if arguments.key is None else read_key(arguments.key)
-    text = table_texts(spec, [pe], arguments.contingencies)[pe].encode()
+    text = table_texts(spec, [pe], contingencies_of(spec, arguments.contingencies))[pe].encode()
     flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
     node = spec.pes[pe].node_id
     if key is None:

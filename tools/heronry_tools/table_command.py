@@ -6,9 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.made_ahead import add_contingencies_argument, contingencies_of
+
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
+    from heronry_manager.contingency.contingencies import Contingencies
 
+CARRIED = "of which what fits is put on board, and with which the manager must fly too"
 _EPILOG = """\
 examples:
   heronry table big_blue nav -o nav.table
@@ -31,18 +35,8 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
     parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
-    add_contingencies_argument(parser)
+    add_contingencies_argument(parser, CARRIED)
     parser.set_defaults(run=run)
-
-
-def add_contingencies_argument(parser: argparse.ArgumentParser) -> None:
-    """Add --contingencies."""
-    parser.add_argument(
-        "--contingencies",
-        type=Path,
-        metavar="FILE",
-        help="put what fits of these plans made ahead on board; the manager must fly with the same file",
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,12 +47,13 @@ def run(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     if (arguments.pe is None) == (arguments.all is None):
         raise UserError("name one PE, or write --all DIR")
-    if arguments.all is not None:
-        write_tables(spec, spec.pes, arguments.all, arguments.contingencies)
-        return 0
-    if arguments.pe not in spec.pes:
+    if arguments.pe is not None and arguments.pe not in spec.pes:
         raise UserError(f"no pe is named '{arguments.pe}'; there is {', '.join(spec.pes)}")
-    text = table_texts(spec, [arguments.pe], arguments.contingencies)[arguments.pe] + "\n"
+    made = contingencies_of(spec, arguments.contingencies)
+    if arguments.all is not None:
+        write_tables(spec, spec.pes, arguments.all, made)
+        return 0
+    text = table_texts(spec, [arguments.pe], made)[arguments.pe] + "\n"
     if arguments.output is None:
         sys.stdout.write(text)
     else:
@@ -66,26 +61,27 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_tables(spec: "Spec", pes: Iterable[str], folder: Path, contingencies: Path | None = None) -> dict[str, Path]:
+def write_tables(
+    spec: "Spec", pes: Iterable[str], folder: Path, made: "Contingencies | None" = None
+) -> dict[str, Path]:
     """Write one table per PE into a folder, which is made if need be; gives the files by PE."""
     folder.mkdir(parents=True, exist_ok=True)
-    texts = table_texts(spec, pes, contingencies)
+    texts = table_texts(spec, pes, made)
     files = {pe: folder / f"{pe}.table" for pe in texts}
     for pe, file in files.items():
         file.write_text(texts[pe] + "\n")
     return files
 
 
-def table_texts(spec: "Spec", pes: Iterable[str], contingencies: Path | None) -> dict[str, str]:
-    """Compile tables, with what of a contingency file each PE has room for; raises ContingencyFileError."""
+def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
+    """Compile tables, with what each PE has room for of the plans made ahead."""
     from heronry_manager.compilation import Compiler  # noqa: PLC0415 - loads pydantic
-    from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415
     from heronry_manager.contingency.on_board import loaded, on_board  # noqa: PLC0415
 
     compiler = Compiler(spec)
     tables = {pe: compiler.table(pe) for pe in pes}
-    if contingencies is not None:
-        for one in on_board(spec, read_contingencies(contingencies, spec)):
+    if made is not None:
+        for one in on_board(spec, made):
             if one.pe in tables:
                 tables[one.pe] = loaded(tables[one.pe], one)
     return {pe: table.to_json() for pe, table in tables.items()}

@@ -40,10 +40,15 @@ def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
     faults = spec.contingency.faults if arguments.faults is None else arguments.faults
     if faults < 0:
         raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
-    asked = arguments.phase or spec.contingency.phases or tuple(spec.phases) or (None,)
+    asked = arguments.phase or phases_of(spec)
     phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
     kinds = kinds_of(arguments.kinds)
     return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
+
+
+def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
+    """Phases that a spec wants planned ahead: those it names, else all, or the only state of a spec without."""
+    return spec.contingency.phases or tuple(spec.phases) or (None,)
 
 
 def feasible(scope: "Scope") -> "Scope":
@@ -57,10 +62,15 @@ def feasible(scope: "Scope") -> "Scope":
 
 def jobs_of(arguments: argparse.Namespace) -> int:
     """How many processes plan; raises UserError."""
-    jobs = len(os.sched_getaffinity(0)) if arguments.jobs is None else int(arguments.jobs)
+    jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
     if jobs < 1:
         raise UserError(f"--jobs {jobs}: at least one process must plan")
     return jobs
+
+
+def cpus() -> int:
+    """How many CPUs this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
 def kinds_of(text: str | None) -> tuple[str, ...]:

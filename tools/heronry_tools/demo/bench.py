@@ -1,10 +1,10 @@
 """The four times of a reconfiguration, measured with real processes on a software bus.
 
-    python -m heronry_tools.demo.bench [--kills 30] [--spec big_blue] [--contingencies FILE]
+    python -m heronry_tools.demo.bench [--kills 30] [--spec big_blue] [--contingencies FILE|none]
 
-Kills one PE after the other with SIGKILL, waits for the system to run again, brings the PE back, waits for that too,
-and gives the manager three seconds to think ahead before the next one. With contingencies on board each kill is the
-first one of a fleet of its own: they are made for what runs while nothing has failed.
+Kills PEs with SIGKILL and waits for the system to run again. With contingencies on board each kill is the first one of
+a fleet of its own: they are made for what runs while nothing has failed. Without, one PE after the other is killed, is
+brought back, is waited for, and the manager has three seconds to think ahead before the next one.
 *Detect* counts from the kill itself, the other three are the manager's own. Prints median, p99 and the longest.
 """
 
@@ -14,13 +14,14 @@ import statistics
 import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
+from heronry_manager.contingency.contingencies import Contingencies
 from heronry_tools.demo.awaited_events import AwaitedEvents
 from heronry_tools.demo.buses import choose
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.errors import exit_code
+from heronry_tools.made_ahead import Source, add_contingencies_argument, contingencies_of
 from heronry_tools.spec_argument import load_spec, spec_path
 
 _NAMES = ("detect", "decide", "distribute", "activate")
@@ -34,7 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Measure the four times of a reconfiguration with real processes.")
     parser.add_argument("--kills", type=int, default=30, metavar="N", help="how many kills (default 30)")
     parser.add_argument("--spec", default="big_blue", metavar="SPEC", help="default big_blue")
-    parser.add_argument("--contingencies", metavar="FILE", type=Path, help="plans made ahead (heronry contingencies)")
+    add_contingencies_argument(parser, "to fly with and to carry on board")
     arguments = parser.parse_args()
     times = measure(arguments.spec, arguments.kills, arguments.contingencies)
     machine = f"{platform.machine()}, Python {platform.python_version()}"
@@ -45,27 +46,28 @@ def main() -> int:
     return 0
 
 
-def measure(spec_name: str, kills: int, contingencies: Path | None = None) -> dict[str, list[float]]:
+def measure(spec_name: str, kills: int, source: Source) -> dict[str, list[float]]:
     """Give the times in milliseconds, by name, one per kill.
 
     Every PE dies once in a fleet's life: whoever dies again and again is held down longer each time, by design.
     """
     times: dict[str, list[float]] = {name: [] for name in (*_NAMES, _DECIDED, _IN_ALL)}
-    pes = tuple(load_spec(spec_name).pes)
-    each = len(pes) if contingencies is None else 1
+    spec = load_spec(spec_name)
+    made, pes = contingencies_of(spec, source), tuple(spec.pes)
+    each = len(pes) if made is None else 1
     for first in range(0, kills, each):
-        victims = pes[: kills - first] if contingencies is None else pes[first % len(pes) :][:1]
-        _fly(spec_name, victims, times, contingencies)
+        victims = pes[: kills - first] if made is None else pes[first % len(pes) :][:1]
+        _fly(spec_name, victims, times, made)
         print(f"\r{min(kills, first + each)} of {kills} kills", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return times
 
 
-def _fly(spec_name: str, pes: tuple[str, ...], times: dict[str, list[float]], contingencies: Path | None) -> None:
+def _fly(spec_name: str, pes: tuple[str, ...], times: dict[str, list[float]], made: Contingencies | None) -> None:
     """Start a fleet, and kill and restore these PEs one after the other."""
     spec = load_spec(spec_name)
     folder = run_folder()
-    with Fleet(spec, spec_path(spec_name), folder, contingencies) as fleet:
+    with Fleet(spec, spec_path(spec_name), folder, made) as fleet:
         fleet.start_buses(choose(spec, folder, {}, None, prefer_vcan=False))
         events = AwaitedEvents(fleet, fleet.start_manager())
         for pe in spec.pes:

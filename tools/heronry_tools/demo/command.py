@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.made_ahead import add_contingencies_argument
+
 DEFAULT_SECONDS = 15.0
 LONGEST_SECONDS = 1_000_000.0
 
@@ -65,9 +67,7 @@ def add_parsers(subparsers: Any) -> None:
         help="begin so long after take-off: at 90 the balloon is about to be cut, from 240 on it stands again",
     )
     parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
-    parser.add_argument(
-        "--contingencies", metavar="FILE", type=Path, help="plans made ahead by 'heronry contingencies' for this spec"
-    )
+    add_contingencies_argument(parser, "to fly with and to carry on board")
     parser.add_argument(
         "--key", metavar="FILE", type=Path, help="what 'heronry key' made, for the manager and every PE"
     )

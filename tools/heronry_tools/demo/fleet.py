@@ -23,6 +23,8 @@ from types import TracebackType
 from typing import IO, Self
 
 from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.contingency.file_format import to_bytes
 from heronry_manager.control_client import call
 from heronry_manager.control_place import ControlError
 from heronry_manager.vocabulary import AskStatus, EnterPhase
@@ -65,21 +67,26 @@ class Fleet:
         spec: Spec,
         spec_file: Path,
         folder: Path,
-        contingencies: Path | None = None,
+        made: Contingencies | None = None,
         key: Path | None = None,
         *,
         aloft_s: float = 0.0,
     ) -> None:
-        """`key` is the file that the manager and every PE are given; the simulated flight took off `aloft_s` ago."""
+        """Write what the manager and every PE are given: the plans made ahead and a key, where there are any.
+
+        aloft_s: the simulated flight took off so long ago.
+        """
         self.folder = folder
-        self._contingencies = contingencies
+        self._contingency_flags = ["--contingencies", "none" if made is None else str(folder / "contingencies")]
+        if made is not None:
+            (folder / "contingencies").write_bytes(to_bytes(made, spec))
         self._key_flags = [] if key is None else ["--key", str(key)]
         self._spec, self._spec_file = spec, spec_file
         self._hubs: list[HubProcess] = []
         self._pes: dict[str, subprocess.Popen[bytes]] = {}
         self._managers: dict[int, subprocess.Popen[bytes]] = {}  # by node
         self._buses: Mapping[str, BusChoice] = {}
-        self._tables = write_tables(spec, spec.pes, folder / "tables", contingencies)
+        self._tables = write_tables(spec, spec.pes, folder / "tables", made)
         self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
 
     def __enter__(self) -> Self:
@@ -104,9 +111,7 @@ class Fleet:
         arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
         arguments += ["--node", str(node), *(["--standby"] if standby else [])]
         arguments += ["--state-dir", str(self.folder), "--socket", str(self.control_socket(node))]
-        arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags]
-        if self._contingencies is not None:
-            arguments += ["--contingencies", str(self._contingencies)]
+        arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags, *self._contingency_flags]
         name = "manager" if node == FIRST_MANAGER else "standby"
         process = self._start(name, arguments, stdout=subprocess.PIPE)
         self._managers[node] = process

@@ -13,7 +13,7 @@ from heronry_tools.demo.run import Show
 from heronry_tools.demo.script import Act, PhaseAct, read_phases, read_script
 from heronry_tools.errors import UserError
 from heronry_tools.event_printer import print_event
-from heronry_tools.reign import contingencies_of
+from heronry_tools.made_ahead import contingencies_of
 from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import named_buses
@@ -33,17 +33,17 @@ def play(arguments: argparse.Namespace) -> int:
         raise UserError(f"--for {seconds:g}: it would end before what happens at {acts[-1].at_s:g} s; give it longer")
     if arguments.key is not None:
         read_key(arguments.key)
-    contingencies_of(spec, arguments.contingencies)  # what the manager would refuse is refused before anything starts
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         stack.enter_context(_terminated_like_interrupted())
+        made = contingencies_of(spec, arguments.contingencies)
         folder = run_folder()
         fleet = stack.enter_context(
             Fleet(
                 spec,
                 spec_path(arguments.spec),
                 folder,
-                arguments.contingencies,
+                made,
                 arguments.key,
                 aloft_s=arguments.aloft_s,
             )

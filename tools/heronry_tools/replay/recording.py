@@ -55,6 +55,11 @@ class Reign:
     decisions: list[Decision] = field(default_factory=list)
     leases: list[tuple[int, Lease]] = field(default_factory=list)
 
+    def calls_by_number(self) -> bool:
+        """Tell whether it called a contingency by its number: so it flew with some made ahead."""
+        prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
+        return any(isinstance(message, Prepare) and message.contingency for message in prepared)
+
 
 def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
     """Read a candump log; gives its frames in the order of their times, and how many lines are none.

@@ -17,7 +17,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from heronry_manager.contingency.file_format import to_bytes
+from heronry_manager.contingency.contingencies import Contingencies
 from heronry_tools.demo.buses import BusChoice, choose
 from heronry_tools.demo.ear import Ear
 from heronry_tools.demo.event_stream import EventStream
@@ -63,7 +63,7 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
     with ExitStack() as stack:
         folder = run_folder()
         fleet = stack.enter_context(
-            Fleet(spec, script.spec_file, folder, _made_ahead(script, folder), _made_key(script, folder))
+            Fleet(spec, script.spec_file, folder, _made_ahead(script), _made_key(script, folder))
         )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         hubs = _hubs(choices)
@@ -77,13 +77,9 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         return _Show(script, fleet, ear, radios).run(choices[spec.manager.bus].describe())
 
 
-def _made_ahead(script: Script, folder: Path) -> Path | None:
-    """Write the contingency file that the script asks for."""
-    if script.contingencies is None:
-        return None
-    file = folder / "contingencies"
-    file.write_bytes(to_bytes(plan_ahead(script.spec, script.contingencies), script.spec))
-    return file
+def _made_ahead(script: Script) -> Contingencies | None:
+    """Make the plans that the script asks for."""
+    return None if script.contingencies is None else plan_ahead(script.spec, script.contingencies)
 
 
 def _made_key(script: Script, folder: Path) -> Path | None:

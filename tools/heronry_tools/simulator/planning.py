@@ -21,14 +21,13 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, elements
 from heronry_dg.verify import verify
 from heronry_manager.compilation import Compiler
-from heronry_manager.contingency.contingencies import Contingencies, contingencies
+from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.planner.exact import Planner
-from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Scope
 from heronry_manager.vocabulary import RequestPlan
-from heronry_tools.campaign.sweeping import sweep
+from heronry_tools.campaign.sweeping import numbered, sweep
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import require
 
@@ -75,9 +74,7 @@ def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
 def plan_ahead(spec: Spec, faults: int) -> Contingencies:
     """Plan for every set of up to so many faults in every phase, as `heronry contingencies` does."""
     scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
-    swept = sweep(spec, scope, None)
-    safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
-    return contingencies(spec, scope, swept.outcomes, safe_modes)
+    return numbered(spec, scope, sweep(spec, scope, None))
 
 
 class Planners(Enum):
