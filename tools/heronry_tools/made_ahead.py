@@ -21,7 +21,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -75,8 +75,8 @@ def contingencies_of(spec: "Spec", source: Source) -> "Contingencies | None":
 
 def _single_faults(spec: "Spec") -> "Contingencies | None":
     try:
-        solver = version("ortools")
-    except PackageNotFoundError:
+        solver = import_module("ortools").__version__
+    except ModuleNotFoundError:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
         return None
     file = _kept_in(spec, solver)
