@@ -115,6 +115,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     with candump(folder / "can0.log"):
         acts = ["--kill", f"pe:{KILLED}@{KILL_S}"]
         rest = ["--from", "300", "--for", str(SECONDS), "--json", "--record", str(folder / "flight.log")]
+        rest += ["--contingencies", "none"]  # so that slices are sent
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
             [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *acts, *rest],
