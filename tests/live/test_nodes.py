@@ -107,7 +107,7 @@ class Aircraft:
         self._managers = count()
 
     def start_manager(self, *more: str) -> Process:
-        arguments = [str(self.spec_file), *self.bus_flags, "--json", "--until-eof"]
+        arguments = [str(self.spec_file), *self.bus_flags, "--contingencies", "none", "--json", "--until-eof"]
         own_socket = self.folder / f"manager-{next(self._managers)}.sock"  # two of them are no rivals for that
         arguments += ["--socket", str(own_socket)]
         return self._start(*MANAGER, *arguments, "--state-dir", str(self.folder / "state"), *more)

@@ -157,7 +157,8 @@ def tried(line: CommandLine, rule: Rule, workspace: Path) -> str | None:
         text = re.sub(r"-c can\d", f"-c {NO_INTERFACE}", text)
     ended = typed(text, CHECKOUT if rule.in_checkout else workspace)
     if rule.how is How.HARDWARE:
-        understood = ended.returncode != 0 and NO_INTERFACE in ended.stderr and ended.stderr.count("\n") == 1
+        said = [text for text in ended.stderr.splitlines() if not text.startswith("heronry: planning ")]
+        understood = ended.returncode != 0 and len(said) == 1 and NO_INTERFACE in said[0]
         return None if understood else f"{line.place}: `{text}` did not get as far as the bus: {ended.stderr[-500:]}"
     return (
         None

@@ -140,3 +140,21 @@ sys.exit(main(["table", "elevator_and_chute", "tail_pe", "-o", {str(tmp_path / "
         'heronry: nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"\n'
     )
     assert PeTable.from_json((tmp_path / "tail.table").read_text()).preloaded() == ()
+
+
+@pytest.mark.parametrize("command", ["manager", "demo"])
+def test_a_bus_that_is_not_there_is_told_before_anything_is_planned(
+    command: str, cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, "elevator_and_chute", "-i", "softbus", "-c", "/no/such.sock"]) == 2
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert "/no/such.sock" in sentence
+    assert not cache.exists()
+
+
+def test_nothing_is_tried_before_what_is_at_hand(cache: Path) -> None:
+    def never() -> None:
+        raise AssertionError("it is not called")
+
+    made = contingencies_of(CHUTE, Ahead.SINGLE_FAULTS)
+    assert contingencies_of(CHUTE, Ahead.SINGLE_FAULTS, never) == made

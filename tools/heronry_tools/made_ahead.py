@@ -18,7 +18,7 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from enum import Enum
 from importlib import import_module
@@ -61,27 +61,34 @@ def _source(text: str) -> Source:
     return Ahead.NOTHING if text == Ahead.NOTHING.value else Path(text)
 
 
-def contingencies_of(spec: "Spec", source: Source) -> "Contingencies | None":
+def contingencies_of(
+    spec: "Spec", source: Source, before_making: Callable[[], None] = lambda: None
+) -> "Contingencies | None":
     """Plans made ahead for a spec, made now if need be; None where there are to be none, or can be none.
 
+    before_making: called before what may take minutes, to raise what can be known by then.
     Raises ContingencyFileError for a file that is none of this spec, OSError for one that cannot be read.
     """
     from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415 - keeps `--help` quick
 
     if isinstance(source, Path):
         return read_contingencies(source, spec)
-    return None if source is Ahead.NOTHING else _single_faults(spec)
+    return None if source is Ahead.NOTHING else _single_faults(spec, before_making)
 
 
-def _single_faults(spec: "Spec") -> "Contingencies | None":
+def _single_faults(spec: "Spec", before_making: Callable[[], None]) -> "Contingencies | None":
     try:
         solver = import_module("ortools").__version__
     except ModuleNotFoundError:
         _say('nothing is planned ahead without ortools; add it with: pip install "heronry[manager]"')
         return None
     file = _kept_in(spec, solver)
+    kept = _kept(spec, file)
+    if kept is not None:
+        return kept
+    before_making()
     try:
-        return _kept(spec, file) or _made(spec, file)
+        return _made(spec, file)
     except OSError as error:
         why = f"{file.parent} cannot be written ({error.strerror}); set XDG_CACHE_HOME to a folder of yours"
     except HeronryError as error:
@@ -118,7 +125,7 @@ def _kept(spec: "Spec", file: Path) -> "Contingencies | None":
     """Read the file; None where it is not there, or damaged."""
     from heronry_manager.contingency.file_format import ContingencyFileError, read_contingencies  # noqa: PLC0415
 
-    with suppress(FileNotFoundError, ContingencyFileError):
+    with suppress(OSError, ContingencyFileError):
         return read_contingencies(file, spec)
     return None
 

@@ -30,7 +30,7 @@ from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import channel_configs, flagged_bus
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
 from heronry_wire.key_file import read_key
-from heronry_wire.replicated_link import open_link
+from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
 THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
@@ -41,16 +41,23 @@ def reign(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     key = None if arguments.key is None else read_key(arguments.key)
     has_solver = _has_solver()
+    bus = spec.buses[spec.manager.bus]
+    config = {"bitrate": bus.bitrate, **flagged_bus(arguments), "can_filters": FILTERS}
+    channels = channel_configs(config, bus.channels, f"bus {bus.name} of {spec.name}")
+
+    def open_bus() -> AnyLink:
+        return open_link(channels, bus.heartbeat_ns, bus.misses)
+
     needs_solver = arguments.contingencies is Ahead.SINGLE_FAULTS
-    made = None if needs_solver and not has_solver else contingencies_of(spec, arguments.contingencies)
+    made = (
+        None
+        if needs_solver and not has_solver
+        else contingencies_of(spec, arguments.contingencies, lambda: open_bus().close())
+    )
     table = None if made is None else ContingencyTable(spec, made)
     numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
     tell = surviving(print_event if arguments.json else screen(spec))
-    bus = spec.buses[spec.manager.bus]
-    config = {"bitrate": bus.bitrate, **flagged_bus(arguments), "can_filters": FILTERS}
-    link = open_link(
-        channel_configs(config, bus.channels, f"bus {bus.name} of {spec.name}"), bus.heartbeat_ns, bus.misses
-    )
+    link = open_bus()
     service = ServiceManager()
     file = spec_path(arguments.spec)
     try:

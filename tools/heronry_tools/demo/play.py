@@ -1,12 +1,13 @@
 """From the arguments of `heronry demo` to a show, and everything cleaned up behind it."""
 
 import argparse
+import shutil
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 
-from heronry_tools.demo.buses import choose
+from heronry_tools.demo.buses import BusChoice, choose
 from heronry_tools.demo.command import DEFAULT_SECONDS
 from heronry_tools.demo.fleet import Fleet, run_folder
 from heronry_tools.demo.run import Show
@@ -18,6 +19,7 @@ from heronry_tools.screen import screen
 from heronry_tools.spec_argument import load_spec, spec_path
 from heronry_wire.bus_arguments import named_buses
 from heronry_wire.key_file import read_key
+from heronry_wire.link import Link
 
 _AFTER_LAST_ACT_S = 5.0
 
@@ -36,19 +38,12 @@ def play(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
         stack.enter_context(_terminated_like_interrupted())
-        made = contingencies_of(spec, arguments.contingencies)
         folder = run_folder()
-        fleet = stack.enter_context(
-            Fleet(
-                spec,
-                spec_path(arguments.spec),
-                folder,
-                made,
-                arguments.key,
-                aloft_s=arguments.aloft_s,
-            )
-        )
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
         choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
+        made = contingencies_of(spec, arguments.contingencies, lambda: _try_buses(choices))
+        file = spec_path(arguments.spec)
+        fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
         fleet.start_buses(choices)
         return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)
 
@@ -61,6 +56,13 @@ def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
     if channel is None:
         raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
     return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
+
+
+def _try_buses(choices: Mapping[str, BusChoice]) -> None:
+    """Open and close those that are not ours; raises LinkError."""
+    for choice in choices.values():
+        for config in () if choice.is_ours else choice.configs():
+            Link(config).close()
 
 
 @contextmanager
