@@ -25,7 +25,9 @@ for T_lease: whoever took its place is among those, and tells its newer epoch ev
 
 For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
 does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
-quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided.
+quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided. What
+waits to be sent when an ALIVE no longer names this PE is withdrawn (`obedience`): who hears and is not heard has been
+replaced, and must not send it when it is heard again.
 
 Lost, late or doubled frames make it more cautious at most. A forged LEASE or state frame can hold the outputs until
 the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.

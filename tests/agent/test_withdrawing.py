@@ -4,7 +4,7 @@ from agent.one_pe import DEMAND_ID, FLYING, RUN_SERVO_1, OnePe
 from heronry_agent.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import Step
+from heronry_wire.management import Alive, Step
 from heronry_wire.sansio import Send, Withdraw
 
 WITHOUT_CONTROL = Slice((RUN_SERVO_1,), remote={1: 94})
@@ -32,3 +32,11 @@ def test_what_stays_published_is_not_withdrawn() -> None:
     pe = OnePe()
     pe.configure(FLYING, epoch=1)
     assert not [action for action in pe.configure(FLYING, epoch=2) if isinstance(action, Withdraw)]
+
+
+def test_what_waits_is_withdrawn_when_the_manager_counts_on_us_no_more() -> None:
+    """A PE that hears and is not heard: what it made while it was allowed to must not go out when it is heard again."""
+    pe = OnePe()
+    pe.configure(FLYING, epoch=1)
+    assert not [action for action in pe.command(Alive(1, 1, frozenset({92, 93}))) if isinstance(action, Withdraw)]
+    assert Withdraw(frozenset({DEMAND_ID})) in pe.command(Alive(1, 2, frozenset({92})))
