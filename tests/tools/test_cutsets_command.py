@@ -57,7 +57,7 @@ def test_cut_sets_of_random_specs_agree_with_brute_force(rng: random.Random, cro
 
 
 def served_by_brute_force(spec: Spec, function: Function, down: frozenset[str]) -> bool:
-    alone = replace(spec, functions={function.name: replace(function, priority={None: 1})})
+    alone = replace(spec, functions={function.name: replace(function, priority={None: 1}, value=None)})
     enumerator = Enumerator(alone, Situation(down))
     try:
         _, found = enumerator.best(most=20_000)
