@@ -14,8 +14,6 @@ they cannot be made or kept, that is said, and nothing is planned ahead: it is n
 
 import argparse
 import fcntl
-import hashlib
-import os
 import platform
 import sys
 from collections.abc import Callable, Iterator
@@ -25,6 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from heronry_tools.user_cache import digest_of, user_cache
 from heronry_wire.errors import HeronryError
 
 if TYPE_CHECKING:
@@ -104,11 +103,8 @@ def _say(sentence: str) -> None:
 
 def _kept_in(spec: "Spec", solver: str) -> Path:
     """Where the plans of a spec are, or would be: by all that they depend on."""
-    digest = hashlib.sha256(f"{spec.digest} ortools {solver} {platform.machine()}".encode())
-    for name, file in _planner():
-        digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base.absolute() / "heronry" / "contingencies" / f"{spec.name}-{digest.hexdigest()[:16]}.contingencies"
+    digest = digest_of(f"{spec.digest} ortools {solver} {platform.machine()}", _planner())
+    return user_cache("contingencies") / f"{spec.name}-{digest}.contingencies"
 
 
 def _planner() -> Iterator[tuple[str, Path]]:

@@ -30,6 +30,7 @@ from heronry_manager.control_place import ControlError
 from heronry_manager.vocabulary import AskStatus, EnterPhase
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.errors import UserError
+from heronry_tools.made_ahead import Ahead
 from heronry_tools.softbus.starter import HubProcess, start_hub
 from heronry_tools.table_command import write_tables
 from heronry_wire.identifiers import FIRST_MANAGER
@@ -77,7 +78,10 @@ class Fleet:
         aloft_s: the simulated flight took off so long ago.
         """
         self.folder = folder
-        self._contingency_flags = ["--contingencies", "none" if made is None else str(folder / "contingencies")]
+        self._contingency_flags = [
+            "--contingencies",
+            Ahead.NOTHING.value if made is None else str(folder / "contingencies"),
+        ]
         if made is not None:
             (folder / "contingencies").write_bytes(to_bytes(made, spec))
         self._key_flags = [] if key is None else ["--key", str(key)]

@@ -15,7 +15,6 @@ are flown in both forms, and must give the same frames; else the copy is not kep
 """
 
 import fcntl
-import hashlib
 import os
 import platform
 import shutil
@@ -37,6 +36,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
 from heronry_tools.simulator import clock
 from heronry_tools.simulator.native_classes import with_native_classes
+from heronry_tools.user_cache import digest_of, user_cache
 
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
 # What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.
@@ -116,11 +116,7 @@ def compiled_folder() -> Path:
         maker = f"{sys.version} {platform.machine()} mypy {version('mypy')}"
     except PackageNotFoundError:
         raise UserError('mypy is needed to compile, and not installed: pip install "heronry[dev]"') from None
-    digest = hashlib.sha256(maker.encode())
-    for name, file in sorted(_copied()):
-        digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base.absolute() / "heronry" / "compiled" / digest.hexdigest()[:16]
+    return user_cache("compiled") / digest_of(maker, sorted(_copied()))
 
 
 def environment(folder: Path) -> dict[str, str]:

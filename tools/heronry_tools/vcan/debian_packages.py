@@ -19,13 +19,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from heronry_tools.user_cache import user_cache
 from heronry_tools.vcan.errors import CannotRunError
 
 
 def cache_folder() -> Path:
     """Where packages are kept: ``heronry/uml/<release>-<processor>`` in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base.absolute() / "heronry" / "uml" / f"{_release()}-{platform.machine()}"
+    return user_cache("uml") / f"{_release()}-{platform.machine()}"
 
 
 def _release() -> str:
