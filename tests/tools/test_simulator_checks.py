@@ -290,6 +290,24 @@ def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
     assert checks.reported == set()
 
 
+def test_a_gateway_that_hands_on_out_of_order_takes_nobody_back_to_an_older_term() -> None:
+    spec = load(shipped_spec_path("big_blue"))
+    checks, ground = Checks(spec), spec.pes["ground"].node_id
+
+    def says(epoch: int, bus: str, sender: str) -> None:
+        checks.see(state(epoch, 7, node=ground)._replace(bus=bus, sender=sender))
+
+    for term, epoch in ((1, 1), (5, 65)):
+        prepare = Frame(management_id(126, Command.PREPARE), Prepare(term, epoch, 7).encode())
+        checks.see(sent(prepare, "manager 126"))
+    for bus, sender in (("radio", "ground"), ("can0", "comms")):
+        says(65, bus, sender)
+    says(1, "can0", "comms")
+    assert rules(checks) == []
+    says(1, "radio", "ground")
+    assert rules(checks) == ["epoch", "term"]
+
+
 def test_a_clash_is_a_violation() -> None:
     (violation,) = Checks(SPEC).broken(WELL, [Clash(5, "can0", 1536, ("a", "b"))])
     assert str(violation) == "0.000000 s  clash: a and b both wanted to send 1536 on can0"

@@ -27,10 +27,10 @@ def terms() -> TermCheck:
 def test_managers_that_keep_to_their_terms_are_well() -> None:
     check = terms()
     for epoch in (1, 17, 17):
-        check.state(NODE, 3, running(epoch))
+        check.state("can0", NODE, 3, running(epoch))
     check.commanded(4, 127, Lease(2, 17, Step.GO_ALL, 7), "manager 127")
     check.commanded(5, 126, Lease(3, 17, Step.GO_ALL, 7), "manager 126")
-    check.state(NODE, 6, running(5))  # prepared before anybody watched
+    check.state("can0", NODE, 6, running(5))  # prepared before anybody watched
     assert check.violations == []
 
 
@@ -55,11 +55,11 @@ def test_a_number_that_two_terms_prepare_is_seen() -> None:
 
 def test_a_pe_that_takes_up_what_a_deposed_manager_prepared_is_seen() -> None:
     check = terms()
-    check.state(NODE, 8, running(17))
-    check.state(NODE, 9, running(1, incarnation=2))
+    check.state("can0", NODE, 8, running(17))
+    check.state("can0", NODE, 9, running(1, incarnation=2))
     assert check.violations == []
-    check.state(NODE, 10, running(17, incarnation=2))
-    check.state(NODE, 11, running(1, incarnation=2))
+    check.state("can0", NODE, 10, running(17, incarnation=2))
+    check.state("can0", NODE, 11, running(1, incarnation=2))
     assert [violation.rule for violation in check.violations] == ["term"]
 
 

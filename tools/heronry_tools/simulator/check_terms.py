@@ -5,7 +5,8 @@
   their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
   bus is broken in the middle they cannot, and both may reign in one term, each over its own half.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
-  epoch of a term never takes up, later, one of a lower term. (An epoch that a later reign adopts stays the one it was.)
+  epoch of a term never takes up, later, one of a lower term. It says so itself: a gateway may hand its states on out of
+  order. (An epoch that a later reign adopts stays the one it was.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
   but with the digest that it had.
 
@@ -30,7 +31,7 @@ class TermCheck:
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
         self._reign = ReigningTerm(spec)
         self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
-        self._taken: dict[int, tuple[int, int, int]] = {}  # by node: incarnation, epoch, term
+        self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
         self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
@@ -71,17 +72,17 @@ class TermCheck:
             self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both speak for term {term}")
             voices.clear()
 
-    def state(self, node: int, t_ns: int, page: StatePage0) -> None:
-        """A PE says what it runs."""
+    def state(self, bus: str, node: int, t_ns: int, page: StatePage0) -> None:
+        """A PE says itself, on a bus, what it runs."""
         prepared = self._prepared.get(page.epoch)
         if prepared is None:
             return
         term = prepared.term
-        incarnation, epoch, before = self._taken.get(node, (page.incarnation, page.epoch, term))
+        incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
             self._tell(t_ns, "term", story)
-        self._taken[node] = (page.incarnation, page.epoch, term)
+        self._taken[bus, node] = (page.incarnation, page.epoch, term)
 
     def _tell(self, t_ns: int, rule: str, story: str) -> None:
         self.violations.append(Violation(t_ns, rule, story))

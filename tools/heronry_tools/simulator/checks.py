@@ -215,11 +215,11 @@ class Checks:
         node = self._node_of_state[sent.frame.can_id]
         if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
             self._publishing.state(sent.sender, sent.end_ns, page)
+            self._terms.state(sent.bus, node, sent.end_ns, page)
         if sent.bus != self._bus:
             return
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
-            self._terms.state(node, sent.end_ns, page)
             if page.state is not PeState.UNCONFIGURED:
                 self._service.ran(sent.end_ns)
             self._safe_mode.state(self._pe_of[node], sent.end_ns, page)
