@@ -11,7 +11,7 @@ taken, its epoch old or its slice staged, and changes nothing. With a key, `auth
 without one a forged command is a command.
 """
 
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -123,10 +123,7 @@ class Obedience:
         if fields is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, fields[0], event):
-            is_named = bool(fields[3] >> self.index.node - FIRST_PE & 1)
-            self.permission.named(is_named, self.turn.arrived_ns)
-            if not is_named:  # what waits was allowed when it was made; a wire that is mended now must not carry it
-                self._take_back(self.index.movable & {*self._sends.publish})
+            self.permission.named(bool(fields[3] >> self.index.node - FIRST_PE & 1), self.turn.arrived_ns)
             meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 
@@ -201,10 +198,6 @@ class Obedience:
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
         """Take back the data that this PE has not sent yet and no longer is the one to send."""
-        self._take_back({*before.publish, *before.forward} - {*after.publish, *after.forward})
-
-    def _take_back(self, gone: Set[int]) -> None:
-        """Take back what waits to be sent of these sources."""
+        gone = {*before.publish, *before.forward} - {*after.publish, *after.forward}
         if gone:
-            sources = self.index.table.sources
-            self.turn.out.append(Withdraw(frozenset(sources[source].identifier for source in gone)))
+            self.turn.out.append(Withdraw(self.index.identifiers(gone)))

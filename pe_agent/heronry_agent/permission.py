@@ -26,12 +26,14 @@ for T_lease: whoever took its place is among those, and tells its newer epoch ev
 For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
 does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
 quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided. What
-waits to be sent when an ALIVE no longer names this PE is withdrawn (`obedience`): who hears and is not heard has been
-replaced, and must not send it when it is heard again.
+waits to be sent under them when a word ends (a), (c) or (d) is withdrawn (`revoked`): a PE that hears and is not heard
+has been replaced, and must not send it when it is heard again.
 
 Lost, late or doubled frames make it more cautious at most. A forged LEASE or state frame can hold the outputs until
 the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.
 """
+
+from collections.abc import Callable
 
 from heronry_wire.management import LEASE_PERIODS, is_newer
 
@@ -43,6 +45,7 @@ class Permission:
 
     def __init__(self, lease_ns: int) -> None:
         """`lease_ns` is T_lease, the time within which another node must be heard."""
+        self.revoked: Callable[[], None] = _nobody_minds  # called when a word has ended what may be sent
         self._lease_ns = lease_ns
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
@@ -84,9 +87,11 @@ class Permission:
     def named(self, is_named: bool, arrived_ns: int) -> None:
         """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame."""
         self.heard(arrived_ns)
-        self._named = is_named
+        was_named, self._named = self._named, is_named
         if is_named:
             self._doubted_ns = self._identifiers_doubted_ns = None
+        elif was_named:
+            self.revoked()
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
         """Tell whether there is no doubt, or no more."""
@@ -95,16 +100,26 @@ class Permission:
     def clashed(self, arrived_ns: int) -> None:
         """Another node speaks under this one's node-ID."""
         self._clashed_ns = arrived_ns
+        self.revoked()
 
     def saw_epoch(self, epoch: int, running: int) -> None:
         """Another node runs, or a manager has activated, an epoch."""
         if is_newer(epoch, running):
-            self._overtaken = True
+            self._overtake()
 
     def contradicted(self) -> None:
         """The manager's epoch has the number of ours and is another configuration."""
-        self._overtaken = True
+        self._overtake()
 
     def confirmed(self) -> None:
         """The last step of a configuration was taken, or named by the manager once more."""
         self._overtaken = False
+
+    def _overtake(self) -> None:
+        if not self._overtaken:
+            self._overtaken = True
+            self.revoked()
+
+
+def _nobody_minds() -> None:
+    """Nothing waits anywhere."""

@@ -51,7 +51,7 @@ from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.sansio import Send, require
+from heronry_wire.sansio import Send, Withdraw, require
 
 JUDGED_AFTER_NS = 1_000_000_000
 
@@ -71,6 +71,7 @@ class RunningModules:
         self._index = index
         self._reconfiguration = reconfiguration
         self._permission = permission
+        permission.revoked = self._take_back
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
@@ -335,6 +336,12 @@ class RunningModules:
                 return
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame, until_ns) for port in ports]
+
+    def _take_back(self) -> None:
+        """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
+        movable = self._index.movable.intersection(self._publish)
+        if movable:
+            self._turn.out.append(Withdraw(self._index.identifiers(movable)))
 
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))

@@ -3,6 +3,8 @@
 Raises TableError while it is built; afterwards every look-up of what the table itself names succeeds.
 """
 
+from collections.abc import Iterable
+
 from heronry_wire.canaerospace import DataType
 from heronry_wire.configuration_slice import SliceError, decode_slice
 from heronry_wire.identifiers import PE_NODES
@@ -55,6 +57,10 @@ class TableIndex:
     def leaf_variables(self, module: int, mode: int) -> tuple[str, ...]:
         """Variable of each leaf of a mode, in the order of a slice."""
         return tuple(leaf.variable for leaf in self.modules[module].modes[mode].leaves)
+
+    def identifiers(self, sources: Iterable[int]) -> frozenset[int]:
+        """Identifiers under which sources are sent."""
+        return frozenset(self.table.sources[source].identifier for source in sources)
 
     def gives(self, module: int, mode: int) -> dict[int, int]:
         """Sources that a module gives in a mode, with their versions."""

@@ -1,14 +1,14 @@
 """Data that waits to be sent when its module goes elsewhere must not follow the word that it has stopped."""
 
-from agent.one_pe import DEMAND_ID, FLYING, RUN_SERVO_1, OnePe
+from agent.one_pe import DEMAND_ID, FLYING, NEIGHBOUR, NODE, RUN_SERVO_1, OnePe, neighbour_state
 from heronry_agent.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import Alive, Step
+from heronry_wire.management import Activate, Alive, Lease, Step
 from heronry_wire.sansio import Send, Withdraw
 
 WITHOUT_CONTROL = Slice((RUN_SERVO_1,), remote={1: 94})
-NODE_STATE = state_id(93)
+NODE_STATE = state_id(NODE)
 
 
 def position(actions: list[Action], wanted: type[Action]) -> int:
@@ -34,9 +34,48 @@ def test_what_stays_published_is_not_withdrawn() -> None:
     assert not [action for action in pe.configure(FLYING, epoch=2) if isinstance(action, Withdraw)]
 
 
-def test_what_waits_is_withdrawn_when_the_manager_counts_on_us_no_more() -> None:
-    """A PE that hears and is not heard: what it made while it was allowed to must not go out when it is heard again."""
+def allowed() -> OnePe:
+    """A PE that may send under identifiers that another one could have."""
     pe = OnePe()
     pe.configure(FLYING, epoch=1)
-    assert not [action for action in pe.command(Alive(1, 1, frozenset({92, 93}))) if isinstance(action, Withdraw)]
-    assert Withdraw(frozenset({DEMAND_ID})) in pe.command(Alive(1, 2, frozenset({92})))
+    assert not withdrawn(pe.command(Alive(1, 1, frozenset({NEIGHBOUR, NODE}))))
+    return pe
+
+
+def withdrawn(actions: list[Action]) -> set[int]:
+    return {identifier for action in actions if isinstance(action, Withdraw) for identifier in action.identifiers}
+
+
+# A PE that hears and is not heard: what it made while it was allowed to must not go out when it is heard again.
+
+
+def test_what_waits_is_withdrawn_when_the_manager_counts_on_us_no_more() -> None:
+    pe = allowed()
+    assert withdrawn(pe.command(Alive(1, 2, frozenset({NEIGHBOUR})))) == {DEMAND_ID}
+    assert not withdrawn(pe.command(Alive(1, 3, frozenset({NEIGHBOUR}))))  # nothing was made since
+
+
+def test_what_waits_is_withdrawn_when_another_pe_runs_a_newer_epoch() -> None:
+    pe = allowed()
+    assert not withdrawn(pe.hear(neighbour_state(1, 1001)))
+    assert withdrawn(pe.hear(neighbour_state(2))) == {DEMAND_ID}
+    assert not withdrawn(pe.hear(neighbour_state(3)))
+
+
+def test_what_waits_is_withdrawn_when_a_configuration_runs_without_us() -> None:
+    assert withdrawn(allowed().command(Activate(1, 2, Step.GO_ALL, 7))) == {DEMAND_ID}
+
+
+def test_what_waits_is_withdrawn_when_the_manager_means_something_else_by_our_epoch() -> None:
+    assert withdrawn(allowed().command(Lease(1, 1, Step.GO_ALL, 7))) == {DEMAND_ID}
+
+
+def test_what_waits_is_withdrawn_when_another_node_has_our_node_id() -> None:
+    assert withdrawn(allowed().hear(neighbour_state(1, node=NODE))) == {DEMAND_ID}
+
+
+def test_who_runs_nothing_that_may_move_withdraws_nothing() -> None:
+    pe = OnePe()
+    pe.configure(WITHOUT_CONTROL, epoch=1)
+    pe.command(Alive(1, 1, frozenset({NEIGHBOUR, NODE})))
+    assert not withdrawn(pe.command(Alive(1, 2, frozenset({NEIGHBOUR}))))

@@ -1,0 +1,31 @@
+"""A PE that was not heard for a while, and is heard again just when others have taken over what it did."""
+
+import pytest
+
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.planning import prepared
+from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
+from scenarios.flights import MS, big_blue, flying
+
+ACTIVATE = management_id(FIRST_MANAGER, Command.ACTIVATE)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_who_was_replaced_while_mute_sends_nothing_more_of_what_it_had_waiting(seed: int) -> None:
+    """The manager decides at once: no ALIVE has told this PE yet when its wire is mended, at the moment of GO_ALL."""
+    table = prepared(big_blue(), None).tables["air"]
+    movable = {module.name for module in table.modules if module.movable}
+    identifiers = {source.identifier for source in table.sources if source.module in movable}
+    simulation = flying(big_blue(), seed, decide_ns=MS)
+    sent: list[Sent] = []
+    simulation.tap("can0", sent.append)
+    air = simulation.pes["air"]
+    simulation.run_for(200 * MS)
+    assert identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
+    air.wire(mute=True)
+    sent.clear()
+    while not any(one.frame.can_id == ACTIVATE for one in sent):
+        simulation.run_for(MS // 10)
+    air.wire(mute=False)
+    simulation.run_for(100 * MS)
+    assert not identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
