@@ -21,6 +21,7 @@ from heronry_wire.frame import Malformed, parse_log_line
 pytestmark = pytest.mark.live
 BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
 PES = list(load(BIG_BLUE).pes)
+TRIPLEX = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that no computer loses anything else of it
 HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
 
 
@@ -69,9 +70,16 @@ def test_after_the_kill_of_any_pe_what_a_plan_can_serve_is_heard_on_the_bus(
 
 
 def called_for(events: list[dict[str, Any]], element: str) -> bool:
-    """Tell whether the first epoch without this element alone, if one was needed, was called by a number."""
-    ready = [one for one in events if one["event"] == "plan_ready" and one["plan"]["down"] == [element]]
-    since = events.index(ready[0]) if ready else len(events)
+    """Tell whether the first epoch without this element, if one was needed, was called by a number.
+
+    Where the computer is busy with other things, something else may seem to be lost or limited before: two faults are
+    not foreseen.
+    """
+    asked = [one for one in events if one["event"] == "plan_requested"]
+    faults = [one for one in asked if one["down"] or one["limits"]]
+    if not faults or (faults[0]["down"], faults[0]["limits"]) != ([element], {}):
+        return True
+    since = events.index(faults[0])
     epochs = [one for one in events[since:] if one["event"] in ("plan_unchanged", "epoch_prepared")]
     return not epochs or epochs[0]["event"] == "plan_unchanged" or epochs[0]["contingency"] > 0
 
@@ -89,22 +97,23 @@ def heard_at_the_end(log: Path) -> set[str]:
 
 
 def test_two_kills_within_one_heartbeat_and_a_return(nothing_left: None) -> None:
-    ran = demo("--kill", "pe:nav@1", "--kill", "pe:tail_a@1.01", "--restore", "pe:nav@2.5", "--for", "5", "--json")
+    kills = ("--kill", "pe:nav@1", "--kill", "pe:air@1.01", "--restore", "pe:nav@2.5")
+    ran = demo(TRIPLEX, *kills, "--for", "5", "--json")
     assert ran.returncode == 0, ran.stderr
     events = events_of(ran.stdout)
-    lost = {one["pe"] for one in events if one["event"] == "pe_lost"}
-    assert {"nav", "tail_a"} <= lost  # and, on a computer that is busy with other things, whoever else was kept waiting
-    assert "nav" in [one["pe"] for one in events if one["event"] == "pe_joined"][len(PES) :]
+    assert {"nav", "air"} <= {one["pe"] for one in events if one["event"] == "pe_lost"}
+    joined = [one["pe"] for one in events if one["event"] == "pe_joined"]
+    assert joined.count("nav") > 1
     last = [one for one in events if one["event"] == "plan_ready"][-1]["plan"]
-    assert last["down"] == ["pe:tail_a"]
+    assert last["down"] == ["pe:air"]
 
 
 def test_a_kill_during_a_reconfiguration(nothing_left: None) -> None:
     """The second PE dies about when the first one has been declared: its epoch is abandoned or replaced."""
-    ran = demo("--kill", "pe:flight@1", "--kill", "pe:tail_b@1.09", "--for", "4", "--json")
+    ran = demo(TRIPLEX, "--kill", "pe:nav@1", "--kill", "pe:air@1.09", "--for", "4", "--json")
     assert ran.returncode == 0, ran.stderr
     last = [one for one in events_of(ran.stdout) if one["event"] == "plan_ready"][-1]["plan"]
-    assert last["down"] == ["pe:flight", "pe:tail_b"]
+    assert last["down"] == ["pe:air", "pe:nav"]
 
 
 def test_the_story_names_the_kill_the_four_times_and_the_return(nothing_left: None) -> None:
