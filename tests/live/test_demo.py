@@ -21,7 +21,7 @@ from heronry_wire.frame import Malformed, parse_log_line
 pytestmark = pytest.mark.live
 BIG_BLUE = Path("dg_specs/big_blue.dg.yaml")
 PES = list(load(BIG_BLUE).pes)
-TRIPLEX = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that no computer loses anything else of it
+TRIPLEX = "dg_specs/examples/triplex_voting.dg.yaml"  # so small that a slow computer keeps up with it
 HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
 
 
@@ -76,10 +76,10 @@ def called_for(events: list[dict[str, Any]], element: str) -> bool:
     not foreseen.
     """
     asked = [one for one in events if one["event"] == "plan_requested"]
-    faults = [one for one in asked if one["down"] or one["limits"]]
-    if not faults or (faults[0]["down"], faults[0]["limits"]) != ([element], {}):
+    first = next(one for one in asked if one["down"] or one["limits"])
+    if (first["down"], first["limits"]) != ([element], {}):
         return True
-    since = events.index(faults[0])
+    since = events.index(first)
     epochs = [one for one in events[since:] if one["event"] in ("plan_unchanged", "epoch_prepared")]
     return not epochs or epochs[0]["event"] == "plan_unchanged" or epochs[0]["contingency"] > 0
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from heronry_agent.table_index import TableIndex
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.planning import prepared
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
@@ -13,9 +14,8 @@ ACTIVATE = management_id(FIRST_MANAGER, Command.ACTIVATE)
 @pytest.mark.parametrize("seed", range(3))
 def test_who_was_replaced_while_mute_sends_nothing_more_of_what_it_had_waiting(seed: int) -> None:
     """The manager decides at once: no ALIVE has told this PE yet when its wire is mended, at the moment of GO_ALL."""
-    table = prepared(big_blue(), None).tables["air"]
-    movable = {module.name for module in table.modules if module.movable}
-    identifiers = {source.identifier for source in table.sources if source.module in movable}
+    index = TableIndex(prepared(big_blue(), None).tables["air"])
+    identifiers = index.identifiers(index.movable)
     simulation = flying(big_blue(), seed, decide_ns=MS)
     sent: list[Sent] = []
     simulation.tap("can0", sent.append)
