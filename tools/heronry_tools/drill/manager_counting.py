@@ -329,6 +329,21 @@ def who_hears_nobody_says_nothing() -> None:
     )
 
 
+def who_is_refused_by_most_falls_silent() -> None:
+    """When most have said for T_lease that they hear no LEASE; the next reign waits for twice as long, and so on."""
+    manager = ManagerUnderTest(standby=True).flies()
+    for pe in manager.pes.values():
+        pe.hears = False
+    began_ns = manager.run(3000)
+    refused = [one["t_ns"] for one in manager.told("refused", began_ns)]
+    began = [began_ns, *(one["t_ns"] for one in manager.told("taken_over", began_ns))]
+    for number, (first_ns, last_ns) in enumerate(zip(began, refused, strict=False)):
+        wanted_ns = LEASE_NS << number
+        lasted_ns = last_ns - first_ns
+        demand(wanted_ns <= lasted_ns <= wanted_ns + 2 * PERIOD_NS, f"reign {number} is refused for {lasted_ns} ns")
+    demand(len(refused) >= 3, f"it is refused {len(refused)} times in three seconds")
+
+
 def of_two_managers_the_lower_term_gives_way() -> None:
     """One that is heard at the start reigns; later the higher term; a double is whoever is heard first."""
     other = LAST_MANAGER
@@ -399,6 +414,7 @@ DRILLS = (
     who_does_not_hear_is_failed,
     when_most_do_not_hear_nobody_is_failed,
     who_hears_nobody_says_nothing,
+    who_is_refused_by_most_falls_silent,
     of_two_managers_the_lower_term_gives_way,
     who_is_still_starting_gives_way_too,
     other_frames_mean_nothing,

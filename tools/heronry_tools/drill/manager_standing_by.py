@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
+from heronry_manager.memory import Memory
 from heronry_manager.vocabulary import AskStatus, FailElement, UnlockPe
-from heronry_tools.drill.manager_under_test import PERIOD_NS, ManagerUnderTest, PlayedPe, example
+from heronry_tools.drill.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
 from heronry_wire.command_tags import CommandSigner
@@ -36,6 +37,7 @@ from heronry_wire.management import (
 
 KEY = Key(bytes(range(KEY_BYTES)))
 _ALL = frozenset((92, 93, 94))
+_LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a configuration is overheard, at worst
 
 
 class _Reigning:
@@ -43,6 +45,7 @@ class _Reigning:
 
     def __init__(self, manager: ManagerUnderTest) -> None:
         self.speaks, self.counts_on = True, _ALL
+        self.refused_by: frozenset[str] = frozenset()  # PEs that know a higher term
         self.lease = Lease(1, 0, Step.PREPARED, 0)
         self._manager, self._beats = manager, 0
         self._beat()
@@ -53,8 +56,8 @@ class _Reigning:
         if self.speaks:
             alive = Alive(self.lease.term, self._beats % 256, self.counts_on)
             manager.main.command(self.lease, alive, manager=126)
-        for pe in manager.pes.values():
-            pe.hears = pe.hears if not self.speaks else True
+        for name, pe in manager.pes.items():
+            pe.hears = name not in self.refused_by if self.speaks else pe.hears
         manager.clock.at(manager.now_ns + PERIOD_NS, self._beat)
 
 
@@ -120,6 +123,36 @@ def only_who_was_counted_on_is_asked() -> None:
     demand(bool(manager.said(Lease)), "who was counted on hears nobody, and it does not take over")
 
 
+def half_of_those_counted_on_are_not_most() -> None:
+    """Of two one hears nobody, and says so for as long as it likes."""
+    manager, reigning = _standing_by()
+    reigning.counts_on = frozenset((92, 93))
+    manager.run(50)
+    reigning.speaks = False
+    manager.pes["flight"].hears = False
+    manager.run(400)
+    equal(manager.heard(-1, *Command), [], "commands while one of two hears somebody")
+
+
+def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
+    """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
+    manager = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    reigning = _Reigning(manager)
+    began_ns = manager.run(900)
+    reigning.refused_by = frozenset(("tail_b",))
+    manager.run_until(began_ns + 10 * LEASE_NS)
+    equal(manager.heard(-1, *Command), [], "commands within ten T_lease")
+    manager.run(45)
+    leases = manager.said(Lease, began_ns)
+    own = [lease.term for _, lease in leases if lease.term != 1]
+    demand(bool(own), "a PE refuses the term that is behind, and it does not take over")
+    equal(own[0], 10, "its term")
+    obeyed = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    _Reigning(obeyed)
+    obeyed.run(1500)
+    equal(obeyed.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
+
+
 def where_nobody_reigns_127_lets_126_go_first() -> None:
     """For the start-up window; then it asks those that are heard."""
     manager = ManagerUnderTest(node=127, standby=True)
@@ -169,7 +202,9 @@ def what_it_has_overheard_is_adopted() -> None:
     reigning = _Reigning(manager)
     reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
     manager.run(200)
-    manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
+    said = [one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)]
+    said.sort(key=lambda one: _LATE_HEADS.get(type(one), len(_LATE_HEADS)))
+    manager.main.command(*said, manager=126)
     for phase, entered in ((0, 0), (99, 0), (1, 1), (1, 0), (0, 1)):
         before = len(manager.told("phase_changed"))
         manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
@@ -280,22 +315,25 @@ class _KeyedPe:
 
 def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
     manager = ManagerUnderTest(key=KEY)
+    return manager, _provers(manager)
+
+
+def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
+    """Let its PEs have the key, too."""
     provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
     plain = manager.main.hears
-    numbers: list[bytes] = []
 
     def hears(frame: Frame) -> None:
         assert plain is not None
         plain(frame)
-        if frame.can_id == management_id(126, Command.CONTROL):
+        if frame.can_id == management_id(manager.node, Command.CONTROL):
             message = manager.hears[-1][1]
             assert isinstance(message, Control)
             for prover in provers.values():
                 prover.take(message, message.a << 16 | message.b)
-        numbers.append(frame.data)
 
     manager.main.hears = hears
-    return manager, provers
+    return provers
 
 
 def every_command_is_tagged() -> None:
@@ -401,6 +439,59 @@ def who_is_guessed_at_needs_two_states_in_a_row() -> None:
     demand("tail_b" in manager.counts_on(), "who is guessed at is not counted on")
 
 
+def guesses_are_counted_and_forgiven() -> None:
+    """Seven change nothing; after eight, for 256 periods, a true state counts at most two numbers after another."""
+    for guesses, periods, stride, lost in (
+        (7, 0, 3, []),
+        (8, 0, 2, []),
+        (8, 0, 3, ["tail_b"]),
+        (8, 250, 3, ["tail_b"]),
+        (8, 258, 3, []),
+    ):
+        manager, provers = _keyed()
+        manager.run(800)
+        page = manager.pes["tail_b"].page_0()
+        for number in range(guesses):
+            manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
+            manager.run(1)
+        manager.run(periods * PERIOD_NS / MS)
+        provers["tail_b"].stride = stride
+        began_ns = manager.run(150)
+        found = [one["pe"] for one in manager.told("pe_lost", began_ns)]
+        equal(found, lost, f"lost {periods} periods after {guesses}, when states are {stride} apart")
+
+
+def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
+    """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
+    manager = ManagerUnderTest(node=127, standby=True, key=KEY)
+    signer = CommandSigner(KEY, 126, 1)
+    manager.main.sign = signer.tag
+    provers = _provers(manager)
+    reigning = _Reigning(manager)
+    manager.run(505)
+    reigning.speaks = False
+    for prover in provers.values():
+        prover.asks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    began_ns = manager.now_ns
+    manager.until(lambda: bool(manager.told("taken_over", began_ns)), 300, "it does not take over")
+    manager.run(25)
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "named at first")
+    for name in ("flight", "tail_a"):
+        provers[name].asks = True
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.pes["tail_b"].speaks = False
+    began_ns = manager.now_ns
+    manager.run(200)
+    absent = [(one["pe"], one["cause"]) for one in manager.told("pe_absent", began_ns)]
+    equal(absent, [("tail_b", "not heard any more, before it could be believed")], "who is absent")
+    equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
+    demand(bool(manager.asked()), "it waits for who is absent")
+    equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+
+
 def the_lock_is_opened_by_order() -> None:
     """UNLOCK names one PE, for half a minute."""
     manager, _ = _keyed()
@@ -491,6 +582,10 @@ def who_advises_follows_no_more_than_is_known() -> None:
 
 
 DRILLS = (
+    half_of_those_counted_on_are_not_most,
+    of_a_term_that_is_behind_it_asks_whether_it_is_obeyed,
+    guesses_are_counted_and_forgiven,
+    who_was_counted_on_and_dies_unproven_is_not_waited_for,
     what_a_pe_refuses_is_told,
     lost_states_cost_nothing,
     what_it_has_said_itself_is_nobody_else,

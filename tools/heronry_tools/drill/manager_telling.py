@@ -299,6 +299,8 @@ def its_events_tell_the_story() -> None:
     kinds = [one["event"] for one in manager.events if one["t_ns"] > began_ns]
     wanted = ["pe_suspected", "pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "epoch_step"]
     equal(kinds, [*wanted, "reconfigured"], "events")
+    decide_ns = manager.told("plan_ready", began_ns)[0]["decide_ns"]
+    demand(MS <= decide_ns < 2 * MS, f"the plan is there after {decide_ns} ns")
     done = manager.told("reconfigured", began_ns)[0]
     equal(done["causes"], ["pe:tail_a: silent for 3 heartbeat periods"], "causes")
     times = done["times_ns"]

@@ -302,7 +302,9 @@ class ManagerUnderTest:
 
     def obey(self, order: Order) -> Reply:
         """Give an order; gives the answer."""
-        return self.manager.say(order)
+        reply = self.manager.say(order)
+        demand(reply.status is not None or len(reply.sentence) > 10, f"{order} is answered with '{reply.sentence}'")
+        return reply
 
     def heard(self, since_ns: int, *commands: Command) -> list[Heard]:
         """Frames of commands."""

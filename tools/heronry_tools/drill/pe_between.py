@@ -182,14 +182,14 @@ class _Beyond:
     """Node 100 beyond the radio, that speaks every 100 ms."""
 
     def __init__(self, pe: PeUnderTest) -> None:
-        self.speaks, self.skips = True, 0
+        self.speaks, self.skips, self.loses = True, 0, 0  # loses: so many frames before each that comes
         self.beside: tuple[Frame, ...] = ()  # what it says beside its page 0
         self.said_ns = 0
         self._pe, self._sequence = pe, 0
         self._beat()
 
     def _beat(self) -> None:
-        self._sequence += 1
+        self._sequence += 1 + self.loses
         if self.skips and self._sequence % self.skips == 0:
             self._sequence += 1
         if self.speaks:
@@ -236,6 +236,11 @@ def a_radio_that_loses_frames_is_told_so() -> None:
     beyond.skips = 0
     pe.run(1500)
     equal(_reports(pe, -1)[-1][1].delivered, 100, "delivered, when nothing is lost any more")
+    beyond.loses = 4
+    pe.run(400)
+    report = _reports(pe, -1)[-1][1]
+    demand(report.usable < 250, f"four of five are lost, and {report.usable} thousandths are believed to be usable")
+    demand(report.delivered > 30, "a window of ten periods forgets in four what came before")
 
 
 def a_slow_radio_is_told_so() -> None:
@@ -304,7 +309,7 @@ def what_goes_to_a_radio_waits_in_turn() -> None:
 
 
 def data_keep_to_their_share_of_a_radio() -> None:
-    """Of a radio of 100 kbit/s data take 70 kbit/s, in longest frames, and a short burst more."""
+    """Of a radio of 100 kbit/s data take 70 kbit/s, in longest frames, and eight more after any silence."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -317,8 +322,13 @@ def data_keep_to_their_share_of_a_radio() -> None:
         pe.main.say(*(datum(identifier, 1.0, code=count[0] % 256) for identifier in identifiers))
         pe.clock.at(pe.now_ns + 4 * MS, flood)
 
+    pe.run(2000)
+    began_ns = pe.now_ns
     flood()
-    pe.run(1000)
+    pe.run(200)
+    bits = 135 * len(pe.far.since(began_ns, identifiers))
+    demand(bits <= 70_000 // 5 + 9 * 135, f"data took {bits} bits of a radio in 200 ms")
+    pe.run(800)
     began_ns = pe.run(2000)
     bits = 135 * len(pe.far.since(began_ns, identifiers))
     demand(120_000 <= bits <= 145_000, f"data took {bits / 2} bits a second of a radio that leaves them 70000")

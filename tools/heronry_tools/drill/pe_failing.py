@@ -1,7 +1,9 @@
 """What a PE tells of faults, how often, and when it gives a module up (rule 8); and how a module asks for a phase."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
+from heronry_agent.module import Context, Inputs, Value
 from heronry_agent.vocabulary import (
     DriveFailed,
     Driven,
@@ -16,7 +18,9 @@ from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
     DEMAND,
     DEMAND_ID,
+    EVERYTHING,
     GAUGE,
+    GIVEN_BACK_NS,
     HEIGHT,
     HEIGHT_ID,
     HELP_ID,
@@ -28,6 +32,7 @@ from heronry_tools.drill.pe_under_test import (
     TABLE,
     THINKER,
     PeUnderTest,
+    at_once,
     gaps,
     moments,
 )
@@ -116,6 +121,11 @@ def what_is_cleared_is_taken_back_and_told_anew() -> None:
     began_ns = pe.run(45)
     found = [said.detail for _, said in pe.emergencies(began_ns)]
     demand(bool(found) and set(found) == {2}, "what is found after CLEAR is not told at once")
+    puppets.PULLED["helper"] = puppets.giving()
+    pe.run(25)
+    pe.main.command(Control(5, 0, Operation.CLEAR, ElementKind.DEVICE, SERVO_DEVICE))
+    began_ns = pe.run(50)
+    equal([said for _, said in pe.emergencies(began_ns)], [reset], "EMCYs after CLEAR of what nobody has acknowledged")
 
 
 def what_is_critical_is_told_to_everybody() -> None:
@@ -129,7 +139,7 @@ def what_is_critical_is_told_to_everybody() -> None:
     reports = {one.value for one in said if not isinstance(one, Malformed)}
     equal(reports, {ErrorReport(FaultCode.REPORTED - 0x10000, ElementKind.DEVICE, SERVO_DEVICE)}, "emergency events")
     codes = [one.message_code for one in said if not isinstance(one, Malformed)]
-    equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "their message codes")
+    equal(codes, list(range(len(codes))), "their message codes")
     pe = _flying()
     puppets.PULLED["helper"] = puppets.reporting("device:gauge_sensor", detail=1)
     began_ns = pe.run(100)
@@ -156,11 +166,32 @@ def nothing_is_reported_while_outputs_are_held() -> None:
     equal(pe.emergencies(free_ns), [], "EMCYs within a second after outputs were held")
     pe.run(150)
     demand(bool(pe.emergencies(free_ns)), "a report is not believed a second after outputs were held")
+    _reports_while_identifiers_are_doubted()
     puppets.PULLED["helper"] = puppets.reporting("device:nobody", detail=1)
     pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE))
     pe.run(10)
     began_ns = pe.run(100)
     equal(pe.emergencies(began_ns), [], "EMCYs of an element that there is not")
+
+
+def _reports_while_identifiers_are_doubted() -> None:
+    """After a silence of three periods the branch may be driven, and what another PE could send may not be sent."""
+    pe = _flying(EVERYTHING)
+    lease, neighbour = pe.lease, pe.neighbour
+    pe.lease = pe.alive = pe.neighbour = None
+    pe.run(65)
+    pe.neighbour = neighbour
+    pe.run(45)
+    before = len(pe.drives)
+    puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+    pe.run(45)
+    demand(len(pe.drives) >= before + 2, "a branch is not driven after a silence within T_lease")
+    began_ns = pe.now_ns
+    pe.lease, pe.alive = lease, frozenset((NODE,))
+    pe.run(900)
+    equal(pe.emergencies(-1), [], "EMCYs within a second after frames were held")
+    pe.run(200)
+    demand(bool(pe.emergencies(began_ns)), "a report is not believed a second after frames were held")
 
 
 def a_module_that_fails_is_built_anew_and_then_given_up() -> None:
@@ -300,9 +331,18 @@ def a_new_term_is_told_what_has_stopped() -> None:
 def a_request_is_made_once() -> None:
     """However often its module asks; another phase takes its place; it is taken back with its module."""
     pe = _flying()
-    puppets.PULLED["helper"] = puppets.asking("cruise")
+    asked: list[int] = []
+
+    def asks(ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
+        asked.append(pe.now_ns)
+        ctx.request_phase("cruise")
+        return {}
+
+    puppets.PULLED["helper"] = asks
     began_ns = pe.run(100)
-    equal({(s.index, s.detail) for _, s in pe.emergencies(began_ns)}, {(1, 1)}, "requests")
+    told = pe.emergencies(began_ns)
+    equal({(s.index, s.detail) for _, s in told}, {(1, 1)}, "requests")
+    demand(at_once(told[0][0], asked[0]), "a request is not made at once")
     pe.main.command(Control(5, NODE, Operation.ACKNOWLEDGE, ElementKind.PHASE, 2))
     began_ns = pe.run(50)
     demand(bool(pe.emergencies(began_ns)), "an answer to another request ends it")
@@ -424,6 +464,32 @@ def answers_to_old_questions_are_dropped() -> None:
     equal(pe.counted - counted, 4, "answers that were dropped")
 
 
+def a_step_that_is_given_back_is_asked_for_anew() -> None:
+    """At once, and once; the releases after it are where they were, and none of them was missed."""
+    pe = _flying()
+    pe.run_until(moments(pe.data(HELP_ID, -1))[-1] + 10 * MS)
+    pe.pe.gives_back.append(HELPER)
+    began_ns = pe.run(100)
+    apart = gaps(moments(pe.data(HELP_ID, began_ns)))
+    demand(abs(apart[0] - PERIOD_NS + GIVEN_BACK_NS) < MS, f"the release after it is {apart[0] / MS} ms later")
+    demand(all(abs(gap - PERIOD_NS) < MS for gap in apart[1:]), f"data are {apart} ns apart")
+    equal(len(apart), 4, "releases after it")
+    equal(pe.object(COUNTERS, 2), 0, "releases that were missed")
+
+
+def what_is_as_old_as_it_may_be_is_fresh() -> None:
+    """For three periods of its source, and not for a fourth (wire.md, Data)."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies(Slice((_GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    puppets.PULLED["gauge"] = puppets.giving()
+    pe.run(100)
+    puppets.PULLED["gauge"] = puppets.once(puppets.giving(height=50.0))
+    began_ns = pe.run(200)
+    equal(len(pe.data(HEIGHT_ID, began_ns)), 1, "heights")
+    equal(len(pe.data(DEMAND_ID, began_ns)), 1 + 3, "demands that are made of it")
+
+
 def a_reader_waits_for_what_it_reads() -> None:
     """A quarter of its period at most, for a producer that was due just before; then it goes on with what it has."""
     pe = PeUnderTest().attended()
@@ -444,6 +510,8 @@ DRILLS = (
     a_partition_that_ends_is_charged_to_who_was_computing,
     a_module_that_cannot_be_built_is_given_up,
     answers_to_old_questions_are_dropped,
+    a_step_that_is_given_back_is_asked_for_anew,
+    what_is_as_old_as_it_may_be_is_fresh,
     a_reader_waits_for_what_it_reads,
     a_report_is_repeated_until_it_is_acknowledged,
     what_is_cleared_is_taken_back_and_told_anew,

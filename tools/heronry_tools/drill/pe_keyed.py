@@ -120,7 +120,12 @@ def it_asks_before_it_believes() -> None:
 
 def its_states_are_proven() -> None:
     """Page 0 by its number in the session, page 1 without; the digest is covered, not shown; page 3 shows it."""
-    pe = _Keyed().attended()
+    pe = _Keyed()
+    pe.run(10 * PERIOD_NS / MS)
+    beats = [t_ns for t_ns, frame in pe.main.since(-1, [state_id(NODE)]) if frame.data[0] < 0x40]
+    equal(len(beats), 10, "beats in ten periods")
+    equal([t_ns // PERIOD_NS for t_ns, _ in pe.pages_3(-1)], [9], "the beat that page 3 follows")
+    pe.attended()
     began_ns = pe.now_ns
     pe.run(8000)
     assert pe.session is not None
@@ -175,8 +180,8 @@ def what_is_not_proven_is_refused() -> None:
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
     pe.run(250)
     after = pe.pages_3(-1)[-1][1]
-    demand(after.unproven - before.unproven >= 2, f"unproven commands: {before.unproven}, then {after.unproven}")
-    demand(after.other - before.other >= 1, f"other refusals: {before.other}, then {after.other}")
+    equal((before.unproven, after.unproven), (0, 4), "unproven commands, before and after")
+    equal((before.other, after.other), (0, 1), "other refusals, before and after")
     demand(pe.object(COUNTERS, 1) > counted + 3, "what is refused is not counted")
     demand(pe.believes(), "after all that it believes nobody")
 
@@ -380,8 +385,11 @@ def a_gateway_hands_on_tags() -> None:
     began_ns = pe.now_ns
     lone = commanded(Control(5, FAR, Operation.CLEAR, 1, 1))
     pe.main.say(lone, Frame(_TAG_ID, bytes((6 << 5, 1, 2, 3, 4, 5, 6, 7))))
+    pe.run(4)
+    before = pe.counted
     pe.far.say(lone, Frame(_TAG_ID, bytes((6 << 5, 1, 2, 3, 4, 5, 6, 7))))
     pe.run(4)
+    equal(pe.counted - before, 2, "frames from beyond that are counted")
     equal(pe.far.since(began_ns, [lone.can_id]), [], "handed on without a proof")
 
 

@@ -3,11 +3,14 @@
 Messages are written as they are on the wire; what the PE's own code makes of them is not asked.
 """
 
-from heronry_tools.drill.pe_under_test import NODE, PeUnderTest, gaps, moments
+from dataclasses import replace
+
+from heronry_tools.drill.pe_under_test import NODE, TABLE, PeUnderTest, gaps, moments
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_wire.canopen_objects import HEARTBEAT_TIME
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import sdo_request_id, sdo_response_id
+from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id
+from heronry_wire.sdo import crc
 
 _HEARTBEAT, _TABLE = "17 10 00", "20 20 00"  # index and sub-index, as they are sent
 _TOGGLE, _TIME_OUT, _COMMAND = "00 00 03 05", "00 00 04 05", "01 00 04 05"
@@ -195,7 +198,55 @@ def a_block_that_has_a_gap_is_told_so() -> None:
     client.is_refused("c1", _LENGTH)
 
 
+def a_table_of_any_length_is_fetched_by_blocks() -> None:
+    """Its last message says how many bytes of the last segment mean nothing, and the checksum of the rest."""
+    for more in range(8):
+        client = _Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
+        wanted = client.pe.table.to_json().encode()
+        client.hears(f"a4 {_TABLE} 7f", f"c6 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
+        found, answers = b"", client.asks("a3", 100)
+        while answers and answers[-1][0] & 0xC0 != 0xC0:
+            numbers = [data[0] & 0x7F for data in answers]
+            equal(numbers, list(range(1, len(answers) + 1)), "numbers of a block")
+            found += b"".join(data[1:] for data in answers)
+            answers = client.asks(f"a2 {len(answers):02x} 7f", 100)
+        (end,) = answers
+        unused = -len(wanted) % 7
+        equal(found[: len(found) - unused], wanted, "the table")
+        equal(end[:3].hex(" "), bytes((0xC1 | unused << 2, *crc(wanted).to_bytes(2, "little"))).hex(" "), "its end")
+        equal(client.asks("a1"), [], "answers to the end")
+
+
+def what_grows_too_long_is_refused_on_the_way() -> None:
+    """By segments at the first byte too many; by a block at the first segment that holds none of the object."""
+    client = _Client()
+    client.hears(f"21 {_TABLE} 07", f"60 {_TABLE}")
+    client.hears("00 31 32 33 34 35 36 37", "20")  # all of it, and more may come that is empty
+    client.is_refused("10 31", _LENGTH)
+    for begin, answer in ((f"c2 {_HEARTBEAT} 02", f"a0 {_HEARTBEAT} 20"), (f"c0 {_HEARTBEAT}", f"a0 {_HEARTBEAT} 20")):
+        client.hears(begin, answer)
+        equal(client.asks("01 f4 01"), [], "answers to the first segment")
+        client.is_refused("02 f4 01", _LENGTH)
+    client.hears(f"c2 {_TABLE} 07", f"a0 {_TABLE} 20")
+    for segment in ("01", "02"):
+        equal(client.asks(segment), [], f"answers to segment {segment}")
+    client.is_refused("03", _LENGTH)
+
+
+def a_reset_ends_what_was_under_way() -> None:
+    """Of node or communication, by NMT, where nobody leads: the transfer is gone, and so are the errors."""
+    for command in (129, 130):
+        client = _Client()
+        client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
+        client.pe.main.say(Frame(NMT_ID, bytes((command, NODE))))
+        client.pe.run(5)
+        client.is_refused("0b f4 01", _COMMAND)
+
+
 DRILLS = (
+    a_table_of_any_length_is_fetched_by_blocks,
+    what_grows_too_long_is_refused_on_the_way,
+    a_reset_ends_what_was_under_way,
     a_number_is_written_in_every_way,
     what_is_wrong_is_refused_with_a_reason,
     a_client_may_break_off,

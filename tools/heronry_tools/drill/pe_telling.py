@@ -1,8 +1,10 @@
 """What a PE keeps for people: a line in its log where something has changed, a count of what it has not obeyed."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
+from heronry_agent.module import Context, Inputs, Value
 from heronry_agent.vocabulary import ChannelsLost
 from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
@@ -178,8 +180,18 @@ def releases_that_were_missed_are_counted() -> None:
     puppets.pull_all()
     pe.flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
     equal(pe.object(COUNTERS, 2), 0, "releases that were missed")
+    steps: list[int] = []
+
+    def counts(_ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
+        steps.append(pe.now_ns)
+        return {}
+
+    puppets.PULLED["helper"] = counts
+    began_ns = pe.now_ns
     pe.pe.pause(210 * MS)
     pe.run(300)
+    equal(len([t_ns for t_ns in steps if t_ns < began_ns + 211 * MS]), 1, "steps that are made up for")
+    equal(len(steps), 5, "steps in 90 ms after it, with that one")
     missed = pe.object(COUNTERS, 2)
     demand(18 <= missed <= 20, f"in 210 ms two modules of 50 Hz have missed {missed} releases")
 

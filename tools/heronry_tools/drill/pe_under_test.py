@@ -20,7 +20,7 @@ from itertools import pairwise
 from heronry_agent.authenticity import Secret
 from heronry_agent.bench import Bench
 from heronry_agent.module import Value
-from heronry_agent.vocabulary import Action, Event, Heard, ModuleEvent, Note
+from heronry_agent.vocabulary import Action, Event, Heard, ModuleEvent, Note, NotReady, StepModule
 from heronry_tools.drill import puppets
 from heronry_tools.drill.player import MS, SOON_NS, Player, demand, equal
 from heronry_tools.simulator.clock import Clock
@@ -72,6 +72,7 @@ NODE, NEIGHBOUR, FAR = 95, 93, 100
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
 PLACE_NS = 3 * PERIOD_NS // 34  # of node 95 in the period: (n - 92) / 34 of it
 INCARNATION = 7
+GIVEN_BACK_NS = 5 * MS
 
 GAUGE, SERVO, THINKER, LAMP, HELPER, OTHER = range(6)
 HEIGHT, DEMAND, HELP, OTHER_HEIGHT, CALL = range(5)  # sources
@@ -182,12 +183,18 @@ class PuppetBench(Bench):
 
 
 class _Pe(SimulatedPe):
-    """A PE that keeps what it notes in its log, and what of the world it has to follow."""
+    """A PE that keeps what it notes in its log, and what of the world it has to follow; it can give a step back."""
 
     notes: list[tuple[str, str]]
     followed: list[tuple[str, float]]
+    gives_back: list[int]  # modules whose next step is given back after GIVEN_BACK_NS
 
     def _do(self, action: Action) -> ModuleEvent | None:
+        if isinstance(action, StepModule) and action.module in self.gives_back:
+            self.gives_back.remove(action.module)
+            again = NotReady(action.module, action.release)
+            self._clock.at(self._clock.now_ns + GIVEN_BACK_NS, lambda: self._give(again))
+            return None
         if isinstance(action, Note):
             self.notes.append((action.kind, action.text))
         if isinstance(action, Heard):
@@ -224,7 +231,7 @@ class PeUnderTest:
             broke=lambda _: None,
             witness=lambda _: None,
         )
-        self.pe.notes, self.pe.followed = [], []
+        self.pe.notes, self.pe.followed, self.pe.gives_back = [], [], []
         self.term, self.manager = 5, FIRST_MANAGER
         self.lease: Lease | None = None
         self.alive: frozenset[int] | None = None
