@@ -342,6 +342,12 @@ def who_is_refused_by_most_falls_silent() -> None:
         lasted_ns = last_ns - first_ns
         demand(wanted_ns <= lasted_ns <= wanted_ns + 2 * PERIOD_NS, f"reign {number} is refused for {lasted_ns} ns")
     demand(len(refused) >= 3, f"it is refused {len(refused)} times in three seconds")
+    manager = ManagerUnderTest(standby=True)
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(400)
+    lasted_ns = manager.told("refused")[0]["t_ns"] - manager.said(Lease)[0][0]
+    demand(lasted_ns <= LEASE_NS + 2 * PERIOD_NS, f"who was never heard speaks for {lasted_ns} ns")
 
 
 def of_two_managers_the_lower_term_gives_way() -> None:

@@ -137,6 +137,7 @@ def half_of_those_counted_on_are_not_most() -> None:
 def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
     """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
     manager = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    manager.run(500)
     reigning = _Reigning(manager)
     began_ns = manager.run(900)
     reigning.refused_by = frozenset(("tail_b",))

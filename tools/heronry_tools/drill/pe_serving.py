@@ -38,6 +38,11 @@ class _Client:
         self.pe.run(within_ms)
         return self.answers(began_ns)
 
+    def commands(self, command: int) -> None:
+        """Give it an NMT command."""
+        self.pe.main.say(Frame(NMT_ID, bytes((command, NODE))))
+        self.pe.run(_ENOUGH_MS)
+
     def answers(self, since_ns: int) -> list[bytes]:
         """What was answered since a moment."""
         return [one.frame.data for one in self.pe.main.since(since_ns, [sdo_response_id(NODE)])]
@@ -233,20 +238,25 @@ def what_grows_too_long_is_refused_on_the_way() -> None:
     client.is_refused("03", _LENGTH)
 
 
-def a_reset_ends_what_was_under_way() -> None:
-    """Of node or communication, by NMT, where nobody leads: the transfer is gone, and so are the errors."""
-    for command in (129, 130):
+def nmt_ends_what_was_under_way() -> None:
+    """A reset does, where nobody leads; a node that was stopped answers nothing, and the transfer is gone."""
+    for reset in (129, 130):
         client = _Client()
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
-        client.pe.main.say(Frame(NMT_ID, bytes((command, NODE))))
-        client.pe.run(5)
+        client.commands(reset)
         client.is_refused("0b f4 01", _COMMAND)
+    client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
+    client.commands(2)
+    equal(client.asks("0b f4 01"), [], "answers of a node that was stopped")
+    client.commands(1)
+    client.is_refused("0b f4 01", _COMMAND)
+    client.hears(f"2b {_HEARTBEAT} f4 01", f"60 {_HEARTBEAT}")
 
 
 DRILLS = (
     a_table_of_any_length_is_fetched_by_blocks,
     what_grows_too_long_is_refused_on_the_way,
-    a_reset_ends_what_was_under_way,
+    nmt_ends_what_was_under_way,
     a_number_is_written_in_every_way,
     what_is_wrong_is_refused_with_a_reason,
     a_client_may_break_off,
