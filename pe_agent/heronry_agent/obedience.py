@@ -44,7 +44,7 @@ from heronry_wire.management import (
     Step,
     decode_command,
 )
-from heronry_wire.sansio import Received, StandBack, Withdraw
+from heronry_wire.sansio import Received, StandBack
 
 _BROADCAST = 0
 
@@ -199,5 +199,4 @@ class Obedience:
     def _withdraw(self, before: Slice, after: Slice) -> None:
         """Take back the data that this PE has not sent yet and no longer is the one to send."""
         gone = {*before.publish, *before.forward} - {*after.publish, *after.forward}
-        if gone:
-            self.turn.out.append(Withdraw(self.index.identifiers(gone)))
+        self.turn.withdraw(self.index.identifiers(gone))

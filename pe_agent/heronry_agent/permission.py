@@ -99,8 +99,9 @@ class Permission:
 
     def clashed(self, arrived_ns: int) -> None:
         """Another node speaks under this one's node-ID."""
-        self._clashed_ns = arrived_ns
-        self.revoked()
+        was_clashed, self._clashed_ns = not self._is_past(self._clashed_ns, arrived_ns), arrived_ns
+        if not was_clashed:
+            self.revoked()
 
     def saw_epoch(self, epoch: int, running: int) -> None:
         """Another node runs, or a manager has activated, an epoch."""

@@ -51,7 +51,7 @@ from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame, WireError
 from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
-from heronry_wire.sansio import Send, Withdraw, require
+from heronry_wire.sansio import Send, require
 
 JUDGED_AFTER_NS = 1_000_000_000
 
@@ -340,8 +340,7 @@ class RunningModules:
     def _take_back(self) -> None:
         """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
         movable = self._index.movable.intersection(self._publish)
-        if movable:
-            self._turn.out.append(Withdraw(self._index.identifiers(movable)))
+        self._turn.withdraw(self._index.identifiers(movable))
 
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))

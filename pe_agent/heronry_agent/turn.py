@@ -8,6 +8,7 @@ to the next but the time.
 from collections import Counter
 
 from heronry_agent.vocabulary import Action, Note
+from heronry_wire.sansio import Withdraw
 
 
 class Turn:
@@ -30,6 +31,11 @@ class Turn:
         self.out = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
         return self.out
+
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back what waits under these identifiers, if there are any."""
+        if identifiers:
+            self.out.append(Withdraw(identifiers))
 
     def note(self, kind: str, text: str) -> None:
         """Ask for a line in the log."""

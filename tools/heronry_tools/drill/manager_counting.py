@@ -267,7 +267,7 @@ def a_reboot_is_a_loss() -> None:
     tail.beat()
     began_ns = manager.run(45)
     lost = manager.told("pe_lost", began_ns)
-    equal([one["pe"] for one in lost], ["tail_a"], "who is lost")
+    equal([(one["pe"], one["cause"]) for one in lost], [("tail_a", "it rebooted (incarnation 2)")], "who is lost")
     demand(lost[0]["t_ns"] - began_ns < 2 * MS, "a reboot is not noticed at once")
     manager.run(250)
     steps = [one["step"] for one in manager.told("epoch_step", began_ns)]
@@ -309,6 +309,11 @@ def when_most_do_not_hear_nobody_is_failed() -> None:
     manager.pes["tail_a"].hears = True
     manager.run(200)
     equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when one of three is deaf")
+    manager.pes["tail_b"].speaks = False
+    manager.run(200)
+    manager.pes["tail_a"].hears = False
+    began_ns = manager.run(200)
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_a"], "who is lost when one of two is deaf")
 
 
 def who_hears_nobody_says_nothing() -> None:

@@ -60,7 +60,7 @@ def a_fault_is_latched_and_acknowledged() -> None:
     manager.run(300)
     began_ns = manager.now_ns
     reply = manager.obey(ClearElement("device:elevator_servo_1"))
-    demand(reply.done, reply.sentence)
+    demand(reply.done and "plan" in reply.sentence, reply.sentence)
     manager.run(3)
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _DEVICE, 1)], "CLEARs")
     equal(manager.asked()[-1].down, frozenset(), "down after it was cleared")
@@ -105,7 +105,8 @@ def a_pe_that_was_failed_stays_out() -> None:
     manager.run(1000)
     demand("tail_b" not in manager.counts_on(), "who was failed is counted on")
     began_ns = manager.now_ns
-    demand(manager.obey(ClearElement("pe:tail_b")).done, "a PE cannot be cleared")
+    reply = manager.obey(ClearElement("pe:tail_b"))
+    demand(reply.done and "hold-down" in reply.sentence, f"a PE cannot be cleared: {reply.sentence}")
     manager.run(150)
     demand("tail_b" not in manager.counts_on(), "who was cleared is back at once")
     manager.run(120)

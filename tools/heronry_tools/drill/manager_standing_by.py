@@ -483,11 +483,17 @@ def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
         provers[name].asks = True
     for pe in manager.pes.values():
         pe.hears = True
+    spoke: list[int] = []
+    manager.main.bus.taps.append(lambda sent: spoke.append(sent.end_ns) if sent.frame.can_id == state_id(94) else None)
+    manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
     manager.pes["tail_b"].speaks = False
     began_ns = manager.now_ns
     manager.run(200)
-    absent = [(one["pe"], one["cause"]) for one in manager.told("pe_absent", began_ns)]
-    equal(absent, [("tail_b", "not heard any more, before it could be believed")], "who is absent")
+    (absent,) = manager.told("pe_absent", began_ns)
+    told = absent["pe"], absent["cause"]
+    equal(told, ("tail_b", "not heard any more, before it could be believed"), "who is absent")
+    silent_ns = absent["t_ns"] - spoke[-1]
+    demand(65 * MS <= silent_ns < 66 * MS, f"it is given up {silent_ns} ns after its last word")
     equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
     demand(bool(manager.asked()), "it waits for who is absent")
     equal(manager.asked()[0].down, {"pe:tail_b"}, "down")

@@ -338,6 +338,29 @@ def data_keep_to_their_share_of_a_radio() -> None:
     demand(dropped == sorted(dropped) and dropped[-1] > dropped[0], "what is given up for a radio is not counted")
 
 
+def a_frame_that_cannot_leave_is_given_up() -> None:
+    """After a period; what came meanwhile was carried. Then the newest goes, and nothing is told of bandwidth lost."""
+    pe = PeUnderTest(_RADIO)
+    _Beyond(pe)
+    pe.attended()
+    pe.run(2000)
+    began_ns = pe.now_ns
+
+    def flood() -> None:
+        """Keep the radio full of what is more urgent."""
+        pe.far.say(Frame(1, bytes(8)), Frame(1, bytes(8)))
+        if pe.now_ns < began_ns + 250 * MS:
+            pe.clock.at(pe.now_ns + 2 * MS, flood)
+
+    flood()
+    pe.run(400)
+    usable = [one.usable for _, one in _reports(pe, began_ns)]
+    demand(min(usable) >= 900, f"of a radio that is full {usable} thousandths are usable")
+    began_ns = pe.run(500)
+    demand(len(pe.pages_0(began_ns, pe.far)) >= 4, "after a flood its pages 0 do not come")
+    equal({one.usable for _, one in _reports(pe, began_ns)}, {1000}, "usable after a flood")
+
+
 def only_what_is_numbered_shows_losses() -> None:
     """Pages 1, frames of a few bytes and heartbeats have no sequence: what they hold there is no gap."""
     pe = PeUnderTest(_RADIO)
@@ -361,6 +384,7 @@ def a_gateway_s_own_word_goes_by_radio_too() -> None:
 
 
 DRILLS = (
+    a_frame_that_cannot_leave_is_given_up,
     only_what_is_numbered_shows_losses,
     a_gateway_s_own_word_goes_by_radio_too,
     commands_are_handed_on,

@@ -353,6 +353,10 @@ def a_request_is_made_once() -> None:
     pe.flies(Slice((_GAUGE,), publish={HEIGHT: 1}), _EPOCH + 1, _DIGEST + 1)
     began_ns = pe.run(100)
     equal(pe.emergencies(began_ns), [], "requests when the module that asked has stopped")
+    pe.term = 7
+    pe.lease = Lease(7, _EPOCH + 1, Step.GO_ALL, _DIGEST + 1)
+    began_ns = pe.run(100)
+    equal(pe.emergencies(began_ns), [], "requests in a new term, of a module that has stopped")
 
 
 def a_phase_s_rule_holds_for_its_time() -> None:

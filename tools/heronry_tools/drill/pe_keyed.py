@@ -53,7 +53,7 @@ _EPOCH, _DIGEST = 17, 0x111111
 _TAG_ID = management_id(126, Command.TAG)
 
 
-class _Keyed(PeUnderTest):
+class Keyed(PeUnderTest):
     """A PE with a key, and a manager who has it too."""
 
     def __init__(self, **more: object) -> None:
@@ -73,7 +73,7 @@ class _Keyed(PeUnderTest):
         self.run(1.5)
         return self.session
 
-    def attended(self) -> "_Keyed":
+    def attended(self) -> "Keyed":
         """Let a manager reign that has welcomed it."""
         self.lease = Lease(5, 0, Step.PREPARED, 0)
         self.alive = frozenset((NODE, NEIGHBOUR))
@@ -99,7 +99,7 @@ def _is_tagged(frame: Frame, session: Session, beat: int, digest: int, emergency
 
 def it_asks_before_it_believes() -> None:
     """A nonce with its first beat, and then once in a period while somebody speaks; commands mean nothing till then."""
-    pe = _Keyed()
+    pe = Keyed()
     pe.run(100)
     equal(len(pe.pages_2(-1)), 1, "nonces while nobody speaks")
     demand(not pe.believes(), "a PE that has just started believes a command")
@@ -120,7 +120,7 @@ def it_asks_before_it_believes() -> None:
 
 def its_states_are_proven() -> None:
     """Page 0 by its number in the session, page 1 without; the digest is covered, not shown; page 3 shows it."""
-    pe = _Keyed()
+    pe = Keyed()
     pe.run(10 * PERIOD_NS / MS)
     beats = [t_ns for t_ns, frame in pe.main.since(-1, [state_id(NODE)]) if frame.data[0] < 0x40]
     equal(len(beats), 10, "beats in ten periods")
@@ -146,7 +146,7 @@ def its_states_are_proven() -> None:
 
 def what_is_not_proven_is_refused() -> None:
     """Without a tag, with another key, with an old number, changed, cut: counted in page 3, and nothing else."""
-    pe = _Keyed().attended()
+    pe = Keyed().attended()
     pe.run(220)
     before, counted = pe.pages_3(-1)[-1][1], pe.object(COUNTERS, 1)
     ping = commanded(Ping(5, NODE, 0))
@@ -189,7 +189,7 @@ def what_is_not_proven_is_refused() -> None:
 def a_tag_must_come_in_time() -> None:
     """A command waits for it for T_lease, and no longer."""
     for late_ms, believed in ((95, True), (106, False)):
-        pe = _Keyed().attended()
+        pe = Keyed().attended()
         pe.lease = pe.alive = None
         pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
         ping = commanded(Ping(5, NODE, 0))
@@ -206,7 +206,7 @@ def a_tag_must_come_in_time() -> None:
 
 def numbers_may_be_missed() -> None:
     """Up to 8191 of them; who has missed more asks to be welcomed anew, after T_lease without a command."""
-    pe = _Keyed().attended()
+    pe = Keyed().attended()
     pe.signer.number += NUMBER_SPAN - 60
     demand(pe.believes(), "a PE that has missed 8000 commands believes nothing")
     pe.signer.number += NUMBER_SPAN + 5
@@ -222,7 +222,7 @@ def numbers_may_be_missed() -> None:
 
 def a_welcome_answers_a_fresh_nonce() -> None:
     """Its own, of the last T_lease: not another one's, not one that it said long ago."""
-    pe = _Keyed()
+    pe = Keyed()
     pe.run(5)
     nonce = pe.pages_2(-1)[-1][1].nonce
     pe.run_until(pe.pages_2(-1)[-1][0] + LEASE_NS + 3 * MS)
@@ -246,7 +246,7 @@ def a_welcome_answers_a_fresh_nonce() -> None:
 
 def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
     """RENEW ends the session; a new term of the same manager is believed at once, and asked for a session."""
-    pe = _Keyed().attended()
+    pe = Keyed().attended()
     pe.main.command(Control(5, NODE + 1, Operation.RENEW), Control(5, 0, Operation.RENEW))
     began_ns = pe.run(100)
     equal(pe.pages_2(began_ns), [], "nonces after RENEW of others")
@@ -271,7 +271,7 @@ def a_new_session_begins_with_renew_and_with_a_new_term() -> None:
 
 def another_manager_has_to_welcome_it_too() -> None:
     """One that was never met is not believed, whatever its term; what it says is asked about."""
-    pe = _Keyed().attended()
+    pe = Keyed().attended()
     other = CommandSigner(KEY, 127, 6)
 
     def speaks() -> int:
@@ -293,7 +293,7 @@ def another_manager_has_to_welcome_it_too() -> None:
 
 def an_emergency_is_proven_by_the_next_page_0() -> None:
     """Which goes out at once; of several pending ones each in its turn."""
-    pe = _Keyed().attended()
+    pe = Keyed().attended()
     puppets.pull_all()
     pe.flies(EVERYTHING)
     pe.run(1200)
@@ -328,7 +328,7 @@ def an_emergency_is_proven_by_the_next_page_0() -> None:
 
 def its_lock_opens_for_a_while() -> None:
     """UNLOCK for this node alone, for as long as it says and 60 s at most: writing and NMT work until then."""
-    pe = _Keyed()
+    pe = Keyed()
     pe.run(25)
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
     pe.run(25)
@@ -369,7 +369,7 @@ def _writes(pe: PeUnderTest) -> bool:
 def a_gateway_hands_on_tags() -> None:
     """With what it has believed, and a WELCOME to where its node is; what is not proven stays here."""
     far = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
-    pe = _Keyed(table=replace(TABLE, ports=(MAIN, far))).attended()
+    pe = Keyed(table=replace(TABLE, ports=(MAIN, far))).attended()
     pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
     began_ns = pe.now_ns
     pe.main.command(Control(5, FAR, Operation.CLEAR, 1, 1))

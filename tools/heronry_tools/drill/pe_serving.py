@@ -20,7 +20,7 @@ _LENGTH, _STATE = "10 00 07 06", "22 00 00 08"
 _ENOUGH_MS = 5  # for an answer, one at a time
 
 
-class _Client:
+class Client:
     """Asks a PE that runs nothing, and whom nobody leads."""
 
     def __init__(self, pe: PeUnderTest | None = None) -> None:
@@ -47,6 +47,20 @@ class _Client:
         """What was answered since a moment."""
         return [one.frame.data for one in self.pe.main.since(since_ns, [sdo_response_id(NODE)])]
 
+    def writes_table(self, text: bytes) -> str | None:
+        """Write object 2020h by blocks, without a checksum; gives why it is refused, None where it is not."""
+        self.hears(f"c2 {_TABLE} {len(text).to_bytes(4, 'little').hex()}", f"a0 {_TABLE} 20")
+        parts = [text[start : start + 7] for start in range(0, len(text), 7)]
+        for position, part in enumerate(parts):
+            is_last, number = position + 1 == len(parts), position % 32 + 1
+            answers = self.asks(f"{0x80 * is_last | number:02x} {part.hex()}", 1)
+            ends = is_last or number == 32
+            equal(
+                [data[:3].hex(" ") for data in answers], [f"a2 {number:02x} 20"] if ends else [], "answers to a segment"
+            )
+        (end,) = self.asks(f"{0xC1 | -len(text) % 7 << 2:02x}")
+        return end[4:].hex(" ") if end[0] == 0x80 else None
+
     def hears(self, request: str, answer: str, within_ms: float = _ENOUGH_MS) -> None:
         """Demand one answer."""
         found = [data.hex(" ") for data in self.asks(request, within_ms)]
@@ -60,7 +74,7 @@ class _Client:
 
 def a_number_is_written_in_every_way() -> None:
     """Expedited with and without its length, by segments, and by a block; each time it is the object's value."""
-    client = _Client()
+    client = Client()
     client.hears(f"2b {_HEARTBEAT} f4 01", f"60 {_HEARTBEAT}")
     equal(client.pe.object(HEARTBEAT_TIME), 500, "heartbeat written at once")
     client.hears(f"22 {_HEARTBEAT} f5 01", f"60 {_HEARTBEAT}")
@@ -80,7 +94,7 @@ def a_number_is_written_in_every_way() -> None:
 
 def what_is_wrong_is_refused_with_a_reason() -> None:
     """And changes nothing; what comes after it belongs to no transfer."""
-    client = _Client()
+    client = Client()
     for request, reason in (
         (f"2f {_HEARTBEAT} 01", _LENGTH),
         (f"21 {_HEARTBEAT} 03", _LENGTH),
@@ -98,6 +112,8 @@ def what_is_wrong_is_refused_with_a_reason() -> None:
         (f"a0 {_TABLE} 80", _BLOCK_SIZE),
     ):
         client.is_refused(request, reason)
+    client.hears(f"20 {_HEARTBEAT}", f"60 {_HEARTBEAT}")
+    client.is_refused("0d f4", _LENGTH)  # one byte of a number that has two, whose length nobody has said
     for segment, reason in (("1b f4 01", _TOGGLE), ("0d f4", _LENGTH), ("08 f4 01 00", _LENGTH), ("60", _COMMAND)):
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
         client.is_refused(segment, reason)
@@ -107,7 +123,7 @@ def what_is_wrong_is_refused_with_a_reason() -> None:
 
 def a_client_may_break_off() -> None:
     """Its abort is not answered, nor is what is too short; the transfer is gone."""
-    client = _Client()
+    client = Client()
     client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
     equal(client.asks(f"80 {_HEARTBEAT} 00 00 00 08"), [], "answers to an abort")
     client.is_refused("0b f4 01", _COMMAND)
@@ -119,7 +135,7 @@ def a_client_may_break_off() -> None:
 
 def a_client_that_falls_silent_is_given_up() -> None:
     """After a second, and not before; each message gives it another one."""
-    client = _Client()
+    client = Client()
     for begin, message in ((f"21 {_HEARTBEAT} 02", _HEARTBEAT), (f"40 {_TABLE}", _TABLE), (f"a0 {_TABLE} 02", _TABLE)):
         equal(len(client.asks(begin)), 1, f"answers to {begin}")
         began_ns = client.pe.run(990)
@@ -136,19 +152,19 @@ def a_client_that_falls_silent_is_given_up() -> None:
 
 def a_table_may_have_a_mebibyte() -> None:
     """And no byte more, which is said before the first one comes; none at all where something runs."""
-    client = _Client()
+    client = Client()
     client.hears(f"c6 {_TABLE} 00 00 10 00", f"a4 {_TABLE} 20")
     client.asks("80")
     client.is_refused(f"c6 {_TABLE} 01 00 10 00", _MEMORY)
     client.is_refused(f"21 {_TABLE} 01 00 10 00", _MEMORY)
-    client = _Client(PeUnderTest().attended().flies())
+    client = Client(PeUnderTest().attended().flies())
     client.is_refused(f"c6 {_TABLE} 00 00 10 00", _STATE)
     client.is_refused(f"21 {_TABLE} 08", _STATE)
 
 
 def a_table_is_fetched_by_segments() -> None:
     """Seven bytes each, the toggle bit alternates, the last one says so; a wrong toggle bit ends it."""
-    client = _Client()
+    client = Client()
     wanted = client.pe.table.to_json().encode()
     client.hears(f"40 {_TABLE}", f"41 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
     found = b""
@@ -166,7 +182,7 @@ def a_table_is_fetched_by_segments() -> None:
 
 def a_table_is_fetched_by_blocks() -> None:
     """Each of as many segments as the client wants; what it has not got is sent again; a checksum at the end."""
-    client = _Client()
+    client = Client()
     wanted = client.pe.table.to_json().encode()
     size = len(wanted).to_bytes(4, "little").hex()
     client.hears(f"a4 {_TABLE} 03", f"c6 {_TABLE} {size}")
@@ -190,7 +206,7 @@ def a_table_is_fetched_by_blocks() -> None:
 
 def a_block_that_has_a_gap_is_told_so() -> None:
     """At its end, or when nothing more comes: how many have come in order; checksum and length are looked at."""
-    client = _Client()
+    client = Client()
     client.hears(f"c6 {_TABLE} 0e", f"a4 {_TABLE} 20")
     equal(client.asks("01 31 32 33 34 35 36 37", 140), [], "answers before the end of a block")
     began_ns = client.pe.run(20)
@@ -206,7 +222,7 @@ def a_block_that_has_a_gap_is_told_so() -> None:
 def a_table_of_any_length_is_fetched_by_blocks() -> None:
     """Its last message says how many bytes of the last segment mean nothing, and the checksum of the rest."""
     for more in range(8):
-        client = _Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
+        client = Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
         wanted = client.pe.table.to_json().encode()
         client.hears(f"a4 {_TABLE} 7f", f"c6 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
         found, answers = b"", client.asks("a3", 100)
@@ -224,7 +240,7 @@ def a_table_of_any_length_is_fetched_by_blocks() -> None:
 
 def what_grows_too_long_is_refused_on_the_way() -> None:
     """By segments at the first byte too many; by a block at the first segment that holds none of the object."""
-    client = _Client()
+    client = Client()
     client.hears(f"21 {_TABLE} 07", f"60 {_TABLE}")
     client.hears("00 31 32 33 34 35 36 37", "20")  # all of it, and more may come that is empty
     client.is_refused("10 31", _LENGTH)
@@ -240,8 +256,8 @@ def what_grows_too_long_is_refused_on_the_way() -> None:
 
 def nmt_ends_what_was_under_way() -> None:
     """A reset does, where nobody leads; a node that was stopped answers nothing, and the transfer is gone."""
+    client = Client()
     for reset in (129, 130):
-        client = _Client()
         client.hears(f"21 {_HEARTBEAT} 02", f"60 {_HEARTBEAT}")
         client.commands(reset)
         client.is_refused("0b f4 01", _COMMAND)
