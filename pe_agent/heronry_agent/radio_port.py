@@ -7,8 +7,8 @@ not starve what the plan routes. It is told to the manager as well, once in a he
 when the radio is gone or back.
 
 What waits for more than T_lease is dropped, as everywhere; commands that are as good when they come late may wait for
-five periods of the radio. A frame that has not left the controller after a period is given up, and so is one that could
-not start as long as it was of use: the driver has dropped it, and what is newer must not wait for that. A `Left` that is
+five periods of the radio. A frame that has not left the controller after a period is given up, and so is one that did
+not start while it was of use: the driver has dropped it, and what is newer must not wait for that. A `Left` that is
 lost, with an overrun of a receive queue, looks the same and costs that time.
 """
 
