@@ -88,9 +88,9 @@ class LinkMeter:
             self._periods[-1].busy_ns += took_ns
 
     def stuck(self, took_ns: int) -> None:
-        """It was given up, after it could have started for so long."""
+        """It was given up after so long."""
         heard_bits, self._in_flight_bits = self._in_flight_bits, None
-        if heard_bits and took_ns > 0:
+        if heard_bits:
             self._periods[-1].bits += heard_bits
             self._periods[-1].busy_ns += took_ns
 

@@ -7,24 +7,20 @@ not starve what the plan routes. It is told to the manager as well, once in a he
 when the radio is gone or back.
 
 What waits for more than T_lease is dropped, as everywhere; commands that are as good when they come late may wait for
-five periods of the radio. A frame that has not left the controller after a period is given up, and so is one that did
-not start while it was of use: the driver has dropped it, and what is newer must not wait for that. A `Left` that is
-lost, with an overrun of a receive queue, looks the same and costs that time.
+five periods of the radio. A frame that has not left the controller after a period is given up. A `Left` that is lost,
+with an overrun of a receive queue, looks the same and costs that period.
 """
 
 from heronry_agent.link_meter import LinkMeter
-from heronry_agent.radio_queue import RadioQueue, Waiting, is_patient
+from heronry_agent.radio_queue import RadioQueue, is_patient
 from heronry_agent.table_index import TableIndex
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState
 from heronry_wire.sansio import NEVER_NS, Send
-from heronry_wire.timing import worst_bits
 
 _HEADROOM_PERCENT = 110
 _LEAST_PACE = 50  # per mille: nothing can be measured where nothing is sent
 _PATIENCE_PERIODS = 5
-_LEAVING_BITS = 4 * worst_bits(8)  # within which a frame that has started is through, be the radio somewhat slower
-_NS_PER_S = 1_000_000_000
 
 
 class RadioPort:
@@ -38,8 +34,7 @@ class RadioPort:
         self._lease_ns = index.lease_ns
         self._queue = RadioQueue(entry.bitrate, entry.data_per_mille, now_ns)
         self._meter = LinkMeter(entry.bitrate, entry.heartbeat_ns, entry.misses, now_ns)
-        self._leaving_ns = _LEAVING_BITS * _NS_PER_S // entry.bitrate
-        self._in_flight: tuple[Waiting, int] | None = None  # and since when
+        self._in_flight: tuple[Frame, int] | None = None  # and since when
         self._moved = False  # since the last step
         self._sequence = 0
 
@@ -60,7 +55,7 @@ class RadioPort:
     def left(self, took_ns: int) -> None:
         """The frame in the controller has left it."""
         if self._in_flight is not None:
-            self._meter.left(self._in_flight[0].frame, took_ns)
+            self._meter.left(self._in_flight[0], took_ns)
             self._in_flight, self._moved = None, True
 
     def step(self, now_ns: int) -> list[Send]:
@@ -70,8 +65,7 @@ class RadioPort:
         self._moved = False
         out = self._reports(now_ns)
         if self._in_flight is not None and now_ns >= self._given_up_ns():
-            waiting, since_ns = self._in_flight
-            self._meter.stuck(min(now_ns, waiting.until_ns) - since_ns)
+            self._meter.stuck(now_ns - self._in_flight[1])
             self._in_flight = None
         if self._in_flight is None:
             out += self._hand_over(now_ns)
@@ -92,14 +86,13 @@ class RadioPort:
         first = self._queue.take(now_ns)
         if first is None:
             return []
-        self._in_flight = first, now_ns
+        self._in_flight = first.frame, now_ns
         self._meter.handed_over()
         return [Send(self._port, first.frame, first.until_ns)]
 
     def _given_up_ns(self) -> int:
         assert self._in_flight is not None
-        waiting, since_ns = self._in_flight
-        return min(since_ns + self._entry.heartbeat_ns, waiting.until_ns + self._leaving_ns)
+        return self._in_flight[1] + self._entry.heartbeat_ns
 
     def _find_next_ns(self) -> int:
         waits_ns = self._queue.next_ns() if self._in_flight is None else self._given_up_ns()

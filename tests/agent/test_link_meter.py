@@ -71,14 +71,6 @@ def test_a_gateway_that_cannot_send_and_hears_has_only_what_it_hears() -> None:
     assert 0 < one.usable() < 20
 
 
-def test_a_frame_that_could_never_start_says_nothing() -> None:
-    one = meter()
-    one.handed_over()
-    one.heard(datum(0), MS)
-    one.stuck(0)
-    assert one.usable() == 1000
-
-
 def test_a_frame_that_is_stuck_in_an_outage_says_nothing() -> None:
     one = meter()
     one.handed_over()

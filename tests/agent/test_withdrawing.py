@@ -71,7 +71,9 @@ def test_what_waits_is_withdrawn_when_the_manager_means_something_else_by_our_ep
 
 
 def test_what_waits_is_withdrawn_when_another_node_has_our_node_id() -> None:
-    assert withdrawn(allowed().hear(neighbour_state(1, node=NODE))) == {DEMAND_ID}
+    pe = allowed()
+    assert withdrawn(pe.hear(neighbour_state(1, node=NODE))) == {DEMAND_ID}
+    assert not withdrawn(pe.hear(neighbour_state(1, node=NODE)))  # nothing was made since
 
 
 def test_who_runs_nothing_that_may_move_withdraws_nothing() -> None:

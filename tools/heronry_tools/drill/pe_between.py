@@ -339,7 +339,7 @@ def data_keep_to_their_share_of_a_radio() -> None:
 
 
 def a_frame_that_cannot_leave_is_given_up() -> None:
-    """After a period; what came meanwhile was carried. Then the newest goes, and nothing is told of bandwidth lost."""
+    """After a period; what came meanwhile was carried. Then what is new goes, and little is told of bandwidth lost."""
     pe = PeUnderTest(_RADIO)
     _Beyond(pe)
     pe.attended()
@@ -358,7 +358,7 @@ def a_frame_that_cannot_leave_is_given_up() -> None:
     demand(min(usable) >= 900, f"of a radio that is full {usable} thousandths are usable")
     began_ns = pe.run(500)
     demand(len(pe.pages_0(began_ns, pe.far)) >= 4, "after a flood its pages 0 do not come")
-    equal({one.usable for _, one in _reports(pe, began_ns)}, {1000}, "usable after a flood")
+    demand(min(one.usable for _, one in _reports(pe, began_ns)) >= 900, "a flood has made the radio worse")
 
 
 def only_what_is_numbered_shows_losses() -> None:
