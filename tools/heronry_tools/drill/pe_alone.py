@@ -53,6 +53,8 @@ def what_is_expendable_rests_after_t_lease() -> None:
     page = pe.page_0()
     equal((page.state, page.epoch, page.digest), (PeState.ACTIVE, _EPOCH, _DIGEST), "while a part rests it says")
     equal(pe.page_1().load, 80, "load while a part rests")
+    told_ns = [t_ns for t_ns, one in pe.pages_1(leased_ns) if one.load == 80]
+    demand(told_ns[0] < leased_ns + LEASE_NS + 3 * MS, "that a part rests is not told at once")
 
 
 def what_rests_starts_when_it_is_named_again() -> None:
@@ -69,6 +71,8 @@ def what_rests_starts_when_it_is_named_again() -> None:
         pe.run(45)
         began_ns = pe.run(50)
         equal(bool(pe.data(HELP_ID, began_ns)), starts, f"what rests runs after {lease}")
+    told = [one for one in pe.pages_1(began_ns - 45 * MS) if one[1].load == 100]
+    demand(bool(told) and told[0][0] - began_ns < 0, "that everything runs again is not told at once")
     pe.run(200)
     equal(pe.page_1().load, 100, "load when everything runs again")
 

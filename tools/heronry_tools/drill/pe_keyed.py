@@ -324,6 +324,8 @@ def an_emergency_is_proven_by_the_next_page_0() -> None:
     pe.main.command(*(Control(5, NODE, Operation.ACKNOWLEDGE, 1, index) for index in (0, 1)))
     began_ns = pe.run(2.5)
     demand(bool(pe.pages_0(began_ns)), "an acknowledgement is not followed by a page 0 at once")
+    began_ns = pe.run(400)
+    demand(19 <= len(pe.pages_0(began_ns)) <= 21, "pages 0 in twenty periods in which nothing changes")
 
 
 def its_lock_opens_for_a_while() -> None:
