@@ -211,6 +211,27 @@ def what_it_has_overheard_is_adopted() -> None:
         manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
         manager.run(5)
         equal(len(manager.told("phase_changed")) - before, entered, f"phases entered when {phase} is held")
+    _adopts(manager, reigning, first)
+
+
+def what_was_called_by_its_number_is_adopted() -> None:
+    """Where the number means the configuration of that digest: no slice has to be overheard."""
+    first = ManagerUnderTest(contingencies=1).flies()
+    first.pes["tail_a"].speaks = False
+    called_ns = first.run(300)
+    said = [one for t_ns, one in first.hears if t_ns > called_ns and isinstance(one, Prepare | Activate)]
+    demand(isinstance(said[0], Prepare) and said[0].contingency > 0, "a lost PE is not called by its number")
+    manager = ManagerUnderTest(node=127, standby=True, contingencies=1)
+    reigning = _Reigning(manager)
+    reigning.counts_on = _ALL - {manager.pes["tail_a"].node}
+    manager.pes["tail_a"].speaks = False
+    manager.run(200)
+    manager.main.command(*said, manager=126)
+    _adopts(manager, reigning, first)
+
+
+def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderTest) -> None:
+    """Demand that what another manager has brought about goes on when its reign ends."""
     manager.manager.planning = lambda _: None  # what it knows is enough
     reigning.lease = first.lease()
     for name, pe in first.pes.items():
@@ -367,6 +388,9 @@ def a_state_counts_when_it_is_proven() -> None:
     manager.run(100)
     renewed = [one.node for one in manager.acknowledged(began_ns) if one.operation is Operation.RENEW]
     demand(renewed[:1] == [94], f"who is told to begin anew: {renewed}")
+    equal(manager.told("states_unproven", began_ns), [], "unproven after one renewal")
+    manager.run(500)
+    equal([one["pe"] for one in manager.told("states_unproven", began_ns)], ["tail_b"], "unproven after some")
     provers["tail_b"].proves = True
     manager.run(800)
     demand("tail_b" in manager.counts_on(), "who proves itself again is not taken back")
@@ -603,6 +627,7 @@ DRILLS = (
     where_nobody_reigns_127_lets_126_go_first,
     of_a_deposed_manager_it_believes_nothing,
     what_it_has_overheard_is_adopted,
+    what_was_called_by_its_number_is_adopted,
     what_is_no_configuration_is_not_remembered,
     who_reigns_stands_by_before_a_higher_term,
     every_command_is_tagged,

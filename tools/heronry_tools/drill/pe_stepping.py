@@ -20,6 +20,7 @@ from heronry_tools.drill.pe_under_test import (
     OTHER_HEIGHT_ID,
     PERIOD_NS,
     SERVO,
+    TABLE,
     THINKER,
     PeUnderTest,
     at_once,
@@ -204,6 +205,26 @@ def a_module_that_can_goes_on_in_another_mode() -> None:
         _takes(pe, _NEXT + 3, Step.GO_ALL, _DIGEST, PeState.ACTIVE)
         pe.run(10)
         equal(puppets.BUILT, ["thinker"], "modules built when one was given up in between")
+
+
+def a_module_that_waits_to_be_built_anew_is_not_carried_over() -> None:
+    """It has failed: in the other mode, too, it begins from nothing."""
+    again = tuple(replace(one, restarts=2) if one.index == THINKER else one for one in TABLE.modules)
+    pe = PeUnderTest(replace(TABLE, modules=again)).attended()
+    puppets.pull_all()
+    puppets.CHANGES_MODE.add("thinker")
+    pe.flies(Slice((_GAUGE, _FINE), publish={DEMAND: 1}))
+    working = puppets.PULLED["thinker"]
+    puppets.PULLED["thinker"] = puppets.raising
+    pe.run(50)  # it has failed twice, and waits
+    puppets.PULLED["thinker"] = working
+    pe.prepare(_NEXT, Slice((_GAUGE, _COARSE), publish={DEMAND: 1}), _NEXT_DIGEST)
+    pe.run(10)
+    puppets.BUILT.clear()
+    _takes(pe, _NEXT, Step.BREAK, _NEXT_DIGEST, PeState.BROKEN)
+    _takes(pe, _NEXT, Step.GO, _NEXT_DIGEST, PeState.ACTIVE)
+    pe.run(20)
+    equal(puppets.BUILT, ["thinker"], "modules built for the other mode")
 
 
 def data_come_and_go_as_wired() -> None:
@@ -475,6 +496,7 @@ DRILLS = (
     break_takes_away_and_adds_nothing,
     a_branch_that_ran_is_not_held,
     a_module_that_can_goes_on_in_another_mode,
+    a_module_that_waits_to_be_built_anew_is_not_carried_over,
     data_come_and_go_as_wired,
     a_datum_that_its_producer_does_not_trust_says_so,
     what_another_node_may_send_is_taken_back,
