@@ -435,6 +435,11 @@ def an_output_is_echoed() -> None:
     equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes of echoes")
     equal({d.node_id for d in told}, {NODE}, "who echoes")
     equal(set(pe.world.written[-50:]), {100.0}, "what moves")
+    puppets.PULLED["servo"] = puppets.writing("far")
+    pe.run(30)
+    began_ns = pe.run(200)
+    equal({d.service_code for _, d in pe.echoes(began_ns)}, {0}, "devices echoed that were told what is no number")
+    equal(pe.emergencies(began_ns), [], "EMCYs of a servo that takes it")
 
 
 def what_could_run_elsewhere_needs_its_name_in_alive() -> None:
