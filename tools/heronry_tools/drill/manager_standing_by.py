@@ -422,7 +422,8 @@ def an_emergency_counts_when_it_is_proven() -> None:
     equal(manager.told("fault_reported", began_ns), [], "faults that nobody has proven")
     provers["tail_a"].emergency = said
     manager.main.say(Frame(emcy_id(93), said))
-    manager.run(45)
+    manager.run(200)
+    equal(manager.told("pe_lost", began_ns), [], "lost while a fault is pending, which every page 0 proves again")
     provers["tail_a"].emergency = NO_EMERGENCY
     equal([one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "proven faults")
     demand(

@@ -61,7 +61,7 @@ def what_rests_starts_when_it_is_named_again() -> None:
     """By a LEASE that names this very configuration, of whatever term; by no other LEASE."""
     pe = _flying()
     pe.lease = pe.alive = None
-    pe.run(300)
+    began_ns = pe.run(300)
     for lease, starts in (
         (Lease(5, 0, Step.PREPARED, 0), False),
         (Lease(5, _EPOCH, Step.GO_ALL, _DIGEST + 1), False),

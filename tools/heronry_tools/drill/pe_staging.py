@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from heronry_agent.vocabulary import ImagesMissing
 from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
     DEMAND,
@@ -335,6 +336,24 @@ def what_cannot_run_is_not_staged_from_on_board_either() -> None:
     pe.answers_in_page_1(began_ns, _EPOCH, 0, Reason.UNKNOWN_INDEX)
 
 
+def code_that_turns_out_to_be_missing_is_refused() -> None:
+    """What runs goes on; the next slice that names it is refused, and one that does not is staged."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies(Slice((_GAUGE,), publish={HEIGHT: 1}))
+    image = TABLE.modules[GAUGE].image
+    assert image is not None
+    pe.tell(ImagesMissing(frozenset((image,))))
+    equal(pe.notes("image"), [f"{image} cannot be run here"], "notes of what is missing")
+    for epoch, part, reason in ((_EPOCH + 1, Slice((_GAUGE,)), Reason.IMAGE), (_EPOCH + 2, NOTHING, Reason.NONE)):
+        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+        pe.prepare(epoch, part, _DIGEST + epoch)
+        began_ns = pe.run(3)
+        equal({page.reason for _, page in pe.pages_1(began_ns)}, {reason}, f"reasons after {part}")
+    began_ns = pe.run(100)
+    demand(bool(pe.data(HEIGHT_ID, began_ns)), "what runs has stopped")
+
+
 def page_1_tells_the_load() -> None:
     """In per cent of its CPU, of what runs now."""
     pe = PeUnderTest().attended()
@@ -350,6 +369,7 @@ def page_1_tells_the_load() -> None:
 
 
 DRILLS = (
+    code_that_turns_out_to_be_missing_is_refused,
     a_slice_is_staged_and_said_at_once,
     its_frames_come_in_any_order_and_doubled,
     what_is_for_others_is_left_alone,
