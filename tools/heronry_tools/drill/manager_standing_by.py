@@ -1,5 +1,6 @@
 """A manager that stands by, and one with a key: whom it follows and believes (rules 7 and 11)."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from heronry_manager.memory import Memory
@@ -489,19 +490,7 @@ def guesses_are_counted_and_forgiven() -> None:
 
 def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
     """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
-    manager = ManagerUnderTest(node=127, standby=True, key=KEY)
-    signer = CommandSigner(KEY, 126, 1)
-    manager.main.sign = signer.tag
-    provers = _provers(manager)
-    reigning = _Reigning(manager)
-    manager.run(505)
-    reigning.speaks = False
-    for prover in provers.values():
-        prover.asks = False
-    for pe in manager.pes.values():
-        pe.hears = False
-    began_ns = manager.now_ns
-    manager.until(lambda: bool(manager.told("taken_over", began_ns)), 300, "it does not take over")
+    manager, provers, took_over_ns = _takes_over_from_a_keyed_reign(silent=())
     manager.run(25)
     equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "named at first")
     for name in ("flight", "tail_a"):
@@ -512,16 +501,42 @@ def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
     manager.main.bus.taps.append(lambda sent: spoke.append(sent.end_ns) if sent.frame.can_id == state_id(94) else None)
     manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
     manager.pes["tail_b"].speaks = False
-    began_ns = manager.now_ns
     manager.run(200)
-    (absent,) = manager.told("pe_absent", began_ns)
-    told = absent["pe"], absent["cause"]
-    equal(told, ("tail_b", "not heard any more, before it could be believed"), "who is absent")
-    silent_ns = absent["t_ns"] - spoke[-1]
-    demand(65 * MS <= silent_ns < 66 * MS, f"it is given up {silent_ns} ns after its last word")
+    _is_absent(manager, spoke[-1])
     equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
     demand(bool(manager.asked()), "it waits for who is absent")
     equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+    manager, _, took_over_ns = _takes_over_from_a_keyed_reign(silent=("tail_b",))
+    manager.run(200)
+    _is_absent(manager, took_over_ns)
+
+
+def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
+    """Demand that tail_b was given up when it had been silent since a moment, for as long as it may."""
+    (absent,) = manager.told("pe_absent")
+    told = absent["pe"], absent["cause"]
+    equal(told, ("tail_b", "not heard any more, before it could be believed"), "who is absent")
+    silent_ns = absent["t_ns"] - since_ns
+    demand(65 * MS <= silent_ns < 66 * MS, f"it is given up after {silent_ns} ns")
+
+
+def _takes_over_from_a_keyed_reign(
+    silent: Sequence[str],
+) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
+    """Let 127 take over when nobody has proven anything to it, some are silent, and when that was."""
+    manager = ManagerUnderTest(node=127, standby=True, key=KEY)
+    signer = CommandSigner(KEY, 126, 1)
+    manager.main.sign = signer.tag
+    provers = _provers(manager)
+    reigning = _Reigning(manager)
+    manager.run(505)
+    reigning.speaks = False
+    for prover in provers.values():
+        prover.asks = False
+    for name, pe in manager.pes.items():
+        pe.hears, pe.speaks = False, name not in silent
+    manager.until(lambda: bool(manager.told("taken_over")), 300, "it does not take over")
+    return manager, provers, manager.told("taken_over")[0]["t_ns"]
 
 
 def the_lock_is_opened_by_order() -> None:
