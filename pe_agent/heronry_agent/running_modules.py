@@ -262,6 +262,7 @@ class RunningModules:
 
     def _stop(self, module: int, *, keep: bool = False) -> None:
         del self._running[module]
+        keep = keep and module not in self.restarts.waiting
         self.restarts.cancel(module)
         self._halt(module, keep=keep)
 
