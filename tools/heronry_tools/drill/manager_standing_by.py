@@ -490,7 +490,7 @@ def guesses_are_counted_and_forgiven() -> None:
 
 def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
     """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
-    manager, provers, took_over_ns = _takes_over_from_a_keyed_reign(silent=())
+    manager, provers, _ = _takes_over_from_a_keyed_reign(silent=())
     manager.run(25)
     equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "named at first")
     for name in ("flight", "tail_a"):

@@ -482,7 +482,7 @@ def a_step_that_is_given_back_is_asked_for_anew() -> None:
 
 
 def what_is_as_old_as_it_may_be_is_fresh() -> None:
-    """For three periods of its source, and not for a fourth (wire.md, Data)."""
+    """For three periods of its source, and not for a fourth."""
     pe = PeUnderTest().attended()
     puppets.pull_all()
     pe.flies(Slice((_GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
