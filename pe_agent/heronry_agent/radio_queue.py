@@ -5,9 +5,9 @@
               one (slices, commands, emergencies) only takes the place of its own double
     take      the most urgent frame for which its class has bandwidth; data and management are two classes, since data
               must leave to management what the spec reserves for it
-    full      the least urgent one is dropped, and counted; so is what waited so long that nobody wants it any more when
-              it has left. Whatever is taken has the time of some frames to start in: what the driver finds too old it
-              drops without a word, and the next one would wait for a whole period
+    full      the least urgent one is dropped, and counted; so is what waited so long that nobody wants it any more
+              when it leaves. Whatever is taken can wait for the frame that is under way: what the driver finds too old
+              to start it drops without a word, and the next one would wait for a whole period
 
 Each class has a bucket of bits, filled at its share of the bandwidth and never fuller than a burst. What is counted are
 the longest frames (as plans count), so that a plan that fits its bus fits this too.
@@ -20,7 +20,6 @@ from heronry_wire.identifiers import Command, Use, classify
 from heronry_wire.timing import worst_bits
 
 CAPACITY = 64  # frames
-_LEAVING_BITS = 2 * worst_bits(8)  # that may go before a frame that has been taken
 DATA_BURST_BITS = 8 * worst_bits(8)
 MANAGEMENT_BURST_BITS = 32 * worst_bits(8)  # a slice and its PREPARE
 _NS_PER_S = 1_000_000_000
@@ -77,7 +76,7 @@ class RadioQueue:
         """`rate` is the radio's bandwidth in bit/s, of which data may take so much."""
         self.dropped = 0
         self._data_per_mille = data_per_mille
-        self._leaving_ns = _LEAVING_BITS * _NS_PER_S // rate
+        self._under_way_ns = worst_bits(8) * _NS_PER_S // rate
         self._waiting: dict[_Key, Waiting] = {}
         self._pushed = 0
         self._data = Bucket(0, DATA_BURST_BITS, DATA_BURST_BITS, now_ns)
@@ -134,7 +133,7 @@ class RadioQueue:
         return self._data if one.is_data else self._management
 
     def _expire(self, now_ns: int) -> None:
-        late = [one.key for one in self._waiting.values() if one.until_ns < now_ns + self._leaving_ns]
+        late = [one.key for one in self._waiting.values() if one.until_ns < now_ns + self._under_way_ns]
         for key in late:
             del self._waiting[key]
         self.dropped += len(late)

@@ -186,9 +186,9 @@ def test_frames_of_29_bits_on_the_radio_are_not_measured() -> None:
 def test_what_the_driver_would_drop_is_not_handed_over() -> None:
     pe = Gateway(frame_ns=None)
     pe.command(Lease(1, 0, Step.PREPARED, 0))
-    pe.now_ns += 2 * MS
+    pe.now_ns += 1 * MS
     pe.command(Alive(1, 0, frozenset({NODE})), Prepare(1, 7, 1007))
-    pe.wait(99 * MS)  # the LEASE is given up, and 1 ms of the ALIVE is left
+    pe.wait(100 * MS)  # the LEASE is given up, and 1 ms of the ALIVE is left
     assert [one.frame for one in pe.by_radio[1:]] == [command_frame(Prepare(1, 7, 1007))]
 
 

@@ -74,11 +74,11 @@ def test_a_full_queue_drops_the_least_urgent_and_counts() -> None:
     assert emptied(waiting)[0] == frame(LEASE)
 
 
-def test_what_would_be_too_old_when_it_leaves_is_dropped_and_counted() -> None:
+def test_what_would_be_too_old_behind_the_frame_under_way_is_dropped_and_counted() -> None:
     waiting = queue(rate=10_000)
-    leaving_ns = 2 * FRAME_BITS * S // 10_000
-    waiting.push(frame(300), leaving_ns + 10)
-    waiting.push(frame(301), leaving_ns + 11)
+    under_way_ns = FRAME_BITS * S // 10_000
+    waiting.push(frame(300), under_way_ns + 10)
+    waiting.push(frame(301), under_way_ns + 11)
     assert emptied(waiting, 11) == [frame(301)]
     assert waiting.dropped == 1
 
