@@ -278,7 +278,7 @@ def who_does_not_hear_is_failed() -> None:
     """Who says for longer than T_lease that it hears no lease, while most do; not before it hears is it taken back."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
-    manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
+    manager.run_into_next_period(8)
     tail.hears = False
     began_ns = manager.run(95)
     equal(manager.told("pe_lost", began_ns), [], "lost within T_lease")

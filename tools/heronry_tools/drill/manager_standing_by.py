@@ -499,7 +499,7 @@ def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
         pe.hears = True
     spoke: list[int] = []
     manager.main.bus.taps.append(lambda sent: spoke.append(sent.end_ns) if sent.frame.can_id == state_id(94) else None)
-    manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
+    manager.run_into_next_period(8)
     manager.pes["tail_b"].speaks = False
     manager.run(200)
     _is_absent(manager, spoke[-1])
@@ -591,7 +591,7 @@ def what_it_has_said_itself_is_nobody_else() -> None:
 
     def says(*frames: Frame) -> None:
         """In the quiet part of a period: two who say one identifier at once destroy each other's frames."""
-        manager.run_until(manager.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
+        manager.run_into_next_period(8)
         manager.main.say(*frames)
         manager.run(5)
 

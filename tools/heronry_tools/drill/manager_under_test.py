@@ -269,6 +269,11 @@ class ManagerUnderTest:
         """Let time pass up to a moment."""
         self.clock.run_until(t_ns)
 
+    def run_into_next_period(self, ms: int) -> int:
+        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
+        self.clock.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + ms * MS)
+        return self.now_ns
+
     def flies(self) -> "ManagerUnderTest":
         """Let the first configuration be brought about; gives this."""
         self.run(600)

@@ -7,7 +7,6 @@ from heronry_tools.drill.pe_under_test import (
     EVERYTHING,
     NEIGHBOUR,
     NODE,
-    PERIOD_NS,
     SERVO,
     THINKER,
     PeUnderTest,
@@ -41,7 +40,7 @@ _REFUSED, _BUSY = "30 00 09 06", "22 00 00 08"
 
 def _asks(pe: PeUnderTest, service: Service | int, node: int, kind: DataType, value: Value = None) -> int:
     """Ask in the quiet part of a period; gives when."""
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+    pe.run_into_next_period(5)
     pe.main.say(encode_service(request(service, node, data_type=kind, value=value, message_code=9)))
     return pe.now_ns
 

@@ -11,7 +11,6 @@ from heronry_tools.drill.pe_under_test import (
     NODE,
     OTHER_HEIGHT,
     OTHER_HEIGHT_ID,
-    PERIOD_NS,
     TABLE,
     PeUnderTest,
     datum,
@@ -61,11 +60,6 @@ _FORWARDS = Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2)})
 _LEASE_ID, _ALIVE_ID = management_id(126, Command.LEASE), management_id(126, Command.ALIVE)
 
 
-def _quiet(pe: PeUnderTest) -> int:
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-    return pe.now_ns
-
-
 def commands_are_handed_on() -> None:
     """Away from the manager, what the gateway obeys itself: slices toward their node only, all else at once."""
     pe = PeUnderTest(_GATEWAY).attended()
@@ -81,13 +75,13 @@ def commands_are_handed_on() -> None:
     kept = (SliceHead(NODE, 9, 0, 1), SliceHead(FAR + 1, 9, 0, 1), Ping(4, FAR, 0), Prepare(4, 9, 9))
     for messages, is_handed_on in ((handed_on, True), (kept, False)):
         for message in messages:
-            began_ns = _quiet(pe)
+            began_ns = pe.run_into_next_period(8)
             pe.main.command(message)
             pe.run(3)
             frame = commanded(message)
             found = [one.frame for one in pe.far.since(began_ns, [frame.can_id])]
             equal(found, [frame] if is_handed_on else [], f"on the far bus, after {message}")
-    began_ns = _quiet(pe)
+    began_ns = pe.run_into_next_period(8)
     pe.main.command(Ping(5, 0, 0), manager=127)
     pe.run(3)
     equal(pe.far.since(began_ns, [management_id(127, Command.PING)]), [], "what a deposed manager says, on the far bus")
@@ -112,7 +106,7 @@ def lease_and_alive_go_on_at_the_far_pace() -> None:
 def nobody_commands_from_beyond() -> None:
     """What comes from the far bus is counted, and neither obeyed nor handed on."""
     pe = PeUnderTest(_GATEWAY).attended()
-    began_ns = _quiet(pe)
+    began_ns = pe.run_into_next_period(8)
     pe.far.command(Ping(5, NODE, 0), Lease(9, 1, Step.GO_ALL, 1), Alive(5, 0, frozenset()), Prepare(9, 1, 1))
     pe.far.say(Frame(0, bytes((2, NODE))))
     pe.run(4)
@@ -129,19 +123,19 @@ def what_nodes_beyond_say_is_handed_up() -> None:
     told = (state_id, emcy_id, emergency_event_id, heartbeat_id, actuator_echo_id)
     for node, is_beyond in ((FAR, True), (FAR + 1, False), (NEIGHBOUR, False)):
         for identify in told:
-            began_ns = _quiet(pe)
+            began_ns = pe.run_into_next_period(8)
             frame = Frame(identify(node), page)
             pe.far.say(frame)
             pe.run(3)
             found = [one.frame for one in pe.main.since(began_ns, [frame.can_id])]
             equal(found, [frame] if is_beyond else [], f"handed up of {frame.can_id}")
             equal(pe.far.since(began_ns, [frame.can_id]), [], "handed back")
-            began_ns = _quiet(pe)
+            began_ns = pe.run_into_next_period(8)
             pe.main.say(frame)
             pe.run(3)
             equal(pe.far.since(began_ns, [frame.can_id]), [], f"handed down of {frame.can_id}")
     report = Frame(GATEWAY_IDS[3], LinkReport(FAR, LinkState.UP, 1, 1000, 100, 0, 0).encode())
-    began_ns = _quiet(pe)
+    began_ns = pe.run_into_next_period(8)
     pe.far.say(report)
     pe.run(3)
     equal([one.frame for one in pe.main.since(began_ns, [report.can_id])], [report], "a report from beyond")
@@ -151,7 +145,7 @@ def data_are_handed_on_as_wired() -> None:
     """What the slice names, from the node it names, to the buses it names, and never back."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), 1: (FAR, 3)}))
-    began_ns = _quiet(pe)
+    began_ns = pe.run_into_next_period(8)
     wired, others = datum(OTHER_HEIGHT_ID, 1.0), datum(OTHER_HEIGHT_ID, 2.0, node=NEIGHBOUR + 1)
     pe.main.say(wired, others, datum(HEIGHT_ID, 3.0))
     pe.far.say(datum(1536, 4.0, node=FAR))
@@ -161,7 +155,7 @@ def data_are_handed_on_as_wired() -> None:
     equal([one.frame.can_id for one in pe.main.since(began_ns, data)], [1536], "data on the main bus")
     pe.flies(Slice((ModuleSlice(0, 0, ()),), publish={0: 3}), _EPOCH + 1, _DIGEST + 1)
     puppets.pull_all()
-    began_ns = _quiet(pe)
+    began_ns = pe.run_into_next_period(8)
     pe.main.say(wired)
     pe.run(200)
     equal(pe.far.since(began_ns, [OTHER_HEIGHT_ID]), [], "data that are not wired any more")

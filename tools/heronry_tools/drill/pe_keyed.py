@@ -85,8 +85,7 @@ class Keyed(PeUnderTest):
 
     def believes(self) -> bool:
         """Tell whether a PING is answered."""
-        self.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-        began_ns = self.now_ns
+        began_ns = self.run_into_next_period(8)
         self.main.command(Ping(self.signer.term, NODE, 0))
         self.run(3)
         return bool(self.pages_0(began_ns))
@@ -191,7 +190,7 @@ def a_tag_must_come_in_time() -> None:
     for late_ms, believed in ((95, True), (106, False)):
         pe = Keyed().attended()
         pe.lease = pe.alive = None
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
+        pe.run_into_next_period(8)
         ping = commanded(Ping(5, NODE, 0))
         tag = pe.signer.tag(ping)
         assert tag is not None
@@ -372,15 +371,13 @@ def a_gateway_hands_on_tags() -> None:
     """With what it has believed, and a WELCOME to where its node is; what is not proven stays here."""
     far = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
     pe = Keyed(table=replace(TABLE, ports=(MAIN, far))).attended()
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-    began_ns = pe.now_ns
+    began_ns = pe.run_into_next_period(8)
     pe.main.command(Control(5, FAR, Operation.CLEAR, 1, 1))
     pe.run(4)
     found = [one.frame.can_id for one in pe.far.since(began_ns, [_TAG_ID, management_id(126, Command.CONTROL)])]
     equal(found, [management_id(126, Command.CONTROL), _TAG_ID], "handed on")
     for node, handed_on in ((FAR, 2), (FAR + 1, 0)):
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-        began_ns = pe.now_ns
+        began_ns = pe.run_into_next_period(8)
         pe.main.say(*pe.signer.welcome(node, 0x1234))
         pe.run(4)
         equal(len(pe.far.since(began_ns, [_TAG_ID, management_id(126, Command.CONTROL)])), handed_on, f"WELCOME {node}")

@@ -1,6 +1,6 @@
 """Whom a PE obeys, and what of that reaches it (rules 4, 7 and 11)."""
 
-from heronry_tools.drill.pe_under_test import LEASE_NS, NODE, NOTHING, PERIOD_NS, PeUnderTest
+from heronry_tools.drill.pe_under_test import LEASE_NS, NODE, NOTHING, PeUnderTest
 from heronry_tools.drill.player import MS, commanded, demand, equal
 from heronry_wire.canopen_objects import COUNTERS
 from heronry_wire.frame import Frame
@@ -12,8 +12,7 @@ _EPOCH, _DIGEST = 17, 0x111111
 
 def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
     """Tell whether a PING of this term is answered by a page 0."""
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-    began_ns = pe.now_ns
+    began_ns = pe.run_into_next_period(8)
     pe.main.command(Ping(term, NODE, 0), manager=manager)
     pe.run(3)
     return bool(pe.pages_0(began_ns))

@@ -122,8 +122,7 @@ def it_answers_a_ping_at_once() -> None:
         (Ping(5, NODE - 1, 1), False),
         (Ping(4, NODE, 1), False),
     ):
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 8 * MS)
-        began_ns = pe.now_ns
+        began_ns = pe.run_into_next_period(8)
         pe.main.command(ping)
         pe.run(4)
         said = len(pe.pages_0(began_ns)), len(pe.pages_1(began_ns))

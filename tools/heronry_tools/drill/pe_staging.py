@@ -183,7 +183,7 @@ def what_its_table_has_not_is_refused() -> None:
     for wanted, parts in ((Reason.NONE, _COHERENT), (Reason.UNKNOWN_INDEX, _INCOHERENT)):
         for part in parts:
             epoch += 1
-            pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+            pe.run_into_next_period(5)
             pe.prepare(epoch, part, _DIGEST)
             began_ns = pe.run(3)
             reasons = [(page.reason, page.staged_digest) for _, page in pe.pages_1(began_ns)]
@@ -291,7 +291,7 @@ def a_contingency_on_board_is_called_by_its_number() -> None:
         (_EPOCH + 3, 1, 0xA2, False),
         (_EPOCH + 4, 2, 0xA1, False),
     ):
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+        pe.run_into_next_period(5)
         pe.main.command(Prepare(5, epoch, digest, number))
         began_ns = pe.run(1)
         wanted = (epoch, digest, Reason.NONE) if staged else (epoch, 0, Reason.NOT_ON_BOARD)
@@ -346,7 +346,7 @@ def code_that_turns_out_to_be_missing_is_refused() -> None:
     pe.tell(ImagesMissing(frozenset((image,))))
     equal(pe.notes("image"), [f"{image} cannot be run here"], "notes of what is missing")
     for epoch, part, reason in ((_EPOCH + 1, Slice((_GAUGE,)), Reason.IMAGE), (_EPOCH + 2, NOTHING, Reason.NONE)):
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+        pe.run_into_next_period(5)
         pe.prepare(epoch, part, _DIGEST + epoch)
         began_ns = pe.run(3)
         equal({page.reason for _, page in pe.pages_1(began_ns)}, {reason}, f"reasons after {part}")

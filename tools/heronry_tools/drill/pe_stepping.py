@@ -61,14 +61,9 @@ def _attended() -> PeUnderTest:
     return pe
 
 
-def _quiet(pe: PeUnderTest) -> None:
-    """Go on to the quiet part of the next period."""
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
-
-
 def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState) -> None:
     """Demand that a step is taken, and said at once."""
-    _quiet(pe)
+    pe.run_into_next_period(5)
     pe.activate(epoch, step, digest)
     began_ns = pe.run(1.5)
     pages = [page for t_ns, page in pe.pages_0(began_ns) if at_once(t_ns, began_ns)]
@@ -134,7 +129,7 @@ def what_was_not_staged_is_not_run() -> None:
         pe.run(1)
         demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, f"{order} holds its outputs")
     for order in (Activate(5, _EPOCH, Step.GO_ALL, 1), Activate(5, _NEXT, Step.GO_ALL, 1)):
-        _quiet(pe)
+        pe.run_into_next_period(5)
         pe.main.command(order)
         pe.run(1)
         page = pe.pinged()

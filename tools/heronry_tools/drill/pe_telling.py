@@ -18,7 +18,6 @@ from heronry_tools.drill.pe_under_test import (
     MAIN,
     NEIGHBOUR,
     NODE,
-    PERIOD_NS,
     TABLE,
     PeUnderTest,
     datum,
@@ -96,7 +95,7 @@ def what_it_does_not_obey_is_counted() -> None:
         (1, pe.main, ping._replace(extended=True)),
         (0, pe.main, Frame(900, bytes(8), extended=True)),
     ):
-        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+        pe.run_into_next_period(5)
         before = pe.counted
         player.say(frame)
         pe.run(2)
@@ -199,7 +198,7 @@ def releases_that_were_missed_are_counted() -> None:
 def requests_by_sdo_wait_for_their_turn() -> None:
     """In flight each has a tenth of the bus; four wait, what more comes is counted and dropped."""
     pe = PeUnderTest().attended().flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + 5 * MS)
+    pe.run_into_next_period(5)
     before = pe.counted
     pe.run(10)
     began_ns = pe.now_ns

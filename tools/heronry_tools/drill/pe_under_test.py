@@ -262,6 +262,11 @@ class PeUnderTest:
         """Let time pass up to a moment."""
         self.clock.run_until(t_ns)
 
+    def run_into_next_period(self, ms: int) -> int:
+        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
+        self.clock.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + ms * MS)
+        return self.now_ns
+
     def _beat(self) -> None:
         self._beats += 1
         if self.lease is not None:
