@@ -123,7 +123,8 @@ class Obedience:
         if fields is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, fields[0], event):
-            self.permission.named(bool(fields[3] >> self.index.node - FIRST_PE & 1), self.turn.arrived_ns)
+            is_named = bool(fields[3] >> self.index.node - FIRST_PE & 1)
+            self.permission.named(is_named, self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
             meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 
@@ -171,6 +172,7 @@ class Obedience:
         """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
+        self.reign.has_activated = True
         running, staged = self.reconfiguration.running, self.staging.staged
         if self.reconfiguration.is_at(order.epoch, order.digest):
             target = running

@@ -19,9 +19,10 @@ while all four hold, asked before every output with the time of that moment, so 
         started anew, and give away what it holds here. With a key it does not, and neither does this PE.
 
 Hearing somebody again after a silence is no such proof. A PE that has restarted runs nothing, and one that was cut off
-as well runs what was given to it before: neither could tell. So after a silence that was too long for (b) this PE is in
-*doubt*, and holds back until an ALIVE names it again, or, where no manager is left to say so, until it has heard others
-for T_lease: whoever took its place is among those, and tells its newer epoch every period.
+as well runs what was given to it before: neither could tell. Nor could a manager that has only begun to reign, and
+counts on whoever it hears. So after a silence that was too long for (b) this PE is in *doubt*, and holds back until an
+ALIVE names it again, of a manager that has said which configuration runs; or, where there is none, until it has heard
+others for T_lease: whoever took its place is among those, and tells its newer epoch every period.
 
 For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
 does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
@@ -84,13 +85,16 @@ class Permission:
                 if last_ns is None or arrived_ns - last_ns > self._lease_ns:
                     self._doubted_ns = arrived_ns
 
-    def named(self, is_named: bool, arrived_ns: int) -> None:
-        """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame."""
+    def named(self, is_named: bool, arrived_ns: int, *, by_who_knows: bool) -> None:
+        """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame.
+
+        by_who_knows: this manager has said which configuration runs.
+        """
         self.heard(arrived_ns)
         was_named, self._named = self._named, is_named
-        if is_named:
+        if is_named and by_who_knows:
             self._doubted_ns = self._identifiers_doubted_ns = None
-        elif was_named:
+        elif was_named and not is_named:
             self.revoked()
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:

@@ -2,7 +2,8 @@
 
 A term belongs to the manager that was first heard with it: the other one cannot have the same, and a command that says
 so is as stale as one with a lower term. The lease is heard as long as a LEASE of the reigning term came within T_lease.
-Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it.
+Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it. A manager that has
+just begun to reign does not know what runs until a LEASE or ACTIVATE of its term says so (`has_activated`).
 
 The term lives in memory. A PE that restarts obeys the first manager it hears: it runs nothing then, and what it is
 given by a deposed manager the reigning one sees at once as an unknown epoch.
@@ -21,6 +22,7 @@ class Reign:
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
+        self.has_activated = False  # the one that reigns has said which configuration runs
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:
@@ -28,7 +30,7 @@ class Reign:
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:
-            self.term, self.manager = term, manager
+            self.term, self.manager, self.has_activated = term, manager, False
         return term == self.term and manager == self.manager
 
     def leased(self, arrived_ns: int) -> None:

@@ -215,10 +215,11 @@ class OnePe:
         return actions
 
     def configure(self, wanted: Slice, epoch: int, step: Step = Step.GO_ALL) -> list[Action]:
-        """Stage and activate a slice; the digest of the whole configuration is 1000 + epoch."""
+        """Let a manager that counts on it stage and activate a slice; the digest of the whole is 1000 + epoch."""
         actions = self.command(Alive(1, 0, frozenset({NEIGHBOUR, NODE})))
         actions += self.command(*slice_messages(wanted, epoch, 1000 + epoch))
-        return actions + self.command(Activate(1, epoch, step, 1000 + epoch))
+        actions += self.command(Activate(1, epoch, step, 1000 + epoch))
+        return actions + self.command(Alive(1, 1, frozenset({NEIGHBOUR, NODE})))
 
     def ask(self) -> tuple[StatePage0, StatePage1]:
         """PING, and both pages of the answer."""

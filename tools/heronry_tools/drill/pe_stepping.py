@@ -369,6 +369,23 @@ def after_a_silence_an_alive_must_name_it() -> None:
     demand(bool([t for t in pe.drives if t > began_ns]), "after a silence ALIVE names it, and it does not drive")
 
 
+def who_begins_to_reign_ends_no_doubt() -> None:
+    """It counts on whoever it hears, and does not know who was replaced before; once it names what runs, it does."""
+    for silence_ms, doubted in ((200, "its branch"), (70, "what could run elsewhere")):
+        pe = _attended().flies()
+        pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
+        pe.lease = pe.alive = pe.neighbour = None
+        pe.run(silence_ms)
+        pe.term, pe.lease, pe.alive = 6, Lease(6, 0, Step.PREPARED, 0), frozenset((NODE,))
+        began_ns = pe.run(90)
+        driven = [t for t in pe.drives if t > began_ns] if silence_ms > 100 else pe.data(DEMAND_ID, began_ns)
+        equal(driven, [], f"{doubted}, when a manager counts on it that has activated nothing")
+        pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST) if silence_ms > 100 else pe.lease
+        began_ns = pe.run(60)
+        demand(bool([t for t in pe.drives if t > began_ns]), f"its branch stands still after {silence_ms + 150} ms")
+        demand(bool(pe.data(DEMAND_ID, began_ns)), f"its data are not sent after {silence_ms + 150} ms")
+
+
 def a_silence_within_t_lease_raises_no_doubt() -> None:
     """Of what is exclusive: it is driven on. What could run elsewhere is sent again once that doubt is over."""
     pe = _attended().flies()
@@ -503,6 +520,7 @@ DRILLS = (
     a_branch_needs_its_name_in_alive,
     a_branch_needs_somebody_to_be_heard,
     after_a_silence_an_alive_must_name_it,
+    who_begins_to_reign_ends_no_doubt,
     a_silence_within_t_lease_raises_no_doubt,
     a_newer_epoch_elsewhere_stops_it,
     what_could_run_elsewhere_is_sent_for_two_periods,

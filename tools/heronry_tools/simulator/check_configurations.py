@@ -17,7 +17,8 @@ from heronry_manager.topology import reached_by_wire
 from heronry_tools.simulator.commanded import Epoch
 from heronry_tools.simulator.violation import Violation
 
-_JUDGED: dict[tuple[str, int], list[str]] = {}  # by digests of spec and configuration
+# By digests of spec and configuration. Of thousands of configurations two may share their 24 bits.
+_JUDGED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
 class ConfigurationCheck:
@@ -49,7 +50,9 @@ class ConfigurationCheck:
 
     def _illegal(self, epoch: Epoch, configuration: Configuration) -> list[str]:
         key = (self._spec.digest, epoch.digest)
-        if key not in _JUDGED:
+        known = _JUDGED.get(key)
+        if known is None or known[0] != configuration:
             found = verify(self._spec, Situation(phase=self._spec.initial_phase()), configuration)
-            _JUDGED[key] = [str(v) for v in found if not (v.rule.startswith("5.") and len(self._spec.phases) > 1)]
-        return _JUDGED[key]
+            stories = [str(v) for v in found if not (v.rule.startswith("5.") and len(self._spec.phases) > 1)]
+            known = _JUDGED[key] = configuration, stories
+        return known[1]

@@ -87,8 +87,12 @@ class Commanded:
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._wired = {spec.pes[pe].node_id for pe in reached_by_wire(spec)}
-        preloaded = {one.slice for held in self._on_board.values() for one in held}
-        self._bytes = {slice_digest(spec.digest, body): body for body in (b"", *preloaded)}  # by digest of the slice
+        # By node, length and digest, as a PE knows them: among all slices of a flight some share their 24 bits.
+        self._bytes = {
+            (pe.node_id, len(body), slice_digest(spec.digest, body)): body
+            for pe in spec.pes.values()
+            for body in (b"", *(one.slice for one in self._on_board.get(pe.node_id, ())))
+        }
         self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
@@ -127,8 +131,8 @@ class Commanded:
         """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""
         slices = {pe.node_id: self._called(epoch, pe.node_id) for pe in self._spec.pes.values()}
         for node, head in epoch.heads.items():
-            if head.digest in self._bytes:
-                slices[node] = self._bytes[head.digest]
+            if (body := self._bytes.get((node, head.length, head.digest))) is not None:
+                slices[node] = body
             elif node not in self._wired:
                 return None
             else:
@@ -157,7 +161,7 @@ class Commanded:
         if head is not None and all(index in frames for index in range(1, count + 1)):
             body = b"".join(frames[index] for index in range(1, count + 1))[: head.length]
             if slice_digest(self._spec.digest, body) == head.digest:
-                self._bytes[head.digest] = body
+                self._bytes[head.node, head.length, head.digest] = body
 
     def _configuration(self, slices: dict[int, Slice]) -> Configuration:
         modes = {

@@ -1,0 +1,25 @@
+"""The judges' own reading of what managers command."""
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.simulator.commanded import Commanded
+from heronry_wire.configuration_slice import slice_digest
+from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
+
+
+def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> None:
+    """Digests have 24 bits. Ground is beyond a radio: its slice may come after ACTIVATE, and is not known before."""
+    spec = load(shipped_spec_path("big_blue"))
+    wing, ground = spec.pes["wing"].node_id, spec.pes["ground"].node_id
+    body = b"wings"
+    digest = slice_digest(spec.digest, body)
+    commanded = Commanded(spec)
+    for message in (
+        Prepare(1, 1, 5),
+        SliceHead(wing, 1, len(body), digest),
+        SliceBody(wing, 1, 1, body),
+        Prepare(1, 2, 5),
+        SliceHead(ground, 2, len(body), digest),
+        Activate(1, 2, Step.GO_ALL, 5),
+    ):
+        assert commanded.take(0, message) is None
