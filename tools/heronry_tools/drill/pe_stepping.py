@@ -388,7 +388,7 @@ def who_begins_to_reign_ends_no_doubt() -> None:
 def _back_under_another(after_ms: float) -> PeUnderTest:
     """A PE that has heard nobody for so long, and then a manager that begins, and counts on it."""
     pe = _attended().flies()
-    pe.run_until(pe.now_ns // PERIOD_NS * PERIOD_NS + 5 * MS)
+    pe.run_into_next_period(5)
     pe.lease = pe.alive = pe.neighbour = None
     pe.run(after_ms)
     pe.term, pe.lease, pe.alive = 6, Lease(6, 0, Step.PREPARED, 0), frozenset((NODE,))

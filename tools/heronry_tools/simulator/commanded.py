@@ -91,7 +91,7 @@ class Commanded:
         self._bytes = {
             (pe.node_id, len(body), slice_digest(spec.digest, body)): body
             for pe in spec.pes.values()
-            for body in (b"", *(one.slice for one in self._on_board.get(pe.node_id, ())))
+            for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
         self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
         self.epochs: dict[int, Epoch] = {}  # activated ones
