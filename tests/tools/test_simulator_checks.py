@@ -242,6 +242,39 @@ def test_a_demux_driven_in_turn_within_an_epoch_has_two_drivers() -> None:
     assert rules(checks) == ["exclusion"]
 
 
+def test_what_an_epoch_gave_may_begin_to_drive_while_the_next_one_breaks() -> None:
+    """Its frame waited for the bus and leaves before `broken`; who gets the DEMUX back begins after that, on GO."""
+    checks = Checks(SPEC)
+    checks.see(activation(1))
+    drive(checks, "servo_driver_1")
+    checks.see(activation(2))
+    checks.see(activation(3, Step.BREAK))
+    drive(checks, "servo_driver_2")
+    checks.see(activation(3, Step.GO))
+    drive(checks, "servo_driver_1")
+    assert rules(checks) == []
+
+
+def test_go_all_hands_over_what_waited_longer_than_go() -> None:
+    """Who is silent may begin what it was given before, until its lease is over; only then its successor gets it."""
+    checks = Checks(SPEC)
+    for epoch, step in ((1, Step.GO_ALL), (2, Step.GO), (2, Step.GO_ALL)):
+        checks.see(activation(epoch, step))
+        drive(checks, "servo_driver_2" if step is Step.GO else "servo_driver_1")
+    assert rules(checks) == []
+    drive(checks, "servo_driver_2", "servo_driver_1")
+    assert rules(checks) == ["exclusion", "exclusion"]
+
+
+def test_who_drives_in_turn_while_an_epoch_breaks_is_caught() -> None:
+    checks = Checks(SPEC)
+    checks.see(activation(1))
+    drive(checks, "servo_driver_1")
+    checks.see(activation(2, Step.BREAK))
+    drive(checks, "servo_driver_2", "servo_driver_1")
+    assert rules(checks) == ["exclusion"]
+
+
 def test_an_identifier_sent_in_turn_by_two_nodes_is_seen_and_on_another_bus_it_is_another() -> None:
     checks = Checks(load(shipped_spec_path("big_blue")))
     datum = Frame(1536, bytes(8))

@@ -1,11 +1,13 @@
 """Break before make, judged from outside: nothing exclusive ever has two drivers.
 
 A *thing* is a DEMUX, an actuator that none stands before, or an identifier on one bus; its holder is the module and PE
-that drove it last, or the node that sent it last. A holder may lose its thing to another one, and may get it back from
-a later epoch. It must not drive it again after another one took over within the same epoch: then both believed to hold
-it. Modules that drive in turn are caught at the second turn, at the latest, whatever their rates are.
+that drove it last, or the node that sent it last. A holder may lose its thing to another one, and may get it back with
+a later handover. It must not drive it again after another one took over since the last handover: then both believed to
+hold it. Modules that drive in turn are caught at the second turn, at the latest, whatever their rates are.
 
-The epoch is the newest one whose activation was heard on the manager's bus.
+A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch heard on the manager's
+bus. BREAK is none: until GO everything still belongs to the epoch before, and what that epoch gave may drive for the
+first time when BREAK is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
 """
 
 from heronry_dg.model import Spec
@@ -27,16 +29,17 @@ class ExclusionCheck:
         self._thing_of: dict[str, _Thing] = {m.name: ("actuator", m.device) for m in spec.modules.values() if m.device}
         for demux in spec.demuxes.values():
             self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
-        self._epoch = 0
+        self._handover = (0, Step.PREPARED)  # the newest epoch that may begin to drive, and how far it has got
         self._holders: dict[_Thing, _Holder] = {}
-        self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the epoch in which another one took over
+        self._lost: dict[tuple[_Thing, _Holder], tuple[int, Step]] = {}  # the handover by which another one has it
 
     def commanded(self, message: ManagementMessage | Malformed) -> None:
-        """A manager was heard: it may have activated an epoch."""
-        if not isinstance(message, Activate | Lease) or message.step is Step.PREPARED:
+        """A manager was heard: it may have let an epoch go."""
+        if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
-        if is_newer(message.epoch, self._epoch):
-            self._epoch = message.epoch
+        epoch, step = self._handover
+        if is_newer(message.epoch, epoch) or (message.epoch == epoch and message.step > step):
+            self._handover = (message.epoch, message.step)
 
     def driven(self, driven: Driven) -> None:
         """An output module drives what it drives."""
@@ -54,9 +57,9 @@ class ExclusionCheck:
             return
         self._holders[thing] = holder
         if before is not None:
-            self._lost[thing, before] = self._epoch
-        if before is not None and self._lost.pop((thing, holder), None) == self._epoch:
+            self._lost[thing, before] = self._handover
+        if before is not None and self._lost.pop((thing, holder), None) == self._handover:
             who = " on ".join(filter(None, holder))
             rival = " on ".join(filter(None, before))
-            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._epoch}"
+            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._handover[0]}"
             self.violations.append(Violation(t_ns, "exclusion", story))
