@@ -153,7 +153,7 @@ def driven_by_another_pe(simulation: Simulation, value: Value) -> Driven:
         if modules[wire["producer"]]["pe"] != modules[branch]["pe"]
     )
     inputs = {path: (wire["variable"], Datum(value, 1, 0))}
-    return Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs)
+    return Driven(simulation.now_ns, modules[branch]["pe"], branch, inputs, simulation.now_ns)
 
 
 def last_demand(simulation: Simulation) -> Value:
@@ -171,8 +171,9 @@ def test_a_branch_that_is_driven_by_what_was_heard_long_ago_is_seen() -> None:
     simulation.run_for(2_000_000_000)
     driven = driven_by_another_pe(simulation, last_demand(simulation))
     simulation.checks.driven(driven)
+    simulation.checks.driven(driven._replace(t_ns=simulation.now_ns + 80_000_000))  # a slow processor
     assert simulation.broken() == []
-    simulation.checks.driven(driven._replace(t_ns=simulation.now_ns + 500_000_000))
+    simulation.checks.driven(driven._replace(asked_ns=simulation.now_ns + 500_000_000))
     (violation,) = simulation.broken()
     assert (violation.rule, "last heard 5" in violation.story) == ("freshness", True)
 
@@ -212,7 +213,7 @@ def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
 
 def drive(checks: Checks, *modules: str) -> None:
     for t_ns, module in enumerate(modules):
-        checks.driven(Driven(t_ns, "tail_pe", module, {}))
+        checks.driven(Driven(t_ns, "tail_pe", module, {}, t_ns))
 
 
 def test_a_demux_may_change_hands_with_every_epoch() -> None:

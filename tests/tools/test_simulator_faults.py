@@ -5,8 +5,10 @@ import pytest
 from heronry_manager.core import ManagerCore
 from heronry_tools.simulator.act import KINDS, Act, possible_targets, read_act
 from heronry_tools.simulator.chaos import drawn_acts
+from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.local_clock import LocalClock
+from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.protocol_state import STATES, ProtocolState
 from heronry_tools.simulator.scenario import Outcome, Scenario, play
 from heronry_tools.simulator.simulation import Simulation
@@ -89,6 +91,20 @@ def test_a_pause_within_a_longer_one_changes_nothing() -> None:
     assert not simulation.pes["tail_pe"].is_awake
     simulation.run_for(60 * MS)
     assert simulation.pes["tail_pe"].is_awake
+
+
+def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Driven] = []
+    monkeypatch.setattr(Checks, "driven", lambda _, driven: told.append(driven))
+    simulation = flying(elevator_and_chute())
+    struck(simulation, "0 slow pe:tail_pe for 2")
+    simulation.run_for(500 * MS)
+    while simulation.pes["tail_pe"].is_awake:  # until a step takes its time, with another one behind it
+        simulation.run_for(MS)
+    simulation.pes["tail_pe"].pause(150 * MS)
+    simulation.run_for(500 * MS)
+    waited_ns = [driven.t_ns - driven.asked_ns for driven in told]
+    assert 0 < max(waited_ns) < 100 * MS
 
 
 def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:

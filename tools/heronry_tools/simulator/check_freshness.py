@@ -1,8 +1,10 @@
 """No actuator is driven by what is old or foreign: what its driver is given, against the frames on the bus.
 
-A driver is stepped with the data that its PE holds for fresh. For every input that the configuration of the PE's epoch
-wires to another PE there must have been a frame of that very producer's node on one of the PE's buses within three of
-the longest periods of its source; and the value must be that of one of these frames, and of nobody else's ("foreign").
+A driver is stepped with the data that its PE held for fresh when it asked for the step; what may pass until a slow
+processor comes to that step is bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration
+of the PE's epoch wires to another PE there must have been a frame of that very producer's node on one of the PE's buses
+within three of the longest periods of its source; and the value must be that of one of these frames, and of nobody
+else's ("foreign").
 Whatever the PE believes about ages and origins, the bus knows.
 
 Not judged: an input that stays on its PE, one whose variable has an initial value, and anything between the activation
@@ -24,7 +26,7 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.management import StatePage0
 
 _MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
-_SLACK_NS = 2_000_000  # for a clock that is fast, and a step that was under way
+_SLACK_NS = 2_000_000  # for a clock that is fast
 _UNTOLD_NS = 50_000_000
 
 
@@ -81,12 +83,12 @@ class FreshnessCheck:
                 self._judge(driven, (wire.producer, variable), datum, self._node_of[origin])
 
     def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
-        identifier, since_ns = self._identifiers[source], driven.t_ns - self._oldest_ns[source]
+        identifier, since_ns = self._identifiers[source], driven.asked_ns - self._oldest_ns[source]
         buses = self._spec.pes[driven.pe].buses
         heard = [last for bus in buses if (last := self._last.get((bus, identifier, node)))]
         if not any(last[-1][0] >= since_ns for last in heard):
             last_ns = max((last[-1][0] for last in heard), default=None)
-            age = "never" if last_ns is None else f"{(driven.t_ns - last_ns) / 1e6:.1f} ms ago"
+            age = "never" if last_ns is None else f"{(driven.asked_ns - last_ns) / 1e6:.1f} ms ago"
             self._tell(driven, "freshness", source, f"last heard {age}")
         elif not any(_said(last, since_ns, datum.value) for last in heard):
             self._tell(driven, "foreign", source, f"but node {node} has sent no {datum.value!r} lately")

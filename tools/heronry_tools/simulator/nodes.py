@@ -3,7 +3,8 @@
 The cores and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of
 an aircraft were switched on at the same moment, and how their periods lie to each other decides much. A module computes
 in no time at all, unless it is told to overrun or its processor is slow. What a module computes for too long is told to
-the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a real node.
+the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a real node. A step that
+comes to its turn when the core's word is too old (`until_ns`) is not computed, as in a real partition.
 
 A core is asked for its invariants after every call that did more than send a frame or release a module; else at every
 sixteenth deadline, and a manager at every sixteenth call.
@@ -77,12 +78,16 @@ _WRONG_BY = 40.0
 
 
 class Driven(NamedTuple):
-    """A module was stepped that drives an actuator, or what its rivals behind a DEMUX drive."""
+    """A module was stepped that drives an actuator, or what its rivals behind a DEMUX drive.
+
+    asked_ns: when the core asked for the step, and looked at its inputs.
+    """
 
     t_ns: int
     pe: str
     module: str
     inputs: Mapping[str, tuple[str, Datum]]
+    asked_ns: int
 
 
 class SimulatedPe(Node):
@@ -133,6 +138,7 @@ class SimulatedPe(Node):
         self._partitions = {module.index: module.partition for module in table.modules}
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
         self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
+        self._asked_ns: dict[int, int] = {}  # by release: when it was asked for, if it has to wait for its turn
         for entry in table.ports:
             self._join(table.name, buses[entry.bus], entry, witness)
         self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
@@ -210,10 +216,17 @@ class SimulatedPe(Node):
             if answer is None:
                 continue
             if not self.is_awake:
-                self._unfinished += actions[position + 1 :]
+                self._put_off(actions[position + 1 :])
                 self._answers.append(answer)
                 return
             self._carry_out(self.core.step(self.time.now_ns(), answer))
+
+    def _put_off(self, actions: Sequence[Action]) -> None:
+        """Do this when the processor goes on."""
+        self._unfinished += actions
+        for action in actions:
+            if type(action) is StepModule:
+                self._asked_ns.setdefault(action.release, self._clock.now_ns)
 
     def _send(self, action: Send) -> None:
         port, frame, until_ns = action.port, action.frame, action.until_ns
@@ -250,12 +263,17 @@ class SimulatedPe(Node):
         behind = self._behind.get(self._partitions[action.module])
         if behind is not None:
             behind.append(action)
+            self._asked_ns.setdefault(action.release, self._clock.now_ns)
             return None
+        now_ns = self._clock.now_ns
+        asked_ns = self._asked_ns.pop(action.release, now_ns)
+        if asked_ns != now_ns and self.time.now_ns() > action.until_ns:
+            return Stepped(action.module, action.release, {})
         driver = self._drivers.get(action.module)
         if driver is not None:
-            self._drive(Driven(self._clock.now_ns, self.name, driver, action.inputs))
+            self._drive(Driven(now_ns, self.name, driver, action.inputs, asked_ns))
         if self.stuck:
-            self._hung[action.module] = (action, self._clock.now_ns)
+            self._hung[action.module] = (action, now_ns)
             return None
         how = self._broken.get(self._names[action.module]) if self._broken else None
         if how is not None:
@@ -309,7 +327,7 @@ class SimulatedPe(Node):
         if self._behind.get(partition) is behind:
             del self._behind[partition]
             if not self.is_awake:
-                self._unfinished += behind
+                self._put_off(behind)
                 return
             for action in behind:
                 answer = self._step(action)
