@@ -1,9 +1,11 @@
 """Plans made ahead where no file is named: made once, kept, the same for manager and tables, no reason not to fly."""
 
 import fcntl
+import io
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -82,19 +84,21 @@ def test_a_killed_run_is_gone_on_with(
     assert not partial.exists()
 
 
-def test_who_comes_second_waits_and_takes_what_was_made(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_comes_second_waits_and_takes_what_was_made(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = contingencies_of(CHUTE, Ahead.SINGLE_FAULTS)
     file = kept(cache)
     data = file.read_bytes()
     file.unlink()
-    capsys.readouterr()
     found: list[object] = []
+    said = io.StringIO()  # not capsys: reading it while a thread writes may lose what is written
+    monkeypatch.setattr(sys, "stderr", said)
     with (cache / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         second = threading.Thread(target=lambda: found.append(contingencies_of(CHUTE, Ahead.SINGLE_FAULTS)))
         second.start()
-        while not capsys.readouterr().err.count("waiting for another process that plans ahead"):
+        while "waiting for another process that plans ahead" not in said.getvalue():
             assert second.is_alive()
+            time.sleep(0.001)
         file.write_bytes(data)
     second.join()
     assert found == [made]

@@ -124,7 +124,7 @@ def times() -> str:
         ("CANopen heartbeat", _time(canopen_objects.HEARTBEAT_MS * 1_000_000), "of a PE; object 1017h changes it"),
         ("CANopen heartbeat", _time(beacon.CANOPEN_HEARTBEAT_NS), "of a manager"),
         ("quiet", _time(faults.QUIET_NS), "an acknowledged fault that is found again is not told for so long"),
-        ("freshness", f"{mailboxes.FRESH_PERIODS} periods of the source", "when a step is asked for; an older datum is absent"),
+        ("freshness", f"{mailboxes.FRESH_PERIODS} periods of the source", "when a step is asked for; else absent"),
         ("echo", _time(link.ECHO_TIMEOUT_NS), "a frame without its echo is given up"),
         ("retry", _time(link.RETRY_NS), "after the controller's queue was full"),
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
