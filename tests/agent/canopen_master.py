@@ -3,9 +3,11 @@
 import io
 import queue
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import canopen
+from canopen import SdoAbortedError
 from canopen.sdo import SdoClient
 
 from agent.one_pe import NODE, OnePe, sent
@@ -22,6 +24,19 @@ def objects(node: int = NODE) -> Any:
     file = io.StringIO(eds_text())
     file.name = FILE_NAME
     return canopen.import_od(file, node)
+
+
+def refusal(access: Callable[[], Any]) -> int:
+    """The abort code that an access ends with.
+
+    Nothing keeps the exception: a stream of the client that failed closes itself once more when it is finalized, which
+    sends frames, and that is to happen here rather than in the middle of a later transfer.
+    """
+    try:
+        access()
+    except SdoAbortedError as refused:
+        return int(refused.code)
+    raise AssertionError("it was not refused")
 
 
 class Master:

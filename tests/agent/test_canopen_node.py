@@ -1,13 +1,11 @@
 """A PE as CANopen and CANaerospace tools see it: its core, read, written and commanded by an unmodified client."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
-from canopen import SdoAbortedError
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from agent.canopen_master import Master
+from agent.canopen_master import Master, refusal
 from agent.one_pe import (
     CONTROL,
     DEMAND_ID,
@@ -48,13 +46,6 @@ def master() -> Master:
     pe = OnePe()
     pe.pass_time(1 * MS)
     return Master(pe)
-
-
-def refusal(act: Callable[[], Any]) -> int:
-    with pytest.raises(SdoAbortedError) as refused:
-        act()
-    code: int = refused.value.code
-    return code
 
 
 # Objects
