@@ -8,6 +8,7 @@ from heronry_tools.drill.player import MS, demand, equal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, state_id
 from heronry_wire.management import (
+    NO_EPOCH,
     SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
@@ -235,6 +236,31 @@ def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
     demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"others go {waited_ns / MS} ms after the last ALIVE that named it")
 
 
+def who_runs_nothing_any_more_is_not_waited_for() -> None:
+    """A PE that says so has let go of all that it had, although it is the same incarnation."""
+    manager = ManagerUnderTest(example("fail_over")).flies()
+    host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
+    host.state, host.epoch, host.digest, host.steps = PeState.UNCONFIGURED, NO_EPOCH, 0, False
+    began_ns = manager.run(400)
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "who is lost")
+    equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO_ALL"], "steps")
+
+
+def a_silent_stranger_may_drive_whatever_it_could() -> None:
+    """Who was counted on with what another manager gave it, and falls silent before the first epoch: T_lease."""
+    manager = ManagerUnderTest()
+    stranger = manager.pes["tail_a"]
+    stranger.state, stranger.epoch, stranger.digest = PeState.ACTIVE, 40, 0x99
+    manager.manager.planning = lambda _: None
+    manager.run(200)
+    demand(stranger.name in manager.counts_on(), "a stranger is not counted on")
+    manager.manager.planning = manager.plans
+    began_ns = _asks_anew(manager, stranger.name)
+    manager.pes["tail_b"].holds = True
+    manager.run(400)
+    equal([one["step"] for one in manager.told("epoch_step", began_ns)], ["GO", "GO_ALL"], "steps")
+
+
 def who_has_let_go_is_not_waited_for() -> None:
     """A PE that drove once, and has said that it runs something else since, holds nothing when it falls silent."""
     manager = ManagerUnderTest().flies()
@@ -365,6 +391,8 @@ DRILLS = (
     what_is_driven_breaks_before_it_makes,
     a_silent_driver_is_given_t_lease,
     who_speaks_and_is_given_up_is_given_t_lease_too,
+    who_runs_nothing_any_more_is_not_waited_for,
+    a_silent_stranger_may_drive_whatever_it_could,
     who_has_let_go_is_not_waited_for,
     who_comes_late_to_what_runs_is_admitted,
     who_runs_what_nobody_commanded_is_failed,

@@ -153,6 +153,14 @@ def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
     _Reigning(obeyed)
     obeyed.run(1500)
     equal(obeyed.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
+    raised = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    reigning = _Reigning(raised)
+    raised.run(900)
+    reigning.lease = replace(reigning.lease, term=9)
+    raised.run(100)
+    reigning.refused_by = frozenset(("tail_b",))
+    raised.run(1500)
+    equal(raised.heard(-1, *Command), [], "commands after the manager that reigns has learnt of the higher term")
 
 
 def where_nobody_reigns_127_lets_126_go_first() -> None:

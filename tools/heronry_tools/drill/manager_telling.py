@@ -158,7 +158,9 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     failed = list(first.pes)[-1]
     first.obey(FailElement(f"pe:{failed}"))
     first.run(400)
-    manager = ManagerUnderTest(first.spec, disk=_copy(first))
+    disk = _copy(first)
+    disk.opened()  # a restart before this one has made it short
+    manager = ManagerUnderTest(first.spec, disk=disk)
     manager.run(800)
     equal(manager.asked()[-1].phase, phases[1], "phase after a restart")
     demand(f"pe:{failed}" in manager.asked()[-1].down, "who was failed is planned with")
@@ -172,7 +174,7 @@ def what_is_cleared_at_a_restart_is_started() -> None:
     first.run(1500)
     running = best_plan(first.spec, Situation(), None).configuration.modules
     name = next(module for module, one in running.items() if first.pes[one.pe].name == "nav")
-    for clears in (False, True):
+    for clears, is_back in ((False, False), (True, False), (True, True)):
         disk = _copy(first)
         disk.opened()
         disk.write(Latched(f"module:{name}", "nav", "MODULE_EXCEPTION", 0), 0)
@@ -185,6 +187,7 @@ def what_is_cleared_at_a_restart_is_started() -> None:
         if clears:
             equal(manager.asked(), [], "plans asked for while somebody is waited for")
             demand(manager.obey(ClearElement(f"module:{name}")).done, "it cannot be cleared")
+        manager.pes["ground"].speaks = is_back
         manager.run(2000)
         demand(bool(manager.said(Prepare)), "no epoch follows")
 
