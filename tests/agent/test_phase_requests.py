@@ -20,7 +20,7 @@ from agent.one_pe import (
     OnePe,
     sent,
 )
-from heronry_agent.vocabulary import Action
+from heronry_agent.vocabulary import Action, PartitionEnded
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (
@@ -177,6 +177,15 @@ def test_a_module_that_stops_takes_nobody_elses_request_back() -> None:
     pe.configure(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}), 8)
     assert (LAND, 1) in requests(pe.pass_time(3 * BEAT_NS))
     assert MONITOR not in pe.running
+
+
+def test_a_module_that_begins_again_because_its_partition_has_ended_has_asked_for_nothing() -> None:
+    pe = flying(BOTH)
+    ask(pe, CONTROL, "land")
+    pe.give(PartitionEnded(TABLE.modules[0].partition, "killed by SIGKILL", MONITOR))
+    assert CONTROL in pe.running
+    assert requests(pe.pass_time(3 * BEAT_NS)) == []
+    assert ask(pe, CONTROL, "land") == [(LAND, 2)]
 
 
 def test_a_new_reign_is_told_again_and_then_only_forward() -> None:

@@ -4,8 +4,11 @@ from dataclasses import replace
 
 from heronry_tools.drill import puppets
 from heronry_tools.drill.pe_under_test import (
+    DEMAND,
+    DEMAND_ID,
     FAR,
     HEIGHT_ID,
+    LAMP,
     MAIN,
     NEIGHBOUR,
     NODE,
@@ -144,15 +147,15 @@ def what_nodes_beyond_say_is_handed_up() -> None:
 def data_are_handed_on_as_wired() -> None:
     """What the slice names, from the node it names, to the buses it names, and never back."""
     pe = PeUnderTest(_GATEWAY).attended()
-    pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), 1: (FAR, 3)}))
+    pe.flies(Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2), DEMAND: (FAR, 3)}))
     began_ns = pe.run_into_next_period(8)
     wired, others = datum(OTHER_HEIGHT_ID, 1.0), datum(OTHER_HEIGHT_ID, 2.0, node=NEIGHBOUR + 1)
     pe.main.say(wired, others, datum(HEIGHT_ID, 3.0))
-    pe.far.say(datum(1536, 4.0, node=FAR))
+    pe.far.say(datum(DEMAND_ID, 4.0, node=FAR))
     pe.run(5)
-    data = [OTHER_HEIGHT_ID, HEIGHT_ID, 1536]
+    data = [OTHER_HEIGHT_ID, HEIGHT_ID, DEMAND_ID]
     equal([one.frame for one in pe.far.since(began_ns, data)], [wired], "data on the far bus")
-    equal([one.frame.can_id for one in pe.main.since(began_ns, data)], [1536], "data on the main bus")
+    equal([one.frame.can_id for one in pe.main.since(began_ns, data)], [DEMAND_ID], "data on the main bus")
     pe.flies(Slice((ModuleSlice(0, 0, ()),), publish={0: 3}), _EPOCH + 1, _DIGEST + 1)
     puppets.pull_all()
     began_ns = pe.run_into_next_period(8)
@@ -161,6 +164,23 @@ def data_are_handed_on_as_wired() -> None:
     equal(pe.far.since(began_ns, [OTHER_HEIGHT_ID]), [], "data that are not wired any more")
     equal(len(pe.data(HEIGHT_ID, began_ns, pe.far)), len(pe.data(HEIGHT_ID, began_ns)), "data on both buses")
     demand(len(pe.data(HEIGHT_ID, began_ns)) >= 9, "data on both buses")
+
+
+def what_it_reads_itself_is_handed_on_too() -> None:
+    """From GO on: at BREAK nothing is on the far bus that was not there before."""
+    pe = PeUnderTest(_GATEWAY).attended()
+    reads = Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR})
+    pe.flies(reads)
+    pe.prepare(_EPOCH + 1, replace(reads, forward={DEMAND: (NEIGHBOUR, 2)}), _DIGEST + 1)
+    pe.run(10)
+    read = datum(DEMAND_ID, 1.0)
+    for step, handed_on in ((Step.BREAK, []), (Step.GO, [read])):
+        pe.activate(_EPOCH + 1, step, _DIGEST + 1)
+        began_ns = pe.run_into_next_period(8)
+        pe.main.say(read)
+        pe.run(3)
+        found = [one.frame for one in pe.far.since(began_ns, [DEMAND_ID])]
+        equal(found, handed_on, f"what it reads itself, on the far bus after {step.name}")
 
 
 def _reports(pe: PeUnderTest, since_ns: int) -> list[tuple[int, LinkReport]]:
@@ -386,6 +406,7 @@ DRILLS = (
     nobody_commands_from_beyond,
     what_nodes_beyond_say_is_handed_up,
     data_are_handed_on_as_wired,
+    what_it_reads_itself_is_handed_on_too,
     a_radio_is_reported_on,
     a_radio_that_loses_frames_is_told_so,
     a_slow_radio_is_told_so,

@@ -54,14 +54,19 @@ from heronry_wire.management import (
     PeState,
     Step,
 )
+from heronry_wire.pe_table import PeTable
 
 _EPOCH, _DIGEST = 17, 0x111111
 _GAUGE, _HELPER = ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ())
 _RUNNING, _FAILED = 1, 3  # object 2013h
+_TOGETHER = replace(
+    TABLE,
+    modules=tuple(replace(one, partition="both", restarts=max(one.restarts, 1)) for one in TABLE.modules),
+)
 
 
-def _flying(part: Slice | None = None) -> PeUnderTest:
-    pe = PeUnderTest().attended()
+def _flying(part: Slice | None = None, table: PeTable = TABLE) -> PeUnderTest:
+    pe = PeUnderTest(table).attended()
     puppets.pull_all()
     pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}) if part is None else part)
     pe.run(1100)  # since its outputs were held, a report is not believed for a second
@@ -407,9 +412,6 @@ def a_rule_does_not_bridge_a_gap() -> None:
 
 def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
     """Where nobody was, to all who lived in it; the others begin again at once, for nothing."""
-    together = tuple(replace(one, partition="both") for one in TABLE.modules)
-    restartable = replace(together[GAUGE], restarts=1)
-    table = replace(TABLE, modules=(restartable, *together[1:]))
     charged: tuple[tuple[int | None, set[tuple[FaultCode, int]]], ...] = (
         (GAUGE, {(FaultCode.MODULE_RESTARTED, GAUGE)}),
         (HELPER, {(FaultCode.MODULE_RESTARTED, HELPER)}),
@@ -417,7 +419,7 @@ def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
         (SERVO, set()),  # one that has been stopped: nobody else is to blame
     )
     for computing, told in charged:
-        pe = PeUnderTest(table).attended()
+        pe = PeUnderTest(_TOGETHER).attended()
         puppets.pull_all()
         pe.flies(Slice((_GAUGE, _HELPER), publish={HEIGHT: 1, 2: 1}))
         pe.run(8)
@@ -435,6 +437,25 @@ def a_partition_that_ends_is_charged_to_who_was_computing() -> None:
         began_ns = pe.run(30)
         codes = {(said.code, said.index) for _, said in pe.emergencies(began_ns)}
         demand((FaultCode.PARTITION_ENDED, GAUGE) in codes, f"who has no restarts any more is told as {codes}")
+
+
+def a_request_ends_with_its_partition() -> None:
+    """Also where somebody else is charged: who begins again has asked for nothing, and is heard when it asks anew."""
+    pe = _flying(table=_TOGETHER)
+    puppets.PULLED["helper"] = puppets.once(puppets.asking("land"))
+    pe.run(50)
+    pe.tell(PartitionEnded("both", "killed", GAUGE))
+    began_ns = pe.run(50)
+    equal(_requests(pe, began_ns), set(), "requests of who began again")
+    puppets.PULLED["helper"] = puppets.asking("land")
+    began_ns = pe.run(50)
+    equal(_requests(pe, began_ns), {(2, 2)}, "requests of who began again, and asks anew")
+
+
+def _requests(pe: PeUnderTest, since_ns: int) -> set[tuple[int, int]]:
+    """Phase and number of each request."""
+    told = (said for _, said in pe.emergencies(since_ns) if said.code is FaultCode.PHASE_REQUEST)
+    return {(said.index, said.detail) for said in told}
 
 
 def a_module_that_cannot_be_built_is_given_up() -> None:
@@ -512,6 +533,7 @@ def a_reader_waits_for_what_it_reads() -> None:
 
 DRILLS = (
     a_partition_that_ends_is_charged_to_who_was_computing,
+    a_request_ends_with_its_partition,
     a_module_that_cannot_be_built_is_given_up,
     answers_to_old_questions_are_dropped,
     a_step_that_is_given_back_is_asked_for_anew,

@@ -286,17 +286,34 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
 
 
 def what_another_node_may_send_is_taken_back() -> None:
-    """Frames of a source that moves away, and has not been sent yet, are not sent after BREAK."""
+    """Frames of a source that moves away, and still wait while the bus is full, are not sent after BREAK."""
     pe = _attended().flies()
-    pe.run(40)
     pe.prepare(_NEXT, Slice((_GAUGE,), publish={HEIGHT: 1}), _NEXT_DIGEST)
-    pe.run(10)
+    _fill_the_bus(pe)
+    pe.run(25)
     pe.activate(_NEXT, Step.BREAK, _NEXT_DIGEST)
     began_ns = pe.run(100)
-    broken_ns = pe.pages_0(began_ns)[0][0]
+    broken_ns = next(t_ns for t_ns, page in pe.pages_0(began_ns) if page.state is PeState.BROKEN)
     late = [t_ns for identifier in (DEMAND_ID, HELP_ID) for t_ns, _ in pe.data(identifier, broken_ns)]
     equal(late, [], "data after it has said that it is broken")
-    demand(bool(pe.data(HEIGHT_ID, broken_ns)), "what stays is taken back, too")
+    codes = [d.message_code for _, d in pe.data(HEIGHT_ID, -1)]
+    equal(codes, list(range(len(codes))), "what stays is taken back, too: message codes")
+
+
+def what_the_manager_may_give_away_is_taken_back() -> None:
+    """Frames of a module that may run elsewhere, and still wait while the bus is full when ALIVE names others."""
+    pe = _attended().flies()
+    _fill_the_bus(pe)
+    pe.alive = frozenset((NEIGHBOUR,))
+    pe.run(20)
+    began_ns = pe.run(50)
+    equal(pe.data(DEMAND_ID, began_ns), [], "data of what may run elsewhere, when ALIVE names others")
+
+
+def _fill_the_bus(pe: PeUnderTest) -> None:
+    """For more than a heartbeat period, from early in one on, with what is more urgent than all data."""
+    pe.run_into_next_period(2)
+    pe.main.say(*[Frame(HEIGHT_ID - 1, bytes(8))] * 240)
 
 
 def a_branch_needs_its_name_in_alive() -> None:
@@ -526,6 +543,7 @@ DRILLS = (
     data_come_and_go_as_wired,
     a_datum_that_its_producer_does_not_trust_says_so,
     what_another_node_may_send_is_taken_back,
+    what_the_manager_may_give_away_is_taken_back,
     a_branch_needs_its_name_in_alive,
     a_branch_needs_somebody_to_be_heard,
     after_a_silence_an_alive_must_name_it,

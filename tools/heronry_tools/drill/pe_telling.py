@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
+from heronry_agent.core import AgentCore
 from heronry_agent.module import Context, Inputs, Value
 from heronry_agent.vocabulary import ChannelsLost
 from heronry_tools.drill import puppets
@@ -14,6 +15,7 @@ from heronry_tools.drill.pe_under_test import (
     FAR,
     GAUGE,
     HELPER,
+    INCARNATION,
     LAMP,
     MAIN,
     NEIGHBOUR,
@@ -235,6 +237,23 @@ def an_echo_of_another_moves_the_world() -> None:
         equal([device for device, _ in pe.pe.followed], ["rudder_motor"] if moves else [], f"moved by {frame}")
 
 
+def an_echo_that_nothing_here_feels_moves_nothing() -> None:
+    """A world follows the actuators that its sensors feel; a gateway hands on what all others say of theirs."""
+    moved, handed_on = _echo(actuator_echo_id(NEIGHBOUR), NEIGHBOUR, 2, 2), _echo(actuator_echo_id(FAR), FAR, 2, 2)
+    for felt, moves in (("rudder_motor", True), ("servo_motor", False)):
+        pe = PeUnderTest(_GATEWAY)
+        pe.pe.core = AgentCore(_GATEWAY, INCARNATION, pe.pe.time.now_ns(), followed=(felt,))
+        pe.attended()
+        began_ns = pe.now_ns
+        pe.main.say(moved)
+        pe.far.say(handed_on)
+        pe.run(3)
+        told = [device for device, _ in pe.pe.followed]
+        equal(told, ["rudder_motor"] if moves else [], f"moved by an echo of rudder_motor, where {felt} is felt")
+        found = [one.frame for one in pe.main.since(began_ns, [handed_on.can_id])]
+        equal(found, [handed_on], f"an echo from beyond, where {felt} is felt")
+
+
 def _echo(identifier: int, node: int, kind: int, device: int) -> Frame:
     return Frame(identifier, bytes((node, kind, device, 0, 0x3F, 0x80, 0, 0)))
 
@@ -293,5 +312,6 @@ DRILLS = (
     releases_that_were_missed_are_counted,
     requests_by_sdo_wait_for_their_turn,
     an_echo_of_another_moves_the_world,
+    an_echo_that_nothing_here_feels_moves_nothing,
     a_step_that_changes_nothing_is_not_taken_back,
 )
