@@ -299,6 +299,20 @@ def who_does_not_hear_is_failed() -> None:
     equal(manager.told("pe_lost", began_ns), [], "lost although it has heard in between")
 
 
+def what_page_1_says_of_the_lease_counts_too() -> None:
+    """Where page 0 is lost each time, page 1 is what is heard: that the PE lives, and that it hears."""
+    manager = ManagerUnderTest().flies()
+    quiet = manager.pes["tail_b"]
+    quiet.speaks = False
+    for hears, lost in ((True, []), (False, ["tail_b"])):
+        quiet.hears = hears
+        began_ns = manager.now_ns
+        for _ in range(10):
+            quiet.answer()
+            manager.run(20)
+        equal([one["pe"] for one in manager.told("pe_lost", began_ns)], lost, f"lost when page 1 says hears={hears}")
+
+
 def when_most_do_not_hear_nobody_is_failed() -> None:
     """It is the manager then that is not heard; half of them are not most."""
     manager = ManagerUnderTest().flies()
@@ -423,6 +437,7 @@ DRILLS = (
     the_longest_hold_down_is_a_minute,
     a_reboot_is_a_loss,
     who_does_not_hear_is_failed,
+    what_page_1_says_of_the_lease_counts_too,
     when_most_do_not_hear_nobody_is_failed,
     who_hears_nobody_says_nothing,
     who_is_refused_by_most_falls_silent,

@@ -8,10 +8,14 @@ from heronry_tools.drill.pe_under_test import (
     DEMAND_ID,
     FAR,
     HEIGHT_ID,
+    HELP,
+    HELP_ID,
+    HELPER,
     LAMP,
     MAIN,
     NEIGHBOUR,
     NODE,
+    NOTHING,
     OTHER_HEIGHT,
     OTHER_HEIGHT_ID,
     TABLE,
@@ -322,6 +326,54 @@ def what_goes_to_a_radio_waits_in_turn() -> None:
     equal(controls, [1, 2], "commands after a break")
 
 
+def what_moves_away_is_not_sent_by_radio() -> None:
+    """What of it waits at BREAK, while the radio carries nothing, is taken back."""
+    pe = PeUnderTest(_RADIO)
+    _Beyond(pe)
+    pe.attended()
+    puppets.pull_all()
+    pe.flies(Slice((ModuleSlice(HELPER, 0, ()),), publish={HELP: 3}))
+    pe.prepare(_EPOCH + 1, NOTHING, _DIGEST + 1)
+    began_ns = pe.run(500)
+    demand(bool(pe.data(HELP_ID, began_ns, pe.far)), "nothing goes by radio")
+    pe.far.bus.break_wire()
+    pe.run(30)
+    pe.activate(_EPOCH + 1, Step.BREAK, _DIGEST + 1)
+    pe.run(3)
+    pe.far.bus.mend_wire()
+    began_ns = pe.run(60)
+    equal(pe.data(HELP_ID, began_ns, pe.far), [], "data of what has moved away, on the radio")
+
+
+def commands_wait_longer_than_data() -> None:
+    """For five periods of the radio; T_lease is for what is worth nothing when it is old."""
+    for silent_ms, comes in ((400, True), (600, False)):
+        pe = PeUnderTest(_RADIO)
+        _Beyond(pe)
+        pe.attended()
+        pe.run(1000)
+        pe.far.bus.break_wire()
+        began_ns = pe.run(20)
+        pe.main.command(Control(5, FAR, Operation.CLEAR, 1, 1))
+        pe.run(silent_ms)
+        pe.far.bus.mend_wire()
+        pe.run(300)
+        found = pe.far.since(began_ns, [management_id(126, Command.CONTROL)])
+        equal(len(found), int(comes), f"commands after a radio that carried nothing for {silent_ms} ms")
+
+
+def after_a_pause_a_radio_is_reported_on_again() -> None:
+    """At once, and then at the old pace: periods that have passed are not made up for."""
+    pe = PeUnderTest(_RADIO)
+    _Beyond(pe)
+    pe.attended()
+    pe.run(1000)
+    pe.pe.pause(350 * MS)
+    pe.run(350)
+    reports = _reports(pe, pe.run(700))
+    demand(7 <= len(reports) <= 9, f"{len(reports)} reports in the seven periods after a pause")
+
+
 def data_keep_to_their_share_of_a_radio() -> None:
     """Of a radio of 100 kbit/s data take 70 kbit/s, in longest frames, and eight more after any silence."""
     pe = PeUnderTest(_RADIO)
@@ -412,5 +464,8 @@ DRILLS = (
     a_slow_radio_is_told_so,
     a_radio_that_is_silent_is_gone,
     what_goes_to_a_radio_waits_in_turn,
+    what_moves_away_is_not_sent_by_radio,
+    commands_wait_longer_than_data,
+    after_a_pause_a_radio_is_reported_on_again,
     data_keep_to_their_share_of_a_radio,
 )

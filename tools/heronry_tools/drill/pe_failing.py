@@ -25,6 +25,7 @@ from heronry_tools.drill.pe_under_test import (
     HEIGHT_ID,
     HELP_ID,
     HELPER,
+    LAMP,
     NODE,
     PERIOD_NS,
     SERVO,
@@ -531,6 +532,30 @@ def a_reader_waits_for_what_it_reads() -> None:
     demand(bool(demands), "the reader waits for ever")
 
 
+def a_value_goes_down_a_chain_at_once() -> None:
+    """Whoever reads what another one makes of it waits for both: it has what comes of the value of this instant."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    heights: list[float] = []
+    seen: list[tuple[float, float]] = []  # what was read, and what should have been
+
+    def climb(_ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
+        heights.append(float(len(heights)))
+        return {"height": heights[-1]}
+
+    def look(_ctx: Context, inputs: Inputs) -> Mapping[str, Value]:
+        read = inputs.get("demand")
+        seen.append((-1.0 if read is None else read.number(), 2 * heights[-1]))
+        return {}
+
+    puppets.PULLED["gauge"], puppets.PULLED["lamp"] = climb, look
+    chain = _GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,)), ModuleSlice(LAMP, 0, (DEMAND,))
+    pe.flies(Slice(chain, publish={HEIGHT: 1, DEMAND: 1}))
+    pe.run(500)
+    demand(len(seen) >= 4, "the last of the chain does not run")
+    equal([read for read, _ in seen], [wanted for _, wanted in seen], "what the last of a chain reads")
+
+
 DRILLS = (
     a_partition_that_ends_is_charged_to_who_was_computing,
     a_request_ends_with_its_partition,
@@ -539,6 +564,7 @@ DRILLS = (
     a_step_that_is_given_back_is_asked_for_anew,
     what_is_as_old_as_it_may_be_is_fresh,
     a_reader_waits_for_what_it_reads,
+    a_value_goes_down_a_chain_at_once,
     a_report_is_repeated_until_it_is_acknowledged,
     what_is_cleared_is_taken_back_and_told_anew,
     what_is_critical_is_told_to_everybody,

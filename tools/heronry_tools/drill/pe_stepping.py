@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from random import Random
 
 from heronry_agent.module import Context, Inputs, Value
 from heronry_tools.drill import puppets
@@ -285,6 +286,16 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
         equal(set(trusted), {is_trusted}, f"trusted with validity {validity}")
 
 
+def a_step_may_wait_for_the_processor() -> None:
+    """For T_lease: one that is busy for some ms with each module computes them all."""
+    pe = _attended().flies()
+    pe.pe.slow = Random(0)
+    began_ns = pe.run(400)
+    for identifier in (HEIGHT_ID, DEMAND_ID, HELP_ID):
+        count = len(pe.data(identifier, began_ns))
+        demand(count >= 8, f"{count} data under {identifier} of a slow processor in 400 ms")
+
+
 def what_another_node_may_send_is_taken_back() -> None:
     """Frames of a source that moves away, and still wait while the bus is full, are not sent after BREAK."""
     pe = _attended().flies()
@@ -542,6 +553,7 @@ DRILLS = (
     a_module_that_waits_to_be_built_anew_is_not_carried_over,
     data_come_and_go_as_wired,
     a_datum_that_its_producer_does_not_trust_says_so,
+    a_step_may_wait_for_the_processor,
     what_another_node_may_send_is_taken_back,
     what_the_manager_may_give_away_is_taken_back,
     a_branch_needs_its_name_in_alive,
