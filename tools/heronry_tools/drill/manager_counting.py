@@ -421,7 +421,10 @@ def other_frames_mean_nothing() -> None:
         manager.main.say(wrong)
         manager.run(10)
     manager.run(60)
-    equal([one["pe"] for one in manager.told("pe_lost", last_ns)], ["tail_b"], "who is lost")
+    (lost,) = manager.told("pe_lost", last_ns)
+    equal(lost["pe"], "tail_b", "who is lost")
+    after_ns = lost["t_ns"] - last_ns
+    demand(64 * MS < after_ns < 66 * MS, f"it is lost {after_ns / MS} ms after its last word")
 
 
 DRILLS = (

@@ -51,6 +51,20 @@ def every_pe_gets_its_slice() -> None:
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, prepare.epoch)}, "what the PEs run")
 
 
+def who_runs_its_slice_already_gets_the_head_alone() -> None:
+    """In the new epoch; whoever has something new to do gets the body as well."""
+    manager = ManagerUnderTest(example("n_version")).flies()
+    runs = {pe.node: pe.runs for pe in manager.pes.values()}
+    began_ns = manager.now_ns
+    manager.obey(FailElement("device:imu_2"))
+    manager.run(300)
+    heads = {head.node: (head.digest, head.length) for _, head in manager.said(SliceHead, began_ns)}
+    equal(heads.keys(), runs.keys(), "nodes with a head")
+    changed = {node for node in runs if heads[node] != runs[node]}
+    demand(0 < len(changed) < len(runs), "the drill's slices all change, or none does")
+    equal({body.node for _, body in manager.said(SliceBody, began_ns)}, changed, "nodes with a body")
+
+
 def bodies_take_half_of_the_bus() -> None:
     """At most: their identifier outranks all data."""
     manager = ManagerUnderTest(example("elevator_and_chute")).flies()
@@ -380,6 +394,7 @@ def epochs_of_a_term_begin_with_its_block() -> None:
 
 DRILLS = (
     every_pe_gets_its_slice,
+    who_runs_its_slice_already_gets_the_head_alone,
     bodies_take_half_of_the_bus,
     who_does_not_stage_is_asked_again,
     what_is_for_everybody_is_not_said_for_each,

@@ -1,6 +1,7 @@
 """What a manager says of how things stand, what it gives its PEs, and what it remembers over a restart."""
 
 from typing import Any
+from zlib import crc32
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, hosts_when_all_is_up
@@ -148,6 +149,23 @@ def a_restart_goes_on_with_what_runs() -> None:
 def _copy(manager: ManagerUnderTest) -> Disk:
     """What is on a manager's disk."""
     return Disk(manager.spec, manager.disk.data)
+
+
+def a_restart_believes_no_damaged_line() -> None:
+    """One whose checksum is wrong, or that is no JSON, is as if it had never been written."""
+    first = ManagerUnderTest().flies()
+    first.emergency("tail_b", ElementKind.DEVICE, 2, 1)
+    first.run(300)
+    data, no_json = first.disk.data, b"[9,"
+    for damaged, latched in (
+        (data.replace(b"elevator_servo_2", b"elevator_servo_1"), []),
+        (data + b"%08x %s\n" % (crc32(no_json), no_json), ["device:elevator_servo_2"]),
+    ):
+        demand(damaged != data, "the drill has damaged nothing")
+        manager = ManagerUnderTest(disk=Disk(first.spec, damaged))
+        manager.run(600)
+        equal([one["element"] for one in _status(manager)["latched"]], latched, "latched after a damaged journal")
+        equal(manager.lease().term, 3, "term after a damaged journal")
 
 
 def a_restart_remembers_the_phase_and_who_was_failed() -> None:
@@ -320,6 +338,7 @@ DRILLS = (
     the_status_tells_of_radios_and_phases,
     a_lost_channel_is_told_of,
     a_restart_goes_on_with_what_runs,
+    a_restart_believes_no_damaged_line,
     a_restart_remembers_the_phase_and_who_was_failed,
     what_is_cleared_at_a_restart_is_started,
     a_restart_remembers_what_was_cleared,

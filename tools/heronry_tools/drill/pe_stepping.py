@@ -312,13 +312,19 @@ def what_another_node_may_send_is_taken_back() -> None:
 
 
 def what_the_manager_may_give_away_is_taken_back() -> None:
-    """Frames of a module that may run elsewhere, and still wait while the bus is full when ALIVE names others."""
-    pe = _attended().flies()
-    _fill_the_bus(pe)
-    pe.alive = frozenset((NEIGHBOUR,))
-    pe.run(20)
-    began_ns = pe.run(50)
-    equal(pe.data(DEMAND_ID, began_ns), [], "data of what may run elsewhere, when ALIVE names others")
+    """Frames of a module that may run elsewhere, and still wait when ALIVE names others, or another has its number."""
+    for clashes in (False, True):
+        pe = _attended().flies()
+        _fill_the_bus(pe)
+        pe.run(17)
+        if clashes:
+            pe.main.say(Frame(state_id(NODE), StatePage0(PeState.UNCONFIGURED, PeFlags(0), 99, 0, 0, 0).encode()))
+        else:
+            pe.alive = frozenset((NEIGHBOUR,))
+        pe.run(3)
+        began_ns = pe.run(50)
+        what = "another node has its number" if clashes else "ALIVE names others"
+        equal(pe.data(DEMAND_ID, began_ns), [], f"data of what may run elsewhere, when {what}")
 
 
 def _fill_the_bus(pe: PeUnderTest) -> None:
