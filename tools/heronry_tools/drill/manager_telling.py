@@ -1,5 +1,6 @@
 """What a manager says of how things stand, what it gives its PEs, and what it remembers over a restart."""
 
+from collections import Counter
 from typing import Any
 from zlib import crc32
 
@@ -13,6 +14,7 @@ from heronry_tools.drill.manager_under_test import ManagerUnderTest, example
 from heronry_tools.drill.player import MS, demand, equal
 from heronry_tools.simulator.disk import Disk
 from heronry_tools.simulator.planning import best_plan
+from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.identifiers import GATEWAY_IDS
@@ -308,6 +310,43 @@ def _judge_table(spec: Spec, pe: str) -> None:
     equal({one for one in named if one.startswith("device:")}, bolted, "devices that are flight-critical")
 
 
+def slices_bring_a_source_to_every_reader_once() -> None:
+    """By its producer and the gateways on the way; no bus is told it twice, and none that leads to no reader."""
+    for name in ("radio_link", "n_version", "big_blue"):
+        spec = example(name)
+        slices = _slices(spec)
+        told: Counter[tuple[int, str]] = Counter()  # how many say a source on a bus
+        for pe, part in slices.items():
+            masks = [*part.publish.items(), *((source, mask) for source, (_, mask) in part.forward.items())]
+            told.update((source, bus) for source, mask in masks for bus in _buses(spec, pe, mask))
+        demand(set(told.values()) == {1}, f"of {name} some source is said twice on a bus: {told}")
+        asked = set()
+        for pe, part in slices.items():
+            for source in (*part.remote, *part.forward):
+                heard = [(source, bus) for bus in spec.pes[pe].buses if (source, bus) in told]
+                out = set(_buses(spec, pe, part.forward.get(source, (0, 0))[1]))
+                inward = [one for one in heard if one[1] not in out]
+                equal(len(inward), 1, f"buses on which {pe} hears source {source}, of {name}")
+                asked.update(inward)
+        equal(asked, set(told), f"what is read or handed on, of {name}")
+
+
+def _slices(spec: Spec) -> dict[str, Slice]:
+    """What each PE gets where nothing is down."""
+    compiler = Compiler(spec)
+    bodies = compiler.configuration(best_plan(spec, Situation(), None).configuration).slices
+    found = {}
+    for pe in spec.pes.values():
+        modules = compiler.table(pe.name).modules
+        leaves = {(one.index, number): len(mode.leaves) for one in modules for number, mode in enumerate(one.modes)}
+        found[pe.name] = decode_slice(bodies[pe.node_id], leaves)
+    return found
+
+
+def _buses(spec: Spec, pe: str, mask: int) -> list[str]:
+    return [bus for port, bus in enumerate(spec.pes[pe].buses) if mask >> port & 1]
+
+
 def its_events_tell_the_story() -> None:
     """Of a reconfiguration from the loss on, in order, with its causes and times."""
     manager = ManagerUnderTest().flies()
@@ -344,4 +383,5 @@ DRILLS = (
     a_restart_remembers_what_was_cleared,
     a_plan_that_fits_a_smaller_radio_is_kept,
     tables_say_what_the_spec_says,
+    slices_bring_a_source_to_every_reader_once,
 )
