@@ -11,7 +11,10 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path, PurePath
 
-from heronry_tools.mutation.__main__ import draw
+import pytest
+
+from heronry_tools.errors import UserError
+from heronry_tools.mutation.__main__ import draw, main
 from heronry_tools.mutation.flight_code import CODEC, CORES, NEITHER, codec_files, core_files
 from heronry_tools.mutation.flights import Flight
 from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
@@ -100,6 +103,12 @@ def test_the_same_seed_draws_the_same_from_the_cores() -> None:
     assert drawn == draw(ROOT, 7, 50) != draw(ROOT, 8, 50)
     assert {mutant.kind for mutant in drawn} == {"comparison", "constant", "deletion", "statement"}
     assert all(compiles(mutant, (ROOT / mutant.file).read_bytes()) for mutant in drawn)
+
+
+@pytest.mark.parametrize("option", ["--count", "--jobs"])
+def test_a_number_with_which_nothing_could_be_shown_is_refused(option: str) -> None:
+    with pytest.raises(UserError, match=f"{option} 0 shows nothing; write 1 or more"):
+        main(["--seed", "1", option, "0"])
 
 
 def test_every_module_is_a_core_codec_or_neither_and_cores_and_codec_meet_nobody_outside() -> None:

@@ -87,6 +87,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
         (["--seconds", "-1"], "0 to 86400 seconds"),
         (["--loss", "0.9"], "0 to 0.5"),
         (["--runs", "-2"], "0 or more"),
+        (["--runs", "0"], "1 or more"),
         (["--seed", "x"], "invalid whole_number value"),
     ],
 )

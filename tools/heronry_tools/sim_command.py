@@ -62,7 +62,7 @@ def add_parsers(subparsers: Any) -> None:
     )
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
-    parser.add_argument("--runs", type=whole_number, default=1, metavar="N", help="how many seeds, one after the other")
+    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="how many seeds, one after the other")
     parser.add_argument("--seconds", type=seconds, default=5.0, metavar="S", help="length of the chaos (default: 5)")
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
@@ -267,6 +267,14 @@ def whole_number(text: str) -> int:
     number = int(text)
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
+    return number
+
+
+def flights(text: str) -> int:
+    """Read how many flights to fly: none would find nothing wrong."""
+    number = whole_number(text)
+    if number == 0:
+        raise argparse.ArgumentTypeError("0 flights show nothing; write 1 or more")
     return number
 
 

@@ -17,7 +17,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from heronry_tools.errors import exit_code
+from heronry_tools.errors import UserError, exit_code
 from heronry_tools.mutation.flight_code import core_files
 from heronry_tools.mutation.flights import flights
 from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
@@ -29,6 +29,9 @@ from heronry_tools.progress import Progress
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; gives its exit code."""
     arguments = _parser().parse_args(argv)
+    for option in ("count", "jobs"):
+        if getattr(arguments, option) < 1:
+            raise UserError(f"--{option} {getattr(arguments, option)} shows nothing; write 1 or more")
     checkout = Path(__file__).resolve().parents[3]
     drawn = draw(checkout, arguments.seed, arguments.count)
     if arguments.list:
