@@ -1,14 +1,13 @@
 """What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
 
 One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. That is a
-frame that a PE obeys in nothing; a standby that has missed one hears it again.
+frame that a PE obeys in nothing; a standby that has missed one hears it again, and believes no longer in what it has
+not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
-from heronry_manager.known_situation import KnownSituation
+from heronry_manager.known_situation import ANNOUNCED_EVERY, KnownSituation
 from heronry_wire.management import ElementKind
-
-ANNOUNCED_EVERY = 5  # beats
 
 Fact = tuple[ElementKind, int]
 

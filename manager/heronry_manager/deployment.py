@@ -54,6 +54,7 @@ from heronry_wire.management import (
 from heronry_wire.sansio import require
 
 _EPOCHS_REMEMBERED = 8
+_MOST_LATE = 8  # pages 0: one that is further behind is new, after a silence
 # STALE_TERM: a PE that names an epoch of this reign refuses the commands of another manager.
 _IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))
 _NO_REFUSAL = _IN_ORDER | {Reason.INCOMPLETE, Reason.STALE_EPOCH, Reason.NOT_ON_BOARD}
@@ -67,6 +68,13 @@ class Observed:
     digest: int = 0
     state: PeState = PeState.UNCONFIGURED
     configured: bool = False  # has been seen to run something of ours in this incarnation
+    said: tuple[int, int] | None = None  # incarnation and sequence of its last page 0
+
+    def is_late(self, page: StatePage0) -> bool:
+        """Tell whether a page was said before the last one: a gateway may hand it on late."""
+        if self.said is None or self.said[0] != page.incarnation:
+            return False
+        return 1 <= (self.said[1] - page.sequence) % 256 <= _MOST_LATE
 
 
 class Deployment:
@@ -150,8 +158,14 @@ class Deployment:
     # What the PEs say
 
     def observe(self, pe: str, page: StatePage0) -> str | None:
-        """Page 0 of a PE that is counted on or not; gives why it must be failed, if it must."""
+        """Page 0 of a PE that is counted on or not; gives why it must be failed, if it must.
+
+        A late one tells nothing: what the PE has begun to drive since, it still drives.
+        """
         seen = self._observed[pe]
+        if seen.is_late(page):
+            return None
+        seen.said = page.incarnation, page.sequence
         seen.epoch, seen.digest, seen.state = page.epoch, page.digest, page.state
         if not self._health.is_counted_on(pe):
             return None

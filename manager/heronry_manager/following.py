@@ -88,6 +88,7 @@ class Following:
             case Alive(term, _, nodes) if term == self.term:
                 self._counted_on = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
                 self._exclusion.named(self._counted_on, self._turn.now_ns)
+                self._situation.overheard_beat(node)
             case Control(term) if term == self.term:
                 self._situation.overheard(node, message)
             case _:

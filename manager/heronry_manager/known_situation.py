@@ -6,9 +6,16 @@ part of a plan. What a lost, late, doubled or forged message does to any of them
 
 A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
 
+That the manager's own bus has failed is no part of a plan, whoever says so: it was heard there, and a plan for it would
+stop everything that flies.
+
+Who stands by hears what is latched in turn (`announcing`), and what is cleared once. What it has not been told again
+for three turns is latched no more: a CLEAR that was lost costs some beats.
+
 All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
 """
 
+from collections import Counter
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
@@ -25,7 +32,11 @@ from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
 
+ANNOUNCED_EVERY = 5
+"""Beats from one thing that the manager who reigns tells in turn to the next."""
+
 _KINDS = frozenset(ElementKind)
+_TURNS = 3  # in which something that is latched may stay untold
 
 
 class KnownSituation:
@@ -53,6 +64,8 @@ class KnownSituation:
         self.links = RadioLinks(spec)
         self.channels = LostChannels(spec, turn)
         self._restarts = RestartsTold(spec, turn)
+        self._own_bus = f"bus:{spec.manager.bus}"
+        self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
         self._remember()
 
     @property
@@ -104,7 +117,7 @@ class KnownSituation:
     def down(self) -> frozenset[str]:
         """Everything that is down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
-        return self.failed.elements | frozenset(missing)
+        return (self.failed.elements | frozenset(missing)) - {self._own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> bool:
         """A PE reports a fault; tells whether that was understood."""
@@ -136,9 +149,19 @@ class KnownSituation:
         kind = ElementKind(told.a) if told.a in _KINDS else None
         element = None if kind is None else self.failed.element(kind, told.b)
         if element is not None and told.operation is Operation.HOLDS:
+            self._untold[element] = 0
             self.latch(LatchedFault(element, by, "HOLDS", 0, self._turn.now_ns))
         elif element is not None and told.operation is Operation.CLEAR:
             self.clear(element, by)
+
+    def overheard_beat(self, manager: int) -> None:
+        """Another manager reigns, and has told something if it was its turn: what it does not hold is cleared."""
+        elements = self.failed.elements
+        self._untold = Counter({element: self._untold[element] + 1 for element in elements})
+        longest = _TURNS * ANNOUNCED_EVERY * (1 + len(elements))  # the phase has its turn, too
+        for element in sorted(elements):
+            if self._untold[element] > longest:
+                self.clear(element, f"manager {manager}")
 
     def lost(self, pe: str) -> None:
         """A PE is counted on no more."""

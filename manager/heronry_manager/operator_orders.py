@@ -1,10 +1,10 @@
 """What the operator may say to a manager in flight, and what it answers: one sentence each.
 
     phase NAME       another mission phase, any of the spec's
-    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it
+    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it. Not the manager's own bus
     clear ELEMENT    it is taken for well again: a latched fault ends, a PE leaves its quarantine, one that was failed
                      may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what is
-                     still wrong is reported at once; lost, that costs a second
+                     still wrong is reported at once; lost, that costs a second (a standby: some beats)
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The order is not repeated:
                      lost, it has to be given again
 
@@ -42,7 +42,7 @@ class OperatorOrders:
                 case EnterPhase(phase):
                     return Reply(number, True, self._enter(checked_phase(self._spec, phase)))
                 case FailElement(element):
-                    return Reply(number, True, self._fail(checked_element(self._spec, element)))
+                    return self._fail(number, checked_element(self._spec, element))
                 case ClearElement(element):
                     return self._clear(number, checked_element(self._spec, element))
                 case UnlockPe(element):  # pragma: no branch - nothing else is left
@@ -57,11 +57,14 @@ class OperatorOrders:
         self._situation.enter(phase, OPERATOR)
         return f"the phase is {phase} from now on, it was {before}; a plan for it is on its way"
 
-    def _fail(self, element: str) -> str:
+    def _fail(self, number: int, element: str) -> Reply:
+        if element == f"bus:{self._spec.manager.bus}":
+            why = f"{element} carries this manager's commands, and a plan without it would stop everything"
+            return Reply(number, False, f"{why}: name what has failed on it")
         if element in self._situation.failed.elements:
-            return f"{element} counts as failed already"
+            return Reply(number, True, f"{element} counts as failed already")
         self._situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
-        return f"{element} counts as failed until it is cleared; a plan without it is on its way"
+        return Reply(number, True, f"{element} counts as failed until it is cleared; a plan without it is on its way")
 
     def _clear(self, number: int, element: str) -> Reply:
         if not self._situation.clear(element, OPERATOR):

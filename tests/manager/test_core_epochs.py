@@ -1,5 +1,7 @@
 """One epoch after the other, as the manager's core leads them: what goes wrong on the way, and what it does then."""
 
+from dataclasses import replace
+
 import pytest
 
 from heronry_dg.loader import loads
@@ -276,6 +278,15 @@ def test_who_joins_with_the_epoch_of_an_older_reign_breaks_first() -> None:
     (step,) = manager.of("epoch_step")
     assert (step["step"], step["waiting_for"]) == ("BREAK", ["left", "middle"])  # nobody knows what they send
     assert manager.of("pe_lost") == []
+
+
+def test_a_page_that_comes_late_tells_nothing_of_what_runs(manager: OneManager) -> None:
+    page = replace(manager.running["middle"], sequence=8)
+    stale = replace(page, state=PeState.UNCONFIGURED, epoch=0, digest=0)
+    for sequence, lost in ((8, 0), (7, 0), (0, 0), (255, 1)):
+        said = page if sequence == 8 else replace(stale, sequence=sequence)
+        manager.hear(Frame(manager.state_id("middle"), said.encode()))
+        assert len(manager.of("pe_lost")) == lost
 
 
 def test_who_refuses_its_slice_is_planned_around(manager: OneManager) -> None:

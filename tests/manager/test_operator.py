@@ -139,6 +139,16 @@ def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_
     assert len(manager.of("plan_unchanged")) == (not stopped)
 
 
+def test_the_managers_own_bus_cannot_be_failed_and_whoever_reports_it_was_heard_there(manager: OneManager) -> None:
+    asked = len(manager.requests)
+    reply = say(manager, FailElement("bus:can0"))
+    assert not reply.done
+    assert "name what has failed on it" in reply.sentence
+    manager.report("left", Emergency(FaultCode.REPORTED, 0x81, ElementKind.BUS, 0, 0))
+    assert [one["element"] for one in status(manager)["latched"]] == ["bus:can0"]
+    assert all("bus:can0" not in request.down for request in manager.requests[asked:])
+
+
 def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     say(manager, ClearElement("device:servo_left"))

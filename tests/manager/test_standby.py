@@ -216,6 +216,24 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
     assert pair.standby.requests[-1].down >= {"pe:right"}
 
 
+def test_what_the_reign_has_not_told_for_three_turns_is_held_no_more(pair: Pair) -> None:
+    held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
+    pair.standby.hear(Frame(management_id(126, Command.CONTROL), held.encode()))  # and CLEAR is lost
+    pair.fly(29 * BEAT_NS)
+    assert pair.standby.memory.latched.keys() == {"device:servo_left"}
+    pair.fly(3 * BEAT_NS)
+    assert pair.standby.memory.latched == {}
+    assert pair.standby.last("fault_cleared")["by"] == "manager 126"
+
+
+def test_what_the_reign_tells_in_turn_is_held_for_as_long_as_it_does(pair: Pair) -> None:
+    pair.primary.report("left", FAULT)
+    pair.primary.give(OperatorSaid(2, FailElement("pe:right")))
+    pair.fly(100 * BEAT_NS)
+    assert pair.standby.memory.latched.keys() == {"device:servo_left", "pe:right"}
+    assert pair.standby.of("fault_cleared") == []
+
+
 def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
     before = pair.standby.memory
     for kind, index in ((ElementKind.PHASE, 9), (ElementKind.DEVICE, 9), (99, 0)):

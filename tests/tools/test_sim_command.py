@@ -70,6 +70,7 @@ def test_a_violation_is_told_with_the_command_that_replays_it(
     ("words", "sentence"),
     [
         (["--kill", "pe:tail@1"], "did you mean 'tail_pe'"),
+        (["--kind", "collapse"], "elevator_and_chute has no far bus that it could strike"),
         (["--kill", "tail_pe"], "write it as pe:NAME@SECONDS"),
         (["--restore", "pe:tail_pe@1"], "kill and restore in turn"),
     ],

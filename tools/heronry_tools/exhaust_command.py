@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _EPILOG = """\
 A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
 phase. It is flown again and again, and each time one frame of the management, from the first to the last, is lost,
-doubled or late, for one node or for everybody, or a node dies with it. Use a spec with three PEs: there are some 16000
+doubled or late, for one node or for everybody, or a node dies with it. Use a spec with three PEs: there are some 20000
 flights of it, a quarter of an hour on one processor.
 
 examples:

@@ -100,7 +100,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0
-    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
+    jobs = min(arguments.jobs, len(scenarios))
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, jobs, play), start=1):
         show_line("")
         coverage.add(outcome)
         failed += bool(outcome.violations)
@@ -132,13 +133,17 @@ def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
-    from heronry_tools.simulator.act import KINDS  # noqa: PLC0415
+    from heronry_tools.simulator.act import KINDS, possible_targets  # noqa: PLC0415
     from heronry_tools.simulator.chaos import drawn_acts  # noqa: PLC0415
     from heronry_tools.simulator.scenario import Scenario  # noqa: PLC0415
 
     unknown = [kind for kind in arguments.kind if kind not in KINDS]
     if unknown:
         raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
+    idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
+    if idle:
+        what = KINDS[idle[0]].strikes.replace("_", " ")
+        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} that it could strike")
     given = _given_acts(spec, arguments)
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind, of_two=arguments.standby)

@@ -1,5 +1,6 @@
 """How a manager brings a configuration about: whom it asks, how often, and what it waits for (rule 4)."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 from heronry_manager.vocabulary import ClearElement, FailElement
@@ -222,6 +223,26 @@ def what_is_driven_breaks_before_it_makes() -> None:
     equal(len(manager.told("reconfigured", began_ns)), 1, "reconfigurations")
 
 
+def what_is_late_frees_nothing() -> None:
+    """A page 0 of the epoch before, handed on late by a gateway: who drives now still has to break."""
+    for behind in (1, 8):
+        manager = ManagerUnderTest().flies()
+        driver = manager.pes["tail_b"]
+        before = driver.page_0()
+        manager.obey(FailElement("device:elevator_servo_1"))
+        manager.run(300)
+        manager.obey(ClearElement("device:elevator_servo_1"))
+        manager.run_into_next_period(15)
+        late = replace(before, sequence=(driver.sequence - 1 - behind) % 256)
+        manager.main.say(Frame(state_id(driver.node), late.encode()))
+        manager.run(1)
+        began_ns = manager.now_ns
+        manager.obey(FailElement("device:elevator_servo_2"))
+        manager.run(200)
+        steps = [(one["step"], one["waiting_for"]) for one in manager.told("epoch_step", began_ns)]
+        equal(steps[0], ("BREAK", ["tail_b"]), f"the first step after a page that is {behind} behind")
+
+
 def a_silent_driver_is_given_t_lease() -> None:
     """From the last ALIVE that named it on; all that need not wait goes before."""
     manager = ManagerUnderTest().flies()
@@ -404,6 +425,7 @@ DRILLS = (
     an_answer_about_something_else_does_not_count,
     a_change_before_activate_gives_the_number_up,
     what_is_driven_breaks_before_it_makes,
+    what_is_late_frees_nothing,
     a_silent_driver_is_given_t_lease,
     who_speaks_and_is_given_up_is_given_t_lease_too,
     who_runs_nothing_any_more_is_not_waited_for,

@@ -68,6 +68,21 @@ def a_fault_is_latched_and_acknowledged() -> None:
     demand(not reply.done, "what is well is cleared")
 
 
+def its_own_bus_is_not_planned_without() -> None:
+    """Whoever says that it has failed was heard there; a plan without it would stop everything."""
+    manager = ManagerUnderTest().flies()
+    lease = manager.lease()
+    own = f"bus:{manager.spec.manager.bus}"
+    demand(not manager.obey(FailElement(own)).done, "the operator can switch the aircraft off")
+    began_ns = manager.now_ns
+    manager.emergency("tail_a", ElementKind.BUS, list(manager.spec.buses).index(manager.spec.manager.bus))
+    manager.run(300)
+    told = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+    equal(len(told), 1, "acknowledgements of a bus that is said to have failed")
+    demand(all(own not in one.down for one in manager.asked()), "it plans without its own bus")
+    equal(manager.lease(), lease, "what runs, after somebody has said that the bus has failed")
+
+
 def what_is_no_fault_is_not_latched() -> None:
     """RESET, a restart that is told, an element that there is not, and bytes that mean nothing."""
     manager = ManagerUnderTest().flies()
@@ -463,6 +478,7 @@ def commands_keep_their_order() -> None:
 
 DRILLS = (
     a_fault_is_latched_and_acknowledged,
+    its_own_bus_is_not_planned_without,
     what_is_no_fault_is_not_latched,
     a_pe_that_was_failed_stays_out,
     orders_that_name_nothing_are_refused,

@@ -205,6 +205,22 @@ def of_a_deposed_manager_it_believes_nothing() -> None:
     equal(status["manager"]["state"], "standby", "its state in the status")
 
 
+def what_is_held_no_more_is_cleared() -> None:
+    """A CLEAR that it has missed: a fault that the reign has not told for three turns; one that is told stays."""
+    manager, _ = _standing_by()
+    manager.main.command(*(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, index) for index in (1, 2)), manager=126)
+    manager.run(20)
+    equal(len(manager.told("fault_reported")), 2, "faults that it holds")
+    began_ns = manager.now_ns
+    for _ in range(10):
+        manager.run(5 * 20)
+        manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2), manager=126)
+    cleared = manager.told("fault_cleared", began_ns)
+    equal([one["element"] for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
+    waited = (cleared[0]["t_ns"] - began_ns) / PERIOD_NS
+    demand(44 <= waited <= 47, f"of two faults one is told in turn, and is given up after {waited} beats without")
+
+
 def what_it_has_overheard_is_adopted() -> None:
     """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
     first = ManagerUnderTest(example("phases")).flies()
@@ -650,6 +666,7 @@ DRILLS = (
     only_who_was_counted_on_is_asked,
     where_nobody_reigns_127_lets_126_go_first,
     of_a_deposed_manager_it_believes_nothing,
+    what_is_held_no_more_is_cleared,
     what_it_has_overheard_is_adopted,
     what_was_called_by_its_number_is_adopted,
     what_is_no_configuration_is_not_remembered,
