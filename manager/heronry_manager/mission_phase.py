@@ -4,7 +4,8 @@ The first phase of the spec is the one to begin with. It is changed by
 
     the operator    to any phase
     a module        to any phase: its PE has sent a request (EMCY, PHASE_REQUEST)
-    a phase's rule  to a later phase of the spec only; so is a request that a PE makes again for a new reign
+    a phase's rule  to a later phase of the spec only; so is a request that a PE makes again for a new reign, after
+                    another one has acknowledged it
 
 Whatever changes it, what follows is what follows a fault: a plan for the new phase, an epoch. Of requests that come one
 after the other, each counts when it comes; so the last one heard wins, and of rules the latest phase.

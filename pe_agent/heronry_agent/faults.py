@@ -60,6 +60,11 @@ class Faults:
         """Tell whether something waits for its acknowledgement."""
         return bool(self._pending)
 
+    @property
+    def is_asking(self) -> bool:
+        """Tell whether a request for a phase waits for its acknowledgement."""
+        return any(code is FaultCode.PHASE_REQUEST for code, _, _ in self._pending)
+
     def messages(self) -> list[bytes]:
         """Give every EMCY that waits for its acknowledgement, oldest first."""
         return [emergency.encode() for _, emergency in self._pending.values()]

@@ -105,8 +105,8 @@ class PhaseRequests:
         return self._request(module, phase, now_ns, forward_only=False)
 
     def new_reign(self, now_ns: int) -> list[Frame]:
-        """A new term has begun: what to send now."""
-        if self._standing is None:
+        """A new term has begun: what to send now. What nobody has acknowledged is asked for as it was."""
+        if self._standing is None or self._faults.is_asking:
             return []
         return self._faults.request_phase(self._standing[1], now_ns, forward_only=True)
 

@@ -197,6 +197,13 @@ def test_a_new_reign_is_told_again_and_then_only_forward() -> None:
     assert told == [(LAND, FORWARD_ONLY | 2)]
 
 
+def test_what_nobody_has_acknowledged_is_asked_of_a_new_reign_as_it_was() -> None:
+    pe = flying(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}))
+    assert ask(pe, CONTROL, "land") == [(LAND, 1)]
+    assert requests(pe.command(Lease(2, 7, Step.GO_ALL, 1007))) == []
+    assert set(requests(pe.pass_time(3 * BEAT_NS))) == {(LAND, 1)}
+
+
 @given(st.lists(st.tuples(st.floats(0, 4), st.integers(1, 400)), max_size=20))
 def test_whatever_is_given_a_rule_asks_only_for_what_held(values: list[tuple[float, int]]) -> None:
     pe = flying(Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}))

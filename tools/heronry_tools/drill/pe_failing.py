@@ -365,6 +365,21 @@ def a_request_is_made_once() -> None:
     equal(pe.emergencies(began_ns), [], "requests in a new term, of a module that has stopped")
 
 
+def a_request_that_nobody_heard_goes_on() -> None:
+    """Over new terms, as it was made; once it is acknowledged, the next term is asked to lead on only."""
+    pe = _flying()
+    puppets.PULLED["helper"] = puppets.asking("climb")
+    for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 2)})):
+        pe.run(50)
+        pe.term, pe.lease = term, Lease(term, _EPOCH, Step.GO_ALL, _DIGEST)
+        pe.run(21)
+        if is_heard:
+            pe.main.command(Control(term, NODE, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1))
+        began_ns = pe.run_into_next_period(2)
+        pe.run(50)
+        equal(_requests(pe, began_ns), wanted, f"requests in term {term}")
+
+
 def a_phase_s_rule_holds_for_its_time() -> None:
     """Beyond the threshold for `hold_ms` without a break: asked for once, leading on; armed again when it is back."""
     heights = {"now": 50.0}
@@ -578,6 +593,7 @@ DRILLS = (
     who_hangs_is_ended,
     a_new_term_is_told_what_has_stopped,
     a_request_is_made_once,
+    a_request_that_nobody_heard_goes_on,
     a_phase_s_rule_holds_for_its_time,
     a_rule_does_not_bridge_a_gap,
 )
