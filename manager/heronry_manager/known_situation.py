@@ -64,7 +64,7 @@ class KnownSituation:
         self.links = RadioLinks(spec)
         self.channels = LostChannels(spec, turn)
         self._restarts = RestartsTold(spec, turn)
-        self._own_bus = f"bus:{spec.manager.bus}"
+        self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
         self._remember()
 
@@ -117,7 +117,7 @@ class KnownSituation:
     def down(self) -> frozenset[str]:
         """Everything that is down, as `kind:name`."""
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
-        return (self.failed.elements | frozenset(missing)) - {self._own_bus}
+        return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> bool:
         """A PE reports a fault; tells whether that was understood."""

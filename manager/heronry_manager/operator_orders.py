@@ -58,7 +58,7 @@ class OperatorOrders:
         return f"the phase is {phase} from now on, it was {before}; a plan for it is on its way"
 
     def _fail(self, number: int, element: str) -> Reply:
-        if element == f"bus:{self._spec.manager.bus}":
+        if element == self._situation.own_bus:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
             return Reply(number, False, f"{why}: name what has failed on it")
         if element in self._situation.failed.elements:

@@ -100,8 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_images(spec)
     scenarios = list(_scenarios(spec, arguments))
     coverage, failed = Coverage(spec, of_two=arguments.standby), 0
-    jobs = min(arguments.jobs, len(scenarios))
-    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, jobs, play), start=1):
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
         show_line("")
         coverage.add(outcome)
         failed += bool(outcome.violations)

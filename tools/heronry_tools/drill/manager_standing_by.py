@@ -135,9 +135,14 @@ def half_of_those_counted_on_are_not_most() -> None:
     equal(manager.heard(-1, *Command), [], "commands while one of two hears somebody")
 
 
+def _knowing_a_higher_term() -> ManagerUnderTest:
+    """Let 127 stand by, with term 8 in its journal."""
+    return ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+
+
 def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
     """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
-    manager = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    manager = _knowing_a_higher_term()
     manager.run(500)
     reigning = _Reigning(manager)
     began_ns = manager.run(900)
@@ -149,11 +154,11 @@ def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
     own = [lease.term for _, lease in leases if lease.term != 1]
     demand(bool(own), "a PE refuses the term that is behind, and it does not take over")
     equal(own[0], 10, "its term")
-    obeyed = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    obeyed = _knowing_a_higher_term()
     _Reigning(obeyed)
     obeyed.run(1500)
     equal(obeyed.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
-    raised = ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+    raised = _knowing_a_higher_term()
     reigning = _Reigning(raised)
     raised.run(900)
     reigning.lease = replace(reigning.lease, term=9)

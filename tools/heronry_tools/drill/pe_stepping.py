@@ -307,8 +307,9 @@ def what_another_node_may_send_is_taken_back() -> None:
     broken_ns = next(t_ns for t_ns, page in pe.pages_0(began_ns) if page.state is PeState.BROKEN)
     late = [t_ns for identifier in (DEMAND_ID, HELP_ID) for t_ns, _ in pe.data(identifier, broken_ns)]
     equal(late, [], "data after it has said that it is broken")
+    demand(bool(pe.data(HEIGHT_ID, broken_ns)), "what stays is taken back, too")
     codes = [d.message_code for _, d in pe.data(HEIGHT_ID, -1)]
-    equal(codes, list(range(len(codes))), "what stays is taken back, too: message codes")
+    equal(codes, list(range(len(codes))), "message codes of what stays")
 
 
 def what_the_manager_may_give_away_is_taken_back() -> None:

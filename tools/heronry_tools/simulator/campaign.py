@@ -11,7 +11,7 @@ import gc
 import os
 import signal
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -31,9 +31,10 @@ _COLLECTED_AFTER = 100_000  # objects that were made and are still there
 _SPECS: list[Spec] = []  # the one of a worker process
 
 
-def fly_all(spec_file: Path, flights: Iterable[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
-    """Fly on that many processors, each flight by `fly`; what is not waited for any more is stopped."""
-    if jobs == 1:
+def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
+    """Fly on that many processors, at most one a flight, each by `fly`; what is not waited for any more is stopped."""
+    jobs = min(jobs, len(flights))
+    if jobs <= 1:
         spec = load(spec_file)
         collect_seldom()
         yield from (fly(spec, flight) for flight in flights)
