@@ -12,7 +12,8 @@ out; only state frames write what a PE is seen to run.
                 somebody is heard again, whoever reigned and hears no PE any more: it is deaf, or its wire is broken,
                 and what it would still say could only take things away from who hears it. So does one that most PEs
                 refuse: they are heard, and say that they hear no LEASE, because they know of a higher term; each time
-                it has been refused before it stays for twice as long. The next term may be high enough
+                it has been refused before it stays for twice as long. The next term may be high enough; where two are
+                not, the journal that knew them may be lost, and once in its life a manager leaps over many
     STARTING    LEASE and ALIVE go out; waiting for every PE, or for the start-up window to close
     REIGNING    everything else
     STANDBY     another manager reigns: this one follows (`following`) and takes over when the PEs hear none any more
@@ -103,6 +104,7 @@ from heronry_wire.sansio import Received, Tick, require
 START_UP_WINDOW_NS = 5_000_000_000
 _EVERYBODY = 0
 _MOST_DOUBLINGS = 9
+_LEAPS_AFTER, _LEAP = 2, 256  # reigns that were refused one after the other; terms
 _FOLLOWED_BY_DIGEST = (Command.PREPARE, Command.SLICE, Command.ACTIVATE)  # a LEASE that is proven names the digest
 
 
@@ -152,6 +154,7 @@ class ManagerCore:
         self._journal_problem: str | None = None
         self._refused_ns: int | None = None  # since when most PEs say that they hear no LEASE
         self._refusals = 0  # reigns, one after the other, that have ended for it
+        self._has_leapt = False  # more often, who is not heard for another reason would use up all terms
         term = next_term(node, memory.term)
         self._turn = Turn(node, now_ns, term=term, memory=memory, silent=advise)
         self._planning = Planning(self._turn)
@@ -504,7 +507,9 @@ class ManagerCore:
     def _begin_term(self) -> None:
         """Begin to speak: from now on the PEs know this term. Who is not heard may drive on for T_lease."""
         self._reign, now_ns = Reign.STARTING, self._turn.now_ns
-        term = self._turn.term = next_term(self._node, self._turn.memory.term)
+        leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
+        self._has_leapt = self._has_leapt or leap > 0
+        term = self._turn.term = next_term(self._node, self._turn.memory.term + leap)
         self._turn.keep(TermBegun(term))
         self._deployment.numbers.begin(term)
         self._exclusion.named(self._spec.pes, now_ns)

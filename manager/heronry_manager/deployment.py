@@ -11,7 +11,8 @@ commanded; it cannot stage its slice.
 
 *Admitting*: who comes back, and has nothing to do in the plan that runs already, is given the current epoch; nobody
 else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first; and
-so it does where it runs a newer one than was adopted in its absence, for nobody goes back to an older.
+so it does where it runs a newer one than was adopted in its absence, or may have staged a newer one that was given up
+since: nobody goes back to an older.
 
 *Adopting*: a new reign takes over what runs as it is, without a new epoch, where it knows what that is: all PEs that
 are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is remembered,
@@ -111,6 +112,7 @@ class Deployment:
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self.next: Reconfiguration | None = None  # being prepared
         self._next_plan: Plan | None = None
+        self._has_given_up = False  # an epoch, since the current one was activated
         self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
 
@@ -242,9 +244,9 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether the current epoch does not do for who comes late: there is work in it, or a newer one is run."""
+        """Tell whether the current epoch does not do for who comes late: it has work there, or a newer one is known."""
         has_work = bool(current.compiled.slices[self._spec.pes[pe].node_id])
-        return has_work or is_newer(self._observed[pe].epoch, current.epoch)
+        return has_work or self._has_given_up or is_newer(self._observed[pe].epoch, current.epoch)
 
     def adopts(self, plan: Plan) -> bool:
         """Take over what runs if it is exactly this plan, everywhere; tells whether it is."""
@@ -331,6 +333,7 @@ class Deployment:
         """Give up what is being prepared, if anything is: the situation is another now."""
         if self.next is not None:
             self.next.abandon()
+            self._has_given_up = True
             self._turn.emit("epoch_abandoned", epoch=self.next.epoch, reason=reason)
             self.next = None
 
@@ -397,7 +400,7 @@ class Deployment:
         self._free(epoch)
         self._exclusion.activated(epoch.placed)
         self._before = self.current.configuration if self.current is not None else Configuration()
-        self.current, self.next = epoch, None
+        self.current, self.next, self._has_given_up = epoch, None, False
         self._stopped.clear()
         self._remember(epoch, self._next_plan)
         epoch.activate(must_break, self._turn.now_ns)

@@ -34,6 +34,20 @@ def test_two_computers_die_and_one_comes_back() -> None:
     assert told["trace"].index("--- at 1s kill pe:left") < told["trace"].index("--- at 4s restore pe:right")
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a_failed_module_is_cleared_by_the_operator",
+        "a_pause_longer_than_the_lease",
+        "a_paused_manager_returns",
+        "a_takeover_in_another_phase",
+        "the_operator_fails_a_pe",
+    ],
+)
+def test_managers_are_killed_and_paused_and_orders_given(name: str) -> None:
+    assert all(one["holds"] for one in flown(name)["expectations"])
+
+
 def test_a_phase_is_entered() -> None:
     flown("the_operator_enters_a_phase")
 

@@ -8,7 +8,7 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
-from heronry_tools.simulator.exhaustive import KINDS, single_cases, stories
+from heronry_tools.simulator.exhaustive import KINDS, Setup, single_cases, stories
 from scenarios.flights import big_blue
 
 FILE = Path("dg_specs/examples/demux_actuators.dg.yaml")
@@ -25,6 +25,24 @@ def test_every_story_that_reconfigures_is_struck_in_every_way_by_everybody() -> 
     assert {victim for kind, victim in blows if kind == "lost"} == nodes | {"everybody"}
     assert {victim for kind, victim in blows if kind == "crash"} == nodes
     assert sum(map(len, cases.values())) > 10_000
+
+
+def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_struck() -> None:
+    spec, two = load(FILE), Setup(standby=True)
+    assert stories(spec, two) == [*stories(spec), "takeover"]
+    blows = {(blow.kind, blow.victim) for case in single_cases(spec, "takeover", two) for blow in case.blows}
+    assert {victim for kind, victim in blows if kind == "crash"} == {
+        "primary",
+        "standby",
+        *(f"pe:{p}" for p in spec.pes),
+    }
+    assert {victim for kind, victim in blows if kind == "death"} == {"primary", *(f"pe:{pe}" for pe in spec.pes)}
+
+
+@pytest.mark.parametrize("how", ["--standby", "--keyed --foreseen 1", "--standby --keyed --foreseen 1"])
+def test_a_sample_with_a_key_plans_on_board_or_two_managers(how: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(FILE), "--sample", "14", "--pairs", "6", "--seed", "9", *how.split()]) == 0
+    assert capsys.readouterr().out.endswith("0 failed\n")
 
 
 def test_phases_are_stories_too() -> None:
@@ -77,6 +95,9 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
         text.replace("image: pitch_control", 'image: "scenarios.raising:RaisesAfterHalfASecond"')
     )  # and nobody is told
     case = "start: 5 doubled everybody"
+    how = ["--standby", "--keyed", "--foreseen", "0"]
+    assert main(["exhaust", str(file), *how, "--case", case]) == 1
+    assert f"{shlex.join(how)} --case" in capsys.readouterr().out
     assert main(["exhaust", str(file), "--case", case]) == 1
     out = capsys.readouterr().out.splitlines()
     assert out[0] == case

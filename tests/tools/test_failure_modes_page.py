@@ -14,6 +14,7 @@ ROWS = [
     for line in table.splitlines()
 ]
 VERBS = {"crash": "kill", "manager_crash": "kill", "reboot": "restore"}  # words that only scenarios have
+VERBS |= {"order_fail": "fail", "order_clear": "clear", "order_phase": "phase"}
 
 
 def test_every_fault_of_the_simulator_has_its_row() -> None:

@@ -111,6 +111,11 @@ def test_a_number_with_which_nothing_could_be_shown_is_refused(option: str) -> N
         main(["--seed", "1", option, "0"])
 
 
+def test_killers_that_there_are_not_are_refused() -> None:
+    with pytest.raises(UserError, match="--killers drills: name some of drill, scenario, sim"):
+        main(["--seed", "1", "--killers", "drills"])
+
+
 def test_every_module_is_a_core_codec_or_neither_and_cores_and_codec_meet_nobody_outside() -> None:
     named = sorted(
         f"{room}/{name}.py" for rooms in (CORES, CODEC, NEITHER) for room in rooms for name in rooms[room].split()

@@ -71,6 +71,16 @@ def test_a_recording_gives_the_same_decisions_with_their_reasons(capsys: pytest.
     assert places == sorted(places)
 
 
+def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    simulation = Simulation(elevator_and_chute(), keep_trace=True)
+    while not simulation.manager or not simulation.manager.core.reigns:
+        simulation.run_for(MS)
+    simulation.run_for(3 * MS)  # LEASE is out, and PREPARE comes later
+    file = recorded(simulation, tmp_path / "start.log")
+    main(["replay", str(file), SPEC])
+    assert capsys.readouterr().out.endswith("nothing was decided: this says nothing\n\n")
+
+
 def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
     code, document = replayed(capsys, file)

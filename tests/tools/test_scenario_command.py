@@ -122,6 +122,15 @@ def test_decisions_are_kept_and_another_decision_is_a_difference(
     assert golden_file(file).read_text() == kept
 
 
+def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, FAILS)
+    assert main(["scenario", str(file), "--junit", str(tmp_path / "none" / "results.xml")]) == 2
+    told = capsys.readouterr()
+    assert (told.out, "make it first" in told.err) == ("", True)
+    assert main(["scenario", str(file), "--junit", str(tmp_path)]) == 2
+    assert "name a file that can be written" in capsys.readouterr().err
+
+
 def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_besides(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,7 +232,7 @@ def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.
 @pytest.mark.parametrize(
     ("deeds", "sentence"),
     [
-        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "there is no manager then that could hear it"),
+        ("at 1s kill manager\nat 2s fail pe:tail_a\n", "no manager reigns then that could hear it"),
         ("at 1s fail channel:can0.1\n", "no channel is named"),
     ],
 )
@@ -238,13 +247,13 @@ def test_an_order_that_nobody_can_obey_is_refused(
     ("words", "sentence"),
     [
         (["-i", "softbus", "--rewrite"], "only the simulator decides the same each time"),
-        (["-i", "softbus"], "4: 'pause pe:tail_a for 10ms' can be done in the simulator alone"),
+        (["-i", "softbus"], "4: 'mute pe:tail_a for 10ms' can be done in the simulator alone"),
     ],
 )
 def test_real_processes_do_not_do_everything(
     words: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = written(tmp_path, "at 1s pause pe:tail_a for 10ms\nexpect epoch unchanged\nend 2s\n")
+    file = written(tmp_path, "at 1s mute pe:tail_a for 10ms\nexpect epoch unchanged\nend 2s\n")
     assert main(["scenario", str(file), *words]) == 2
     assert sentence in capsys.readouterr().err
 

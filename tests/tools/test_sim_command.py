@@ -139,6 +139,40 @@ def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
     assert "it expects nothing" in capsys.readouterr().err
 
 
+def test_what_was_shrunk_is_shown_where_it_cannot_be_kept(
+    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert (
+        main(["sim", str(raising), "--seconds", "1", "--act", "0.1 doubled bus:can0 for 0.05 level 1", "--shrink"]) == 1
+    )
+    told = capsys.readouterr().err
+    assert "cannot be written (No such file or directory); this is what belongs there:\n# " in told
+    assert "at 0.1s doubled bus:can0 for 0.007s" in told
+
+
+def test_a_spec_with_a_space_in_its_path_is_shrunk_and_replayed(
+    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "my specs"
+    folder.mkdir()
+    spec = folder / raising.name
+    spec.write_text(raising.read_text())
+    monkeypatch.chdir(tmp_path)
+    assert main(["sim", str(spec), "--seconds", "1.51234", "--act", "0.9 clock_jump pe:tail_pe", "--shrink"]) == 1
+    replay = next(line for line in capsys.readouterr().out.splitlines() if "replay with: " in line)
+    assert "--seconds 1.51234 --act '0.9 clock_jump pe:tail_pe level 1'" in replay
+    words = shlex.split(replay.partition("replay with: ")[2])
+    assert main(words[1:]) == 1
+    (file,) = tmp_path.glob("*.scenario")
+    assert "end 1.513s" in file.read_text()
+    assert main(["scenario", str(file)]) == 1
+    assert "is reported" in capsys.readouterr().out
+
+
 def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
     raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

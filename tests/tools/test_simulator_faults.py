@@ -1,5 +1,7 @@
 """Faults of nodes: what a pause, a hung module or a clock that jumps does, and that it ends when it should."""
 
+from dataclasses import replace
+
 import pytest
 
 from heronry_manager.core import ManagerCore
@@ -24,21 +26,27 @@ def struck(simulation: Simulation, *texts: str) -> Strikes:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_fault_strikes_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
-    specs = {"gateway": big_blue, "far_bus": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
+    specs = {"gateway": big_blue, "far_bus": big_blue, "phase": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
     spec = specs.get(KINDS[kind].strikes, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
     level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""
     act = read_act(spec, f"0.1 {kind} {target}{lasts}{level}")
-    outcome = play(spec, Scenario(1, 1.0, (act,)))
+    latched = (read_act(spec, "0.05 raise module:servo_driver_1 for 0.2"),) if kind == "order_clear" else ()
+    outcome = play(spec, Scenario(1, 1.0, (*latched, replace(act, at_ms=500) if latched else act)))
     assert outcome.violations == ()
-    assert sum(outcome.hits.values()) == 1
+    assert sum(count for (struck_by, _), count in outcome.hits.items() if struck_by == kind) == 1
 
 
 def test_an_act_reads_as_it_writes() -> None:
     for seed in range(20):
         for act in drawn_acts(big_blue(), seed, 30.0):
             assert read_act(big_blue(), str(act)) == act
+
+
+def test_an_act_late_in_a_long_flight_keeps_its_milliseconds() -> None:
+    act = read_act(big_blue(), "12345.678 pause pe:nav for 1234.567")
+    assert str(act) == "12345.678 pause pe:nav for 1234.567"
 
 
 def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> None:

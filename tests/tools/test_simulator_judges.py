@@ -2,11 +2,15 @@
 
 import pytest
 
+from heronry_agent import link_meter, mailboxes
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
+from heronry_manager import core, health, radio_links, reconfiguration
 from heronry_manager.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_tools.simulator import promised
 from heronry_tools.simulator.act import read_act
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.check_liveness import Losses
@@ -268,6 +272,94 @@ def test_who_is_not_counted_on_and_what_was_acknowledged_is_down(service: Servic
     other = ServiceCheck(two_tails())
     other.alive(S, PES - {"tail_pe", "control_pe"})
     assert judged(other) == []
+
+
+def test_what_the_operator_has_failed_is_down_until_it_is_cleared(service: ServiceCheck) -> None:
+    for later_ns in (0, MS):
+        service.failed(9 * S + later_ns, "module:elevator_control")
+    assert judged(service) == []
+    service.cleared(9 * S + 2 * MS, "pe:tail_pe")
+    assert judged(service) == []
+    service.cleared(9 * S + 3 * MS, "module:elevator_control")
+    assert len(judged(service)) == 1
+
+
+def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
+    """What is said of an epoch that everybody stages, and that serves nothing."""
+    epoch = Epoch(2, 0, prepared_ns, configuration=Configuration())
+    epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
+    service.activated(activated_ns, epoch, None)
+    return [violation.story for violation in service.violations]
+
+
+def test_an_epoch_may_know_what_was_known_from_shortly_before_it_was_prepared(service: ServiceCheck) -> None:
+    for pe in PES:
+        service.failed(S, f"pe:{pe}")
+        service.cleared(5 * S + MS, f"pe:{pe}")
+    assert epoch_of_nobody(service, 5 * S, 5 * S + 2 * MS) == []
+    assert epoch_of_nobody(service, 5 * S + 5 * MS, 5 * S + 6 * MS) == []
+    (story,) = epoch_of_nobody(service, 5 * S + 7 * MS, 5 * S + 8 * MS)
+    assert story.startswith("epoch 2 serves (0, 0, 0, 0) by criticality, and (")
+
+
+def test_an_epoch_may_serve_the_phase_before_that_was_left_while_it_was_prepared() -> None:
+    spec = big_blue()
+    service = ServiceCheck(spec)
+    for t_ns, phase in ((S, "glide"), (5 * S, "landing")):
+        service.entered(t_ns, phase)
+    assert service._phases_in(4 * S, 5 * S - 1) == ["glide"]
+    assert service._phases_in(4 * S, 5 * S) == ["glide", "landing"]
+    assert service._phases_in(0, S) == [spec.initial_phase(), "glide"]
+
+
+def test_what_is_cleared_was_reported_rightly_and_is_well_until_it_is_reported_again() -> None:
+    simulation = flying(two_tails())
+    struck = (read_act(simulation.spec, "0.01 raise module:servo_driver_1 for 0.5"),)
+    Strikes(simulation, struck, simulation.now_ns)
+    simulation.run_for(400 * MS)
+    assert "module:servo_driver_1" in simulation.truth.down
+    reply = simulation.operator.say(ClearElement("module:servo_driver_1"))
+    assert reply is not None
+    assert reply.done
+    assert "module:servo_driver_1" not in simulation.truth.down
+    assert simulation.settle() == []
+
+
+def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not_know() -> None:
+    simulation = Simulation(two_tails(), standby=True)
+    simulation.run_for(2 * S)
+    assert simulation.operator.say(FailElement("pe:tail_pe")) is not None
+    assert simulation.operator.failed == {"pe:tail_pe"}
+    assert "pe:tail_pe" in simulation.truth.down
+    simulation.kill_manager()
+    assert simulation.operator.say(EnterPhase("glide")) is None
+    simulation.operator.clear("pe:tail_pe")
+    assert simulation.operator.failed == {"pe:tail_pe"}  # nobody has heard it
+    simulation.operator.insist()
+    simulation.run_for(S)
+    assert simulation.operator.failed == frozenset()
+    assert simulation.settle() == []
+
+
+def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
+    simulation = flying(big_blue())
+    assert simulation.settle() == []
+    simulation.events.append({"event": "phase_changed", "phase": "landing", "t_ns": simulation.now_ns})
+    assert "the phase is landing, and ascent is told" in [v.story for v in simulation.unsettled()]
+
+
+def test_the_judges_know_the_limits_that_are_promised() -> None:
+    assert {name: value for name, value in vars(promised).items() if name.isupper()} == {
+        "START_UP_WINDOW_NS": core.START_UP_WINDOW_NS,
+        "PATIENCE_PERIODS": reconfiguration.PATIENCE_PERIODS,
+        "FRESH_PERIODS": mailboxes.FRESH_PERIODS,
+        "HOLD_DOWN_PERIODS": health.HOLD_DOWN_PERIODS,
+        "LONGEST_HOLD_DOWN_NS": health.LONGEST_HOLD_DOWN_NS,
+        "FORGIVEN_AFTER_NS": health.FORGIVEN_AFTER_NS,
+        "RADIO_WINDOW_PERIODS": link_meter.WINDOW_PERIODS,
+        "RADIO_DOUBLINGS": radio_links.MOST_DOUBLINGS,
+        "RADIO_STEPS": radio_links.STEPS,
+    }
 
 
 def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None:

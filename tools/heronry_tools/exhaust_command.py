@@ -28,15 +28,16 @@ if TYPE_CHECKING:
 
 _EPILOG = """\
 A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
-phase. It is flown again and again, and each time one frame of the management, from the first to the last, is lost,
-doubled or late, for one node or for everybody, or a node dies with it. Use a spec with three PEs: there are some 20000
-flights of it, a quarter of an hour on one processor.
+phase; with --standby also the death of the manager that reigns. It is flown again and again, and each time one frame of
+the management, from the first to the last, is lost, doubled or late, for one node or for everybody, or a node dies with
+it. Use a spec with three PEs: there are some 20000 flights of it, a quarter of an hour on one processor.
 
 examples:
   heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --sample 200      drawn from all of them, by --seed
   heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --jobs 0          all of them
   heronry exhaust my.dg.yaml --pairs 5000 --sample 0                          two at a time, drawn
   heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
+  heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
 """
 
 
@@ -53,6 +54,11 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--sample", type=whole_number, metavar="N", help="fly so many of the single faults, drawn")
     parser.add_argument("--pairs", type=whole_number, default=0, metavar="N", help="and so many pairs (default: 0)")
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="that draws them (default: 0)")
+    parser.add_argument("--standby", action="store_true", help="with two managers")
+    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument(
+        "--foreseen", type=whole_number, metavar="N", help="plans for up to N faults are made ahead and on board"
+    )
     parser.add_argument("--case", action="append", default=[], metavar="CASE", help="fly this one, and no other")
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
@@ -86,11 +92,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
-    from heronry_tools.simulator.exhaustive import drawn_pairs, read_case, single_cases, stories  # noqa: PLC0415
+    from heronry_tools.simulator.exhaustive import (  # noqa: PLC0415
+        Setup,
+        drawn_pairs,
+        read_case,
+        single_cases,
+        stories,
+    )
 
+    setup = Setup(arguments.foreseen, arguments.keyed, arguments.standby)
     if arguments.case:
-        return [read_case(spec, text) for text in arguments.case]
-    every = [case for story in stories(spec) for case in single_cases(spec, story)]
+        return [read_case(spec, text, setup) for text in arguments.case]
+    every = [case for story in stories(spec, setup) for case in single_cases(spec, story, setup)]
     pairs = drawn_pairs(every, arguments.pairs, arguments.seed)
     if arguments.sample is not None and arguments.sample < len(every):
         every = Random(f"singles of {arguments.seed}").sample(every, arguments.sample)
@@ -130,4 +143,7 @@ def _document(
 
 
 def _replay(arguments: argparse.Namespace, case: "Case") -> str:
-    return f"heronry exhaust {shlex.quote(arguments.spec)} --case {shlex.quote(str(case))}"
+    words = ["heronry", "exhaust", shlex.quote(arguments.spec)]
+    words += [f"--{name}" for name in ("standby", "keyed") if getattr(arguments, name)]
+    words += [] if arguments.foreseen is None else ["--foreseen", str(arguments.foreseen)]
+    return " ".join([*words, "--case", shlex.quote(str(case))])

@@ -117,7 +117,7 @@ def _print(comparisons: "list[Comparison]", no_frames: int) -> None:
         for entry in comparison.entries:
             text = _decision(entry) if isinstance(entry, Compared) else _remark(entry)
             print(f"{(entry.t_ns - reign.first_ns) / 1e9:10.3f} s  {text}")
-        print(f"{comparison.decisions()} decisions, {_count(comparison.differences())}\n")
+        print(f"{_verdict(comparison)}\n")
 
 
 def _decision(one: "Compared") -> str:
@@ -129,8 +129,11 @@ def _remark(one: "Remark") -> str:
     return f"DIFFERS: {one.text}" if one.differs else one.text
 
 
-def _count(differences: int) -> str:
-    return "all as recorded" if not differences else f"{differences} differences"
+def _verdict(comparison: "Comparison") -> str:
+    decisions, differences = comparison.decisions(), comparison.differences()
+    if not decisions and not differences:
+        return "nothing was decided: this says nothing"
+    return f"{decisions} decisions, {'all as recorded' if not differences else f'{differences} differences'}"
 
 
 def _document(spec: str, no_frames: int, comparisons: "list[Comparison]") -> dict[str, Any]:

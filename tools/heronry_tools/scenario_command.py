@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.rewrite and _is_live(arguments):
         raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
+    if arguments.junit is not None and not arguments.junit.parent.is_dir():
+        raise UserError(f"--junit {arguments.junit}: there is no folder {arguments.junit.parent}; make it first")
     scripts = [read_script(file) for file in arguments.files]
     flights = []
     for flown in _flown(arguments, scripts):
@@ -73,7 +75,10 @@ def run(arguments: argparse.Namespace) -> int:
         flights.append(flown)
         print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
     if arguments.junit is not None:
-        arguments.junit.write_text(junit(flights), encoding="utf-8")
+        try:
+            arguments.junit.write_text(junit(flights), encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"--junit {arguments.junit}: {error.strerror}; name a file that can be written") from None
     failed = sum(not flown.holds for flown in flights)
     if len(flights) > 1 and not arguments.json:
         print(f"{len(flights)} scenarios, {failed} failed")

@@ -6,7 +6,10 @@ be used.
 
 import argparse
 import json
+import math
 import os
+import shlex
+import sys
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -22,10 +25,11 @@ if TYPE_CHECKING:
     from heronry_tools.simulator.scenario import Outcome, Scenario
 
 _EPILOG = """\
-Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, ...), of
-kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds are virtual and count from the
-moment at which the first configuration runs. A seed replays a flight bit for bit. Where a seed draws the acts and is
-odd, every single fault has been planned for ahead, and PEs have on board what to do then (--foreseen 1).
+Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, an
+operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
+are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
+a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
+(--foreseen 1).
 
 What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
@@ -200,8 +204,16 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     lines += ["standby"] if scenario.standby else []
     lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
     lines += map(_line, scenario.acts)
+    end_ms = math.ceil(1000 * scenario.seconds)
+    text = "\n".join([*why, *lines, f"end {end_ms / 1000:.10g}s", ""])
     file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
-    file.write_text("\n".join([*why, *lines, f"end {scenario.seconds:g}s", ""]))
+    try:
+        file.write_text(text)
+    except OSError as error:
+        print(
+            f"heronry: {file} cannot be written ({error.strerror}); this is what belongs there:\n{text}",
+            file=sys.stderr,
+        )
     return least
 
 
@@ -255,15 +267,15 @@ def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, An
 
 
 def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
-    words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{scenario.seconds:g}"]
+    words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{scenario.seconds:.10g}"]
     if scenario.drawn:
         words += [word for kind in arguments.kind for word in ("--kind", kind)]
     else:
-        words += [word for act in scenario.acts for word in ("--act", f"'{act}'")]
+        words += [word for act in scenario.acts for word in ("--act", str(act))]
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
-    return " ".join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
+    return shlex.join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
 
 
 def whole_number(text: str) -> int:

@@ -27,7 +27,7 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.file_format import to_bytes
 from heronry_manager.control_client import call
 from heronry_manager.control_place import ControlError
-from heronry_manager.vocabulary import AskStatus, EnterPhase
+from heronry_manager.vocabulary import AskStatus, Order
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.errors import UserError
 from heronry_tools.made_ahead import Ahead
@@ -146,11 +146,28 @@ class Fleet:
                 stream.close()
         return process.pid
 
-    def enter_phase(self, phase: str) -> None:
-        """Tell the manager that the operator wants this phase; raises UserError where it refuses."""
-        answer = call(self.control_socket(self.reigning()), EnterPhase(phase))
+    def order(self, order: Order, place: str) -> None:
+        """Give an order to the manager that reigns; raises UserError, which names the place, where it refuses."""
+        try:
+            answer = call(self.control_socket(self.reigning()), order)
+        except ControlError as error:
+            raise UserError(f"{place}: {error}") from None
         if not answer.done:
-            raise UserError(f"--phase {phase}: {answer.sentence}")
+            raise UserError(f"{place}: {answer.sentence}")
+
+    def stop(self, who: str | int) -> None:
+        """Let a PE, or the manager with this node, stand still."""
+        self._process(who).send_signal(signal.SIGSTOP)
+
+    def go_on(self, who: str | int) -> None:
+        """Let it go on."""
+        self._process(who).send_signal(signal.SIGCONT)
+
+    def _process(self, who: str | int) -> subprocess.Popen[bytes]:
+        process = self._pes.get(who) if isinstance(who, str) else self._managers.get(who)
+        if process is None:
+            raise UserError(f"{f'pe:{who}' if isinstance(who, str) else f'manager {who}'} does not run")
+        return process
 
     def start_pe(self, pe: str) -> int:
         """Start a PE's agent; gives its process number."""
@@ -190,6 +207,7 @@ class Fleet:
         running = [*self._pes.values(), *self._managers.values()]
         for process in running:
             process.send_signal(signal.SIGTERM)
+            process.send_signal(signal.SIGCONT)
         deadline = time.monotonic() + _STOP_TIMEOUT_S
         for process in running:
             with contextlib.suppress(subprocess.TimeoutExpired):

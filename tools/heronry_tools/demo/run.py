@@ -15,6 +15,7 @@ from typing import IO, Any
 
 from heronry_dg.model import Spec
 from heronry_manager.events import event as make_event
+from heronry_manager.vocabulary import EnterPhase
 from heronry_tools.demo.buses import BusChoice
 from heronry_tools.demo.ear import Ear
 from heronry_tools.demo.event_stream import EventStream
@@ -141,7 +142,7 @@ class Show:
         while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
             act = self._acts.pop(0)
             if isinstance(act, PhaseAct):
-                self._fleet.enter_phase(act.phase)
+                self._fleet.order(EnterPhase(act.phase), f"--phase {act.phase}")
             elif act.pe == MANAGER:
                 self._kill_manager()
             elif act.what == "kill":

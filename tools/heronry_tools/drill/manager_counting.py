@@ -369,6 +369,24 @@ def who_is_refused_by_most_falls_silent() -> None:
     demand(lasted_ns <= LEASE_NS + 2 * PERIOD_NS, f"who was never heard speaks for {lasted_ns} ns")
 
 
+def who_is_far_behind_leaps_once() -> None:
+    """PEs know of a term that is far higher: the third reign in a row leaps over 256 terms, and no other one does."""
+    manager = ManagerUnderTest(standby=True).flies()
+    for known, leaps in ((200, 1), (1000, 0)):
+        terms: list[int] = []
+        began_ns = manager.now_ns
+        while manager.now_ns < began_ns + 4000 * MS:
+            for pe in manager.pes.values():
+                pe.hears = manager.lease().term > known
+            manager.run(20)
+            terms = sorted({lease.term for _, lease in manager.said(Lease, began_ns)})
+        steps = [later - earlier for earlier, later in pairwise(terms)]
+        equal([step for step in steps if step != 2], [258] * leaps, f"steps between terms where {known} is known")
+        demand(len(steps) >= 2, "it is refused less than twice")
+        if leaps:
+            demand(terms[-1] > known, f"it does not reign in a term above {known}, but in {terms[-1]}")
+
+
 def of_two_managers_the_lower_term_gives_way() -> None:
     """One that is heard at the start reigns; later the higher term; a double is whoever is heard first."""
     other = LAST_MANAGER
@@ -444,6 +462,7 @@ DRILLS = (
     when_most_do_not_hear_nobody_is_failed,
     who_hears_nobody_says_nothing,
     who_is_refused_by_most_falls_silent,
+    who_is_far_behind_leaps_once,
     of_two_managers_the_lower_term_gives_way,
     who_is_still_starting_gives_way_too,
     other_frames_mean_nothing,

@@ -329,6 +329,25 @@ def who_comes_late_to_what_runs_is_admitted() -> None:
     equal(len(manager.told("plan_unchanged", began_ns)), 1, "plans that change nothing")
 
 
+def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
+    """What runs is the plan again, but who comes late would not go back to it."""
+    manager = ManagerUnderTest().flies()
+    _asks_anew(manager, "tail_b")
+    manager.run(300)
+    late, slow = manager.pes["tail_b"], manager.pes["flight"]
+    late.reboot()
+    late.speaks, slow.stages = True, False
+    manager.obey(FailElement("device:elevator_servo_1"))
+    manager.until(lambda: "tail_b" in manager.counts_on(), 300, "who is back is not counted on")
+    manager.run(20)
+    given_up = manager.said(Prepare)[-1][1].epoch
+    slow.stages = True
+    manager.obey(ClearElement("device:elevator_servo_1"))
+    manager.run(500)
+    equal(manager.lease().epoch, given_up + 1, "the epoch")
+    equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, given_up + 1)}, "what the PEs run")
+
+
 def who_runs_what_nobody_commanded_is_failed() -> None:
     """Another epoch, another digest, or nothing at all any more."""
     for change, cause in (
@@ -432,6 +451,7 @@ DRILLS = (
     a_silent_stranger_may_drive_whatever_it_could,
     who_has_let_go_is_not_waited_for,
     who_comes_late_to_what_runs_is_admitted,
+    who_has_staged_what_was_given_up_gets_a_newer_one,
     who_runs_what_nobody_commanded_is_failed,
     it_adopts_what_runs,
     it_adopts_nothing_that_is_not_clean,

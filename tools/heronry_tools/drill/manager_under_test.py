@@ -44,6 +44,7 @@ from heronry_wire.management import (
     StatePage1,
     Step,
     decode_command,
+    is_newer,
 )
 
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
@@ -122,7 +123,10 @@ class PlayedPe:
                 self.beat()
 
     def _asked(self, prepare: Prepare) -> None:
-        wanted = prepare.epoch, prepare.digest
+        wanted, before = (prepare.epoch, prepare.digest), self._prepare
+        if before is not None and before.term == prepare.term and is_newer(before.epoch, prepare.epoch):
+            self.answer(Reason.STALE_EPOCH)
+            return
         if self._prepare is None or (self._prepare.epoch, self._prepare.digest) != wanted:
             self._prepare, self._head, self._bodies = prepare, None, {}
         if not self.stages or not self.speaks:

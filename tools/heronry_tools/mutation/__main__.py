@@ -3,9 +3,11 @@
     tools/mutate --seed 7                    300 mutants of the cores, the rate of those killed, every survivor
     tools/mutate --seed 7 --count 20 --jobs 2
     tools/mutate --seed 7 --list             only say which
+    tools/mutate --seed 7 --killers scenario,sim      how far one gets without drills
 
-The killers are the simulator's checkers and the scenario files, and no unit test. Of each survivor it is said what is
-known of it: no flight runs it; no frame is another one for it; or the frames differ, and all judges are content.
+The killers are drills, the scenario files, and drawn flights with the simulator's checkers, and no unit test. Of each
+survivor it is said what is known of it: no flight runs it; no frame is another one for it; or the frames differ, and
+all judges are content.
 
 Exit code 0 when at least the required share is killed, 1 when not or when a flight fails without any mutant, 2 usage.
 """
@@ -19,7 +21,7 @@ from pathlib import Path
 
 from heronry_tools.errors import UserError, exit_code
 from heronry_tools.mutation.flight_code import core_files
-from heronry_tools.mutation.flights import flights
+from heronry_tools.mutation.flights import KINDS, flights
 from heronry_tools.mutation.mutants import Mutant, compiles, mutants_of
 from heronry_tools.mutation.survivors import reason
 from heronry_tools.mutation.trial import Trials, Verdict
@@ -32,6 +34,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     for option in ("count", "jobs"):
         if getattr(arguments, option) < 1:
             raise UserError(f"--{option} {getattr(arguments, option)} shows nothing; write 1 or more")
+    killers = arguments.killers.split(",")
+    if not set(killers) <= set(KINDS):
+        raise UserError(f"--killers {arguments.killers}: name some of {', '.join(KINDS)}, with commas between")
     checkout = Path(__file__).resolve().parents[3]
     drawn = draw(checkout, arguments.seed, arguments.count)
     if arguments.list:
@@ -39,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(mutant.describe((checkout / mutant.file).read_bytes()))
         return 0
     sys.path.insert(0, str(checkout / "tests"))  # images of some scenarios
-    trials = Trials(checkout, flights(checkout), arguments.jobs)
+    trials = Trials(checkout, [one for one in flights(checkout) if one.what in killers], arguments.jobs)
     broken = _first_flights(trials)
     if broken is not None:
         print(f"tools/mutate: without any mutant, {broken}; mend that first", file=sys.stderr)
@@ -110,6 +115,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--count", type=int, default=300, metavar="N", help="how many (default: 300)")
     parser.add_argument("--jobs", type=int, default=2, metavar="N", help="trials side by side (default: 2)")
     parser.add_argument("--require", type=float, default=85.0, metavar="PERCENT", help="to be killed (default: 85)")
+    parser.add_argument(
+        "--killers",
+        default=",".join(KINDS),
+        metavar="KINDS",
+        help="flights that may kill (default: all kinds)",
+    )
     parser.add_argument("--list", action="store_true", help="only say which mutants are drawn")
     parser.add_argument("--json", action="store_true", help="one JSON object at the end")
     return parser

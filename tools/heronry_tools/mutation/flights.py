@@ -15,12 +15,14 @@ from heronry_dg import loader
 from heronry_dg.model import Spec
 from heronry_tools.spec_argument import spec_path
 
+KINDS = ("drill", "scenario", "sim")
+
 
 @dataclass(frozen=True, slots=True)
 class Flight:
     """One flight; as text the command that flies it, in the folder of the checkout."""
 
-    what: str  # drill, scenario, sim
+    what: str  # one of KINDS
     file: Path  # drill, scenario, or spec
     seed: int = 0
     seconds: float = 0.0

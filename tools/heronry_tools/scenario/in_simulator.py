@@ -4,14 +4,13 @@ Beside what the script expects, all that the simulator's checkers know is judged
 flight, and, once whatever can be ended has been ended after the script's end, that all comes right again.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
-from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, Order
 from heronry_tools.errors import UserError
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
-from heronry_tools.scenario.script import Deed, Script
+from heronry_tools.scenario.script import ORDERS, Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.bus import Sent
@@ -22,7 +21,6 @@ from heronry_tools.simulator.strike import Strikes
 from heronry_wire.identifiers import FIRST_MANAGER
 
 _LONGEST_START_NS = 20_000 * MS
-_ORDERS: dict[str, Callable[[str], Order]] = {"phase": EnterPhase, "fail": FailElement, "clear": ClearElement}
 
 
 class _Flight(Simulation):
@@ -51,16 +49,12 @@ class _Flight(Simulation):
         self.restore(pe)
 
     def say(self, deed: Deed) -> None:
-        """Let the operator give an order; what he says counts as the truth."""
-        if self.manager is None or not self.manager.is_awake:
-            raise UserError(f"'{deed.text}': there is no manager then that could hear it; say it at another time")
-        reply = self.manager.say(_ORDERS[deed.what](deed.target))
+        """Let the operator give an order."""
+        reply = self.operator.say(ORDERS[deed.what](deed.target))
+        if reply is None:
+            raise UserError(f"'{deed.text}': no manager reigns then that could hear it; say it at another time")
         if not reply.done:
             raise UserError(f"'{deed.text}': {reply.sentence}")
-        if deed.what == "fail":
-            self.failed(deed.target)
-        elif deed.what == "clear":
-            self.mended(deed.target)
 
 
 def fly(script: Script) -> Flown:

@@ -1,10 +1,11 @@
 """A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
 
-Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, and no
-golden trace is compared. Partitions load their code when their first module is started, so times count from when all
-that the first configuration serves has been heard; what is not heard in LOADING_S is left to the expectations. Kill,
-restore and phase can be done to processes, and a radio can be made a bad one (`bad_radios`); other faults of wires,
-clocks and controllers can be made in the simulator alone.
+Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, what is
+expected where a process is started has 3 s more to come true, and no golden trace is compared. Partitions load their
+code when their first module is started, so times count from when all that the first configuration serves has been
+heard; what is not heard in LOADING_S is left to the expectations. What can be done to processes is in `process_deeds`,
+and a radio can be made a bad one (`bad_radios`); other faults of wires, clocks and controllers can be made in the
+simulator alone.
 
 The flight ends with everything that it has started, whichever way it ends (`Fleet`).
 """
@@ -12,8 +13,9 @@ The flight ends with everything that it has started, whichever way it ends (`Fle
 import argparse
 import select
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +29,22 @@ from heronry_tools.scenario.bad_radios import KINDS, BadRadios
 from heronry_tools.scenario.flown import Flown
 from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
-from heronry_tools.scenario.script import EXAMPLE, Deed, Script
+from heronry_tools.scenario.process_deeds import Step, can_be_done, steps
+from heronry_tools.scenario.script import EXAMPLE, ORDERS, Deed, Expectation, Script
 from heronry_tools.scenario.trace import deed_line, event_line
 from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.planning import plan_ahead
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES
 from heronry_wire.key_file import make_key
 
 SLACK_NS = 100_000_000
+STARTING_NS = 3_000_000_000
+_TO_PE: dict[str, Callable[[Fleet, str], object]] = {
+    "kill": Fleet.kill_pe,
+    "restore": Fleet.start_pe,
+    "stop": Fleet.stop,
+    "go_on": Fleet.go_on,
+}
 LOADING_S = 10.0
 _LONGEST_START_S = 60.0
 _LONGEST_WAIT_S = 0.1
@@ -43,10 +54,8 @@ def check(script: Script) -> None:
     """Refuse what cannot be done to processes, or judged; raises UserError."""
     if not script.expectations:
         raise UserError(f"{script.file}: it expects nothing; write for example '{EXAMPLE}', or leave -i and -c out")
-    if script.has_standby:
-        raise UserError(f"{script.file}: two managers can be flown in the simulator alone; leave -i and -c out")
     for deed in script.deeds:
-        if deed.target in MANAGERS or not (deed.what in ("kill", "restore", "phase") or _is_of_a_radio(script, deed)):
+        if not (can_be_done(deed) or _is_of_a_radio(script, deed)):
             raise UserError(
                 f"{script.file}:{deed.line}: '{deed.text}' can be done in the simulator alone; leave -i and -c out"
             )
@@ -67,13 +76,14 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         )
         choices = choose(spec, folder, {}, _named(arguments), prefer_vcan=False)
         hubs = _hubs(choices)
-        for deed in script.deeds:
+        of_radios = [deed for deed in script.deeds if _is_of_a_radio(script, deed)]
+        for deed in of_radios:
             if deed.fault is not None and deed.fault.name not in hubs:
                 where = "on software buses of its own"
                 raise UserError(f"{script.file}:{deed.line}: '{deed.text}' can be done {where} alone; leave -c out")
         fleet.start_buses(choices)
         ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
-        radios = stack.enter_context(BadRadios(script.deeds, hubs))
+        radios = stack.enter_context(BadRadios(of_radios, hubs))
         return _Show(script, fleet, ear, radios).run(choices[spec.manager.bus].describe())
 
 
@@ -117,7 +127,11 @@ class _Show:
     def __init__(self, script: Script, fleet: Fleet, ear: Ear, radios: BadRadios) -> None:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
         self._heard = Observations(script.spec)
-        self._deeds = list(script.deeds)
+        self._deeds = list(script.deeds)  # that have not been told
+        self._steps = steps(script.deeds)
+        self._events: dict[int, EventStream] = {}  # by the manager's node
+        self._starting_ns = {step.deed.at_ns for step in self._steps if step.what == "restore"}
+        self._struck: dict[int, int] = {}  # by the line of a deed, the node of the manager that it struck
         self._served: list[str] = []  # functions, by the last plan
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
@@ -126,15 +140,16 @@ class _Show:
 
     def run(self, where: str) -> Flown:
         """Fly to the end of the script."""
-        events = EventStream(self._fleet.start_manager())
+        for node in MANAGER_NODES if self._script.has_standby else (FIRST_MANAGER,):
+            self._start_manager(node)
         for pe in self._script.spec.pes:
             if f"pe:{pe}" not in self._script.without:
                 self._fleet.start_pe(pe)
         begun_s = time.monotonic()
         while self._elapsed_ns() < self._script.end_ns:
-            readers: list[Any] = [events, *self._ear.readers]
+            readers: list[Any] = [*self._events.values(), *self._ear.readers]
             select.select(readers, [], [], self._wait_s())
-            for event in events.take():
+            for event in [event for stream in self._events.values() for event in stream.take()]:
                 self._follow(event)
             self._take_frames()
             self._begin()
@@ -150,10 +165,16 @@ class _Show:
             self._script,
             where,
             self._script.end_ns / 1e9,
-            tuple(judgement.verdict(one) for one in self._script.expectations),
+            tuple(judgement.verdict(self._given_time(one)) for one in self._script.expectations),
             tuple(f"two drivers at once: {a.module} and {b.module}" for a, b in self._heard.witness.rivals),
             tuple(self._trace),
         )
+
+    def _given_time(self, one: Expectation) -> Expectation:
+        """Let what is expected come true later where a process is started first."""
+        if not one.within_ns or one.from_ns not in self._starting_ns:
+            return one
+        return replace(one, within_ns=one.within_ns + STARTING_NS)
 
     def _elapsed_ns(self) -> int:
         return -1 if self._start_ns is None else time.monotonic_ns() - self._start_ns
@@ -162,7 +183,8 @@ class _Show:
         if self._start_ns is None:
             return _LONGEST_WAIT_S
         elapsed_ns = self._elapsed_ns()
-        next_ns = min([self._script.end_ns, *(deed.at_ns for deed in self._deeds)])
+        told_ns, done_ns = (deed.at_ns for deed in self._deeds), (step.at_ns for step in self._steps)
+        next_ns = min([self._script.end_ns, *told_ns, *done_ns])
         radio_ns = self._radios.next_ns(elapsed_ns)
         next_ns = next_ns if radio_ns is None else min(next_ns, radio_ns)
         return max(0.0, min(_LONGEST_WAIT_S, (next_ns - elapsed_ns) / 1e9))
@@ -194,18 +216,40 @@ class _Show:
         while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():
             deed = self._deeds.pop(0)
             self._trace.append(deed_line(deed.at_ns / 1e9, deed.text))
-            self._do(deed)
-
+        while self._steps and self._steps[0].at_ns <= self._elapsed_ns():
+            self._do(self._steps.pop(0))
         if self._start_ns is not None:
             self._radios.follow(self._elapsed_ns())
 
-    def _do(self, deed: Deed) -> None:
-        match deed.what:
-            case "fault":
-                pass  # the radios follow the script
+    def _do(self, step: Step) -> None:
+        place = f"{self._script.file}:{step.deed.line}: '{step.deed.text}'"
+        if step.what in ORDERS:
+            self._fleet.order(ORDERS[step.what](step.target), place)
+        elif step.target in MANAGERS:
+            self._do_to_manager(step)
+        else:
+            pe = step.target.removeprefix("pe:")
+            try:
+                _TO_PE[step.what](self._fleet, pe)
+            except UserError as error:
+                raise UserError(f"{place}: {error}") from None
+
+    def _do_to_manager(self, step: Step) -> None:
+        """Strike the manager that is meant, and end that for the very one that was struck."""
+        node = self._struck.get(step.deed.line) if step.is_last else MANAGERS[step.target]
+        if node is None:
+            node = FIRST_MANAGER if step.what == "restore" else self._fleet.reigning()
+        self._struck[step.deed.line] = node
+        match step.what:
             case "kill":
-                self._fleet.kill_pe(deed.target.removeprefix("pe:"))
+                del self._events[node]
+                self._fleet.kill_manager(node)
             case "restore":
-                self._fleet.start_pe(deed.target.removeprefix("pe:"))
+                self._start_manager(node)
+            case "stop":
+                self._fleet.stop(node)
             case _:
-                self._fleet.enter_phase(deed.target)
+                self._fleet.go_on(node)
+
+    def _start_manager(self, node: int) -> None:
+        self._events[node] = EventStream(self._fleet.start_manager(node, standby=self._script.has_standby))

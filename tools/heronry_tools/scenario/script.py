@@ -35,16 +35,24 @@ What cannot be read is a UserError with the place and the remedy.
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.act import KINDS, MANAGERS, Act, read_act
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
+
+ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
+    "phase": EnterPhase,
+    "fail": FailElement,
+    "clear": ClearElement,
+}
+"""What the operator may say, by its word in a script."""
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
@@ -186,8 +194,8 @@ class _Reader:
         if self.end_ns is not None:
             self._refuse("nothing comes after 'end'; move it up, or 'end' down")
         match words:
-            case ["spec", name] if self.spec is None:
-                self.spec, self.spec_file = self._loaded(name)
+            case ["spec", *name] if self.spec is None and name:
+                self.spec, self.spec_file = self._loaded(" ".join(name))
             case ["spec", *_] if self.spec is not None:
                 self._refuse("there is one spec in a scenario; leave this line out")
             case _ if self.spec is None:

@@ -14,7 +14,8 @@ What is not promised, and why:
   healthy element for a failed one (blame). Nobody is commanded by data, so everything else holds; but of what was
   changed on its way nobody can say that it was ever sent (foreign).
 - `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
-  forged command is a command: nothing holds until it is over, and then everything has to come right again.
+  forged command is a command: nothing holds until it is over, and then everything has to come right again. It does
+  unless a term was made far higher than all others: PEs obey nobody else then for a long time. So chaos draws none.
 - `attack` is struck in flights with a key alone, and everything is promised there, but that on a replicated bus a frame
   is taken once: what is said again to the bit, on the other channel, is a copy.
 - `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
@@ -32,6 +33,8 @@ What is not promised, and why:
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
 - `manager_double`: two managers of one number send under one number, until one of them hears the other.
 - `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time.
+- `order_fail`: a manager that is told so plans without what is well, and so does the oracle. What is not driven for
+  that may be taken for stuck. The truth is what the operator says, to the one who reigns.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from everybody or from one PE. Everything is
   promised as long as all are left a channel that all others have.
 - `stuck`: a PE whose modules hang while its heart beats is not served. They are ended and begin again, and are given
@@ -48,6 +51,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.simulator.protocol_state import STATES
 
 MANAGER = "manager"  # the one that reigns
+EVERYTHING = "everything"  # that is latched, or in quarantine
 MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # whom a target means
 UNTIL_HEALED = -1
 
@@ -63,7 +67,8 @@ class Kind:
     """A kind of fault."""
 
     strikes: (
-        str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager
+        str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
+        # element (that the operator may fail), latched, phase
     )
     lasts_ms: tuple[int, int]
     tells: str
@@ -74,12 +79,13 @@ class Kind:
     drawn: bool = True  # by chaos that was not asked for it
     of_two: bool = False  # drawn where there are two managers
     needs_key: bool = False  # a flight in which it strikes has a key
+    is_order: bool = False  # of the operator, to a manager that reigns
 
 
 _COMMANDED = frozenset(
     (
         *("exclusion", "clash", "digest", "epoch", "blame", "configuration", "service"),
-        *("freshness", "foreign", "publishing", "load", "reign", "term", "policy"),
+        *("freshness", "foreign", "publishing", "load", "reign", "term", "policy", "transition", "phase"),
     )
 )
 
@@ -101,7 +107,12 @@ KINDS: Mapping[str, Kind] = {
     "half_cut": Kind(
         "twin_pe", (20, 3000), "a PE's wire to one channel of its bus breaks (level: which)", levels=(1, 2)
     ),
-    "late": Kind("gateway", (100, 2000), "what a gateway sends is up to 30 ms late, and out of order"),
+    "late": Kind(
+        "gateway",
+        (100, 2000),
+        "what a gateway sends is late, and out of order (level: up to so many ms)",
+        levels=(30, 90),
+    ),
     "inspect": Kind("pe", (5000, 30000), "somebody reads and writes objects of a PE, and errs", drawn=False),
     "manager_crash": Kind(MANAGER, (100, 2000), "the manager dies, and is started again"),
     "manager_pause": Kind(MANAGER, (5, 500), "the manager's processor stands still"),
@@ -180,6 +191,11 @@ KINDS: Mapping[str, Kind] = {
     "overrun": Kind("module", (50, 1000), "a module takes 30 ms"),
     "dead": Kind("device", (0, 0), "a sensor does not answer", for_good=1.0),
     "bias": Kind("device", (0, 0), "a sensor is off by 40 of its units", for_good=1.0, excuses=True),
+    "order_fail": Kind(
+        "element", (200, 4000), "the operator fails an element, and clears it again", for_good=0.2, is_order=True
+    ),
+    "order_clear": Kind("latched", (0, 0), "the operator clears whatever is latched, or in quarantine", is_order=True),
+    "order_phase": Kind("phase", (0, 0), "the operator wants another mission phase", is_order=True),
 }
 
 
@@ -189,14 +205,14 @@ class Act:
 
     at_ms: int
     kind: str
-    target: str  # pe:NAME, bus:NAME, channel:BUS.N, module:NAME, device:NAME, manager, primary or standby
+    target: str  # KIND:NAME, of a channel channel:BUS.N; manager, primary, standby or everything
     lasts_ms: int = 0
     during: str = ""  # one of STATES; empty: whatever the state
     level: int = 0
 
     def __str__(self) -> str:
-        words = [f"{self.at_ms / 1000:g} {self.kind} {self.target}"]
-        words += [f"for {self.lasts_ms / 1000:g}"] if self.lasts_ms else []
+        words = [f"{self.at_ms / 1000:.10g} {self.kind} {self.target}"]
+        words += [f"for {self.lasts_ms / 1000:.10g}"] if self.lasts_ms else []
         words += [f"in {self.during}"] if self.during else []
         words += [f"level {self.level}"] if self.level else []
         return " ".join(words)
@@ -234,27 +250,26 @@ def drawn_kinds(spec: Spec, *, of_two: bool) -> list[str]:
 
 def possible_targets(spec: Spec, kind: str) -> list[str]:
     """What a kind of fault can strike in a spec, in the spec's order."""
-    manager_bus = spec.manager.bus
-    match KINDS[kind].strikes:
-        case "pe":
-            return [f"pe:{pe}" for pe in spec.pes]
-        case "gateway":
-            return [f"pe:{pe.name}" for pe in spec.pes.values() if len(pe.buses) > 1]
-        case "module":
-            return [f"module:{module}" for module in spec.modules]
-        case "device":
-            return [f"device:{d.name}" for d in spec.devices.values() if d.kind == "sensor"]
-        case "bus":
-            return [f"bus:{bus}" for bus in spec.buses]
-        case "channel":
-            twins = (bus for bus in spec.buses.values() if bus.channels > 1)
-            return [f"channel:{bus.name}.{number}" for bus in twins for number in range(1, bus.channels + 1)]
-        case "twin_pe":
-            return [f"pe:{pe}" for pe in spec.pes if replicated_bus(spec, pe) is not None]
-        case "main_bus" | "far_bus" as which:
-            return [f"bus:{bus}" for bus in spec.buses if (bus == manager_bus) is (which == "main_bus")]
-        case _:
-            return [MANAGER]
+    pes, modules, main_bus = list(spec.pes), list(spec.modules), spec.manager.bus
+    far_buses = [bus for bus in spec.buses if bus != main_bus]
+    twins = [bus for bus in spec.buses.values() if bus.channels > 1]
+    names: dict[str, dict[str, list[str]]] = {
+        "pe": {"pe": pes},
+        "gateway": {"pe": [pe for pe in pes if len(spec.pes[pe].buses) > 1]},
+        "twin_pe": {"pe": [pe for pe in pes if replicated_bus(spec, pe) is not None]},
+        "module": {"module": modules},
+        "device": {"device": [device.name for device in spec.devices.values() if device.kind == "sensor"]},
+        "bus": {"bus": list(spec.buses)},
+        "main_bus": {"bus": [main_bus]},
+        "far_bus": {"bus": far_buses},
+        "channel": {"channel": [f"{bus.name}.{number}" for bus in twins for number in range(1, bus.channels + 1)]},
+        "element": {"pe": pes, "device": list(spec.devices), "module": modules, "bus": far_buses},
+        "phase": {"phase": list(spec.phases)},
+    }
+    strikes = KINDS[kind].strikes
+    if strikes not in names:
+        return [EVERYTHING if strikes == "latched" else MANAGER]
+    return [f"{kind}:{name}" for kind, there in names[strikes].items() for name in there]
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:

@@ -19,7 +19,7 @@ from typing import Any, Generic, TypeVar
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, drawn_kinds
-from heronry_tools.simulator.protocol_state import STATES
+from heronry_tools.simulator.protocol_state import ORPHANED, STATES
 from heronry_tools.simulator.scenario import Outcome
 
 T = TypeVar("T")
@@ -64,10 +64,15 @@ class Coverage:
         self.entered += outcome.entered
 
     def cells(self) -> dict[tuple[str, str], int]:
-        """Hits of every cell that can be reached: the kind has something to strike, and the state was entered."""
+        """Hits of every cell that can be reached: the kind has something to strike, and the state was entered.
+
+        Nobody can give an order while no manager reigns.
+        """
         struck = {kind for kind, _ in self.hits}
         kinds = [*self._kinds, *(kind for kind in KINDS if kind in struck and kind not in self._kinds)]
-        return {(kind, state): self.hits[kind, state] for kind in kinds for state in self._states()}
+        cells = [(kind, state) for kind in kinds for state in self._states()]
+        orders = {kind for kind in kinds if KINDS[kind].is_order}
+        return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
 
     def table(self) -> list[str]:
         """Lines: kinds of faults by states, how often each state was entered, and how thin the table is."""

@@ -43,6 +43,7 @@ _AIM = {
 }
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 2  # times as often as anything else
+_LATCHED_MORE = 3  # since mostly there is nothing to clear
 _END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
 _LEADS = (*_SILENCES, ("reboot", (1, 60)))  # which is over before anybody waits for it
@@ -94,7 +95,8 @@ def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str,
 
 
 def _more_often(name: str, *, of_two: bool) -> int:
-    return _MANAGERS_MORE if of_two and KINDS[name].strikes == MANAGER else 1
+    strikes = KINDS[name].strikes
+    return _LATCHED_MORE if strikes == "latched" else _MANAGERS_MORE if of_two and strikes == MANAGER else 1
 
 
 def _ending_reign(random: Random, at_ms: int, *, of_two: bool) -> Act:

@@ -29,15 +29,32 @@ class BlameCheck:
             ElementKind.BUS: tuple(spec.buses),
         }
         self._reported: dict[str, Violation] = {}
+        self._cleared: dict[str, Violation] = {}  # that were reported rightly, and are well since
 
     def emergency(self, sent: Sent) -> None:
         """An EMCY was sent."""
+        element, detail = self._accused(sent)
+        if element is None:
+            return
+        story = f"{element} is reported by {sent.sender} (detail {detail}), and it is well"
+        self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
+
+    def handed_on(self, sent: Sent) -> None:
+        """A gateway has sent one; a late one may be about what was cleared since, and is believed once more."""
+        element, _ = self._accused(sent)
+        if element in self._cleared:
+            self._reported.setdefault(element, self._cleared[element])
+
+    def cleared(self, element: str, truth: Situation) -> None:
+        """An element is taken for well again; what was reported of it rightly is forgotten."""
+        if element in self._reported and element in truth.down:
+            self._cleared[element] = self._reported.pop(element)
+
+    def _accused(self, sent: Sent) -> tuple[str | None, int]:
         emergency = decode_emergency(sent.frame.data)
         if isinstance(emergency, Malformed) or emergency.code.name in _ACCUSES_NOBODY:
-            return
-        element = f"{emergency.kind.name.lower()}:{self._names[emergency.kind][emergency.index]}"
-        story = f"{element} is reported by {sent.sender} (detail {emergency.detail}), and it is well"
-        self._reported.setdefault(element, Violation(sent.end_ns, "blame", story))
+            return None, 0
+        return f"{emergency.kind.name.lower()}:{self._names[emergency.kind][emergency.index]}", emergency.detail
 
     @property
     def reported(self) -> set[str]:

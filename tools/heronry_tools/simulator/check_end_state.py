@@ -4,10 +4,11 @@
   reach the manager's bus.
 - The configuration that was activated last is worth, in its first three levels (what is critical, utility, inputs), no
   less than the best plan for the true situation.
+- The phase that the manager tells (CONTROL, HOLDS) is the true one.
 - Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
   for the true situation serves.
 
-Both are asked again and again while a run settles, and count at its end.
+All are asked again and again while a run settles, and count at its end.
 """
 
 from collections.abc import Iterator
@@ -31,11 +32,12 @@ _JUDGED_LEVELS = 6  # classes A to D, utility, inputs
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was seen of the aircraft: its PEs' last states, its outputs, and the epoch that was activated last."""
+    """What was seen: the PEs' last states, the outputs, the epoch that was activated last, the phase."""
 
     last: dict[tuple[str, int], LastState]
     witness: Witness
     current: Epoch | None
+    phase: str | None  # that was told last
 
 
 def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
@@ -43,6 +45,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
     stories = [
         *_unsettled(spec, truth, now_ns, seen.last),
         *_worse(spec, truth, seen.current),
+        *([("phase", f"the phase is {truth.phase}, and {seen.phase} is told")] if seen.phase != truth.phase else ()),
         *_unserved(spec, truth, now_ns, seen.witness),
     ]
     return [Violation(now_ns, rule, story) for rule, story in stories]

@@ -13,13 +13,13 @@ of an epoch and the first moments in which the PE's state frames tell that it fo
 
 from collections import deque
 
-from heronry_agent.mailboxes import FRESH_PERIODS
 from heronry_agent.module import Datum, Value
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.promised import FRESH_PERIODS
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed

@@ -19,14 +19,18 @@ From the moment at which nothing more is done to it (`bound_ns`), one after the 
 So the bound is long only where a PE has been lost again and again (quarantine).
 """
 
-from heronry_agent.link_meter import WINDOW_PERIODS
 from heronry_dg.model import Spec
-from heronry_manager.core import START_UP_WINDOW_NS
-from heronry_manager.health import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
-from heronry_manager.radio_links import MOST_DOUBLINGS
-from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios, uplink_bus
 from heronry_tools.simulator.check_end_state import unnoticed_ns
+from heronry_tools.simulator.promised import (
+    FORGIVEN_AFTER_NS,
+    HOLD_DOWN_PERIODS,
+    LONGEST_HOLD_DOWN_NS,
+    PATIENCE_PERIODS,
+    RADIO_DOUBLINGS,
+    RADIO_WINDOW_PERIODS,
+    START_UP_WINDOW_NS,
+)
 from heronry_tools.simulator.reigning_term import ReigningTerm
 from heronry_tools.simulator.station import RESTART_NS
 from heronry_wire.management import Alive
@@ -42,7 +46,8 @@ class Losses:
         self._names = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._periods = {pe: spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes}
         periods_ns = [spec.buses[radio].heartbeat_ns for radio in radios(spec)]
-        self._radios_ns = (WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << MOST_DOUBLINGS)) * max(periods_ns, default=0)
+        radio_periods = RADIO_WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << RADIO_DOUBLINGS)
+        self._radios_ns = radio_periods * max(periods_ns, default=0)
         self._reign = ReigningTerm(spec)
         self._counted_on: dict[str, int] = {}  # and since when
         self._losses = dict.fromkeys(spec.pes, 0)

@@ -1,4 +1,4 @@
-"""The data on a bus stay within its budget, in transitions too: second by second, from the frames alone.
+"""The data on a bus stay within its budget: second by second, from the frames alone (`check_transitions`: at once).
 
 What the spec's nodes publish may take `max_load` less `reserve` of the bit rate. Real frames are shorter than the worst
 case that the plan counts, so the budget is only reached where something is published that no plan asked for; a quarter

@@ -17,9 +17,9 @@ from collections import defaultdict
 from fractions import Fraction
 
 from heronry_dg.model import Spec
-from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios, uplink_bus
 from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.promised import PATIENCE_PERIODS
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, LinkState, decode_link
 from heronry_wire.management import LEASE_PERIODS

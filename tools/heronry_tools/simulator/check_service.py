@@ -3,9 +3,10 @@
 Twice:
 
 - When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
-  manager can know: that the PEs which take no part are down, and what was reported and acknowledged has failed. A
-  contingency that is called by its number is staged by whoever hears it; who of them takes part is said by ALIVE, and
-  stays unknown where the manager dies before the next one.
+  manager can know: that the PEs which take no part are down, and what was reported and acknowledged, or declared by
+  the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
+  before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
+  said by ALIVE, and stays unknown where the manager dies before the next one.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -18,6 +19,7 @@ before. The window ends no later than if it had begun with the first ALIVE of th
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import NamedTuple
@@ -25,19 +27,18 @@ from typing import NamedTuple
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation
-from heronry_manager.core import START_UP_WINDOW_NS
-from heronry_manager.radio_links import STEPS
-from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.topology import radios
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Epoch, elements_by_kind
 from heronry_tools.simulator.planning import critical_at_best
+from heronry_tools.simulator.promised import PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
 from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Operation
 
 _SECOND_NS = 1_000_000_000
+_UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
 _DOUBTED_NS = 30 * _SECOND_NS
 
 
@@ -49,6 +50,15 @@ class Struck(NamedTuple):
     to_ns: int | None
 
 
+@dataclass(slots=True)
+class _Held:
+    """An element counts as failed, from when to when (None: it still does)."""
+
+    element: str
+    from_ns: int
+    to_ns: int | None = None
+
+
 class ServiceCheck:
     """Asks the oracle."""
 
@@ -58,7 +68,7 @@ class ServiceCheck:
         self._spec = spec
         self._elements = elements_by_kind(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
-        self._acknowledged: dict[str, int] = {}  # and when first
+        self._held: list[_Held] = []
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
         self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
@@ -74,7 +84,22 @@ class ServiceCheck:
         """A manager has heard of a fault."""
         if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
             for element in self._elements.get(ElementKind(message.a), [])[message.b : message.b + 1]:
-                self._acknowledged.setdefault(element, t_ns)
+                self.failed(t_ns, element)
+
+    def failed(self, t_ns: int, element: str) -> None:
+        """A manager takes an element for failed, from now on at the latest."""
+        if element not in self._held_at(t_ns, t_ns):
+            self._held.append(_Held(element, t_ns))
+
+    def cleared(self, t_ns: int, element: str) -> None:
+        """No manager takes an element for failed any more."""
+        for one in self._held:
+            if one.element == element and one.to_ns is None:
+                one.to_ns = t_ns
+
+    def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
+        """What counted as failed at some moment of a time."""
+        return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
         """ALIVE names these PEs."""
@@ -109,7 +134,7 @@ class ServiceCheck:
         limits: dict[str, Fraction] = {}
         for at_ns, bus, usable in self._usable:
             if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
-                step = Fraction(next(step for step in STEPS if step <= usable), PER_MILLE)
+                step = Fraction(next(step for step in RADIO_STEPS if step <= usable), PER_MILLE)
                 limits[bus] = min(step, limits.get(bus, step))
         return limits
 
@@ -132,15 +157,27 @@ class ServiceCheck:
         if epoch.configuration is None:
             return
         absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
-        failed = {element for element, told_ns in self._acknowledged.items() if told_ns <= t_ns}
-        now = Situation(frozenset(absent | failed), self._limits(t_ns), phase)
+        asked_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
+        failed = self._held_at(asked_ns, t_ns)
+        known = dict.fromkeys((phase, *self._phases_in(asked_ns, t_ns)))
+        nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
+        stories = [self._falls_short(epoch, now) for now in nows]
+        if None not in stories:
+            yield Violation(t_ns, "service", f"{stories[0]} with {sorted(absent)}")
+
+    def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
+        """Say what an epoch serves, if that is less than could be served in a situation."""
+        assert epoch.configuration is not None
         served = score(self._spec, now, epoch.configuration, None).critical
         possible = critical_at_best(self._spec, now)
-        if served < possible:
-            story = (
-                f"epoch {epoch.number} serves {served} by criticality, and {possible} could be with {sorted(absent)}"
-            )
-            yield Violation(t_ns, "service", story)
+        if served >= possible:
+            return None
+        return f"epoch {epoch.number} serves {served} by criticality, and {possible} could be"
+
+    def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
+        """Phases at some moment of a time."""
+        spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
+        return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
     def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent for too long without need."""
@@ -150,7 +187,8 @@ class ServiceCheck:
     def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]
         moments = {moment for one in struck for moment in (one.from_ns, one.to_ns) if moment is not None}
-        moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)} | set(self._acknowledged.values())
+        moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)}
+        moments |= {moment for one in self._held for moment in (one.from_ns, one.to_ns) if moment is not None}
         moments |= {moment for time in self._starts() for moment in time}
         to_ns = end_ns if outage.to_ns is None else outage.to_ns
         within = sorted({outage.from_ns, to_ns, *(t for t in moments if outage.from_ns < t < to_ns)})
@@ -171,7 +209,7 @@ class ServiceCheck:
         if starts or any(one.element is None for one in hit):
             return None
         elements = {one.element for one in hit if one.element is not None}
-        down = elements | {element for element, t_ns in self._acknowledged.items() if t_ns <= begin_ns}
+        down = elements | self._held_at(begin_ns, begin_ns)
         counted_on = next((pes for t_ns, pes in reversed(self._counted_on) if t_ns <= begin_ns), frozenset[str]())
         down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
         phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())

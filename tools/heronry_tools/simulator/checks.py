@@ -24,6 +24,7 @@ from heronry_tools.simulator.check_radio import RadioCheck
 from heronry_tools.simulator.check_safe_mode import SafeModeCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.check_terms import TermCheck
+from heronry_tools.simulator.check_transitions import TransitionCheck
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven
 from heronry_tools.simulator.proven_states import ProvenStates
@@ -44,7 +45,18 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import Alive, Control, PeState, StatePage0, decode_command, decode_emergency
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Lease,
+    Operation,
+    PeState,
+    StatePage0,
+    decode_command,
+    decode_emergency,
+)
 from heronry_wire.pe_table import PeTable
 
 
@@ -66,6 +78,7 @@ class Checks:
         """
         self._spec, self._bus = spec, spec.manager.bus
         self._phase = spec.initial_phase()
+        self._told_phase: str | None = None  # by HOLDS
         self._term = 0  # the highest that was heard
         self._commands = Commanded(spec, tables)
         self._proven = None if key is None else ProvenStates(key)
@@ -79,6 +92,7 @@ class Checks:
         self.channels = ChannelCheck(spec)
         self._configurations = ConfigurationCheck(spec)
         self._service = ServiceCheck(spec)
+        self._transitions = TransitionCheck(spec, self._commands.epochs)
         self._freshness = FreshnessCheck(spec, self._commands)
         self._publishing = PublishingCheck(spec, self._commands)
         self._safe_mode = SafeModeCheck(spec, self._commands)
@@ -143,6 +157,16 @@ class Checks:
         self._phase = phase
         self._service.entered(t_ns, phase)
 
+    def declared(self, t_ns: int, element: str) -> None:
+        """The operator has declared that an element has failed, and a manager plans without it."""
+        self._service.failed(t_ns, element)
+
+    def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
+        """The operator has cleared an element that counted as down by `truth`; not everywhere: one manager knows."""
+        self._blame.cleared(element, truth)
+        if everywhere:
+            self._service.cleared(t_ns, element)
+
     def wrong(self, t_ns: int, story: str) -> None:
         """Who inspects a PE has found something that is not by the book."""
         self._inspections.append(Violation(t_ns, "inspection", story))
@@ -165,6 +189,7 @@ class Checks:
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
             *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode, self.channels),
+            self._transitions,
             self._journals,
         )
         found = [violation for check in checks for violation in check.violations]
@@ -173,7 +198,7 @@ class Checks:
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give what must not be once a run has settled."""
-        seen = Seen(self._epochs.last, self.witness, self._commands.current)
+        seen = Seen(self._epochs.last, self.witness, self._commands.current, self._told_phase)
         return end_state(self._spec, truth, now_ns, seen)
 
     @property
@@ -216,6 +241,7 @@ class Checks:
         if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
             self._publishing.state(sent.sender, sent.end_ns, page)
             self._terms.state(sent.bus, node, sent.end_ns, page)
+            self._transitions.state(sent.sender, page)
         if sent.bus != self._bus:
             return
         if isinstance(page, StatePage0):
@@ -232,6 +258,8 @@ class Checks:
         if sent.sender == pe:
             self._blame.emergency(sent)
             self.channels.emergency(sent, pe, decode_emergency(sent.frame.data))
+        elif sent.sender in self._spec.pes:
+            self._blame.handed_on(sent)
 
     def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
         identifier, data = sent.frame.can_id, sent.frame.data
@@ -252,12 +280,19 @@ class Checks:
             self._journals.commanded(sent.end_ns, sent.sender, message)
         self._exclusion.commanded(message)
         if isinstance(message, Control):
-            self._service.acknowledged(sent.end_ns, message)
+            self._controlled(sent.end_ns, message)
         elif not isinstance(message, Malformed):
             epoch = self._commands.take(sent.end_ns, message)
             if epoch is not None:
                 self._configurations.activated(sent.end_ns, epoch)
                 self._service.activated(sent.end_ns, epoch, self._phase)
+            if isinstance(message, Activate | Lease):
+                self._transitions.commanded(sent.end_ns, message)
+
+    def _controlled(self, t_ns: int, message: Control) -> None:
+        self._service.acknowledged(t_ns, message)
+        if message.operation is Operation.HOLDS and message.a == ElementKind.PHASE:
+            self._told_phase = list(self._spec.phases)[message.b]
 
     def _alive(self, sent: Sent) -> None:
         if sent.bus != self._bus:

@@ -1,14 +1,15 @@
 """Every reconfiguration of a small aircraft, with every message of it struck in every way: exhaustive, not drawn.
 
 A *story* is what makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises,
-each phase. It is flown once undisturbed, and the frames of the management are counted, from the first one after the
-story begins to the last one before its last reconfiguration is done. Then it is flown again for every *blow*:
+each phase, and, where there are two managers, the death of the one that reigns. It is flown once undisturbed, and the
+frames of the management are counted, from the first one after the story begins to the last one before its last
+reconfiguration is done. Then it is flown again for every *blow*:
 
     N lost VICTIM       the N-th frame is not received, by one node or by nobody
     N doubled VICTIM    ... or is received twice
     N late-MS VICTIM    ... or that much later, behind what was sent after it: by a driver, or by everybody
     N crash VICTIM      once it has been received the node dies, and is started again
-    N death VICTIM      ... or is not (a PE)
+    N death VICTIM      ... or is not (a PE; of two managers the first one)
 
 Whatever becomes of a single message, all of the simulator's judges must be content, and the end must be the best one.
 Two blows in one flight are far too many to be flown all; they are drawn.
@@ -17,25 +18,28 @@ As text a case is STORY: BLOW, BLOW    for example    crash pe:tail_a: 17 lost p
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from random import Random
 
 from heronry_dg.model import Spec
 from heronry_manager.vocabulary import EnterPhase
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import MANAGER, Act
+from heronry_tools.simulator.act import MANAGER, MANAGERS, Act
 from heronry_tools.simulator.bus import Sent, Tampering
 from heronry_tools.simulator.node import Node
+from heronry_tools.simulator.scenario import KEY
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.identifiers import Use, classify
+from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import InvariantError, Received
 
 EVERYBODY = "everybody"
 KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
 
+_SEATS = ("primary", "standby")
+_TAKEOVER = "takeover"
 _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
 _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
@@ -46,13 +50,33 @@ _QUIET_NS = 1_000 * MS  # without another end: the story is over
 _BLOW = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
 
 
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """How the aircraft is flown: plans on board for so many faults (None: no plans), a key, two managers."""
+
+    foreseen: int | None = None
+    keyed: bool = False
+    standby: bool = False
+
+    def take_off(self, spec: Spec) -> Simulation:
+        """Switch it on."""
+        return Simulation(spec, contingencies=self.foreseen, key=KEY if self.keyed else None, standby=self.standby)
+
+    def nodes(self, spec: Spec) -> list[str]:
+        """Who may be struck."""
+        return [*(_SEATS if self.standby else (MANAGER,)), *(f"pe:{pe}" for pe in spec.pes)]
+
+
+PLAIN = Setup()
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class Blow:
     """What happens to one frame, or with it."""
 
     number: int
     kind: str
-    victim: str  # pe:NAME, manager, or everybody
+    victim: str  # pe:NAME, manager (of two: primary, standby), or everybody
 
     def __str__(self) -> str:
         return f"{self.number} {self.kind} {self.victim}"
@@ -64,20 +88,22 @@ class Case:
 
     story: str
     blows: tuple[Blow, ...]
+    setup: Setup = PLAIN
 
     def __str__(self) -> str:
         return f"{self.story}: {', '.join(map(str, self.blows))}"
 
 
-def stories(spec: Spec) -> list[str]:
+def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
     """Everything that may make an aircraft reconfigure."""
     of_pes = [f"{what} pe:{pe}" for pe in spec.pes for what in ("crash", "return", "reboot")]
-    return ["start", *of_pes, *(f"raise module:{m}" for m in spec.modules), *(f"phase {p}" for p in spec.phases)]
+    others = [*(f"raise module:{m}" for m in spec.modules), *(f"phase {p}" for p in spec.phases)]
+    return ["start", *of_pes, *others, *([_TAKEOVER] if setup.standby else [])]
 
 
-def single_cases(spec: Spec, story: str) -> list[Case]:
+def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
     """Every blow to every frame of a story, one at a time; none where nothing is reconfigured."""
-    return [Case(story, (blow,)) for blow in _blows(spec, _senders(spec, story))]
+    return [Case(story, (blow,), setup) for blow in _blows(setup.nodes(spec), _senders(spec, story, setup))]
 
 
 def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
@@ -88,21 +114,23 @@ def drawn_pairs(cases: list[Case], count: int, seed: int) -> Iterator[Case]:
         by_story.setdefault(case.story, []).extend(case.blows)
     for _ in range(count if by_story else 0):
         story = random.choice(list(by_story))
-        yield Case(story, tuple(sorted(random.sample(by_story[story], 2))))
+        yield Case(story, tuple(sorted(random.sample(by_story[story], 2))), cases[0].setup)
 
 
-def read_case(spec: Spec, text: str) -> Case:
+def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     """Read a case; raises UserError."""
     *told, blows = text.split(": ")
     story = ": ".join(told)
-    if story not in stories(spec):
-        raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(stories(spec))}")
-    return Case(story, tuple(_read_blow(spec, blow) for blow in blows.split(", ")))
+    there = stories(spec, setup)
+    if story not in there:
+        raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
+    victims = [EVERYBODY, *setup.nodes(spec)]
+    return Case(story, tuple(_read_blow(victims, blow) for blow in blows.split(", ")), setup)
 
 
 def fly_case(spec: Spec, case: Case) -> list[Violation]:
     """Fly a case; gives what must not be."""
-    simulation = Simulation(spec)
+    simulation = case.setup.take_off(spec)
     try:
         _prepare(simulation, case.story)
         _Assailant(simulation, case.blows)
@@ -113,19 +141,18 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
         return [*simulation.broken(), Violation(simulation.now_ns, "invariant", str(error))]
 
 
-def _read_blow(spec: Spec, text: str) -> Blow:
+def _read_blow(victims: Sequence[str], text: str) -> Blow:
     match = _BLOW.fullmatch(text.strip())
     if match is None or match["kind"] not in KINDS:
         raise UserError(f"'{text}' is no blow; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
-    victims = [EVERYBODY, MANAGER, *(f"pe:{pe}" for pe in spec.pes)]
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
     return Blow(int(match["number"]), match["kind"], match["victim"])
 
 
-def _senders(spec: Spec, story: str) -> list[str]:
+def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
     """Who sends the frames of a story, in order, as victims are called."""
-    simulation = Simulation(spec)
+    simulation = setup.take_off(spec)
     _prepare(simulation, story)
     seen: list[Sent] = []
     _tap(simulation, seen.append)
@@ -139,22 +166,22 @@ def _senders(spec: Spec, story: str) -> list[str]:
             known, done_ns = len(done), done[-1]
         if simulation.now_ns > 2 * _STARTED_NS:
             break
-    return [_victim(sent.sender) for sent in seen if sent.end_ns <= done_ns]
+    return [_victim(sent.sender, setup) for sent in seen if sent.end_ns <= done_ns]
 
 
 def _done_ns(simulation: Simulation) -> list[int]:
     """When something came to its end: a reconfiguration, or that a PE is admitted to what runs already."""
-    admitted = [event["t_ns"] + _ADMITTED_NS for event in simulation.events_of("plan_unchanged")]
+    told = [event for kind in ("plan_unchanged", "adopted") for event in simulation.events_of(kind)]
+    admitted = [event["t_ns"] + _ADMITTED_NS for event in told]
     return sorted([*admitted, *(event["t_ns"] for event in simulation.events_of("reconfigured"))])
 
 
-def _blows(spec: Spec, senders: list[str]) -> Iterator[Blow]:
-    nodes = [MANAGER, *(f"pe:{pe}" for pe in spec.pes)]
+def _blows(nodes: Sequence[str], senders: list[str]) -> Iterator[Blow]:
     for number, sender in enumerate(senders):
         receivers = [EVERYBODY, *(node for node in nodes if node != sender)]
         yield from (Blow(number, kind, victim) for kind in KINDS[:4] for victim in receivers)
         yield from (Blow(number, "crash", victim) for victim in nodes)
-        yield from (Blow(number, "death", victim) for victim in nodes if victim != MANAGER)
+        yield from (Blow(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
 
 
 def _prepare(simulation: Simulation, story: str) -> None:
@@ -179,8 +206,9 @@ def _begin(simulation: Simulation, story: str) -> None:
         case "return":
             simulation.restore(target.partition(":")[2])
         case "phase":
-            assert simulation.manager is not None
-            simulation.manager.say(EnterPhase(target))
+            simulation.operator.say(EnterPhase(target))
+        case "takeover":
+            simulation.kill_manager()
         case _:
             Strikes(simulation, (Act(0, what, target, 3 if what == "reboot" else 0),), simulation.now_ns)
 
@@ -195,8 +223,10 @@ def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
     simulation.buses[simulation.spec.manager.bus].taps.append(tap)
 
 
-def _victim(sender: str) -> str:
-    return MANAGER if sender.startswith(MANAGER) else f"pe:{sender}"
+def _victim(sender: str, setup: Setup) -> str:
+    if not sender.startswith(MANAGER):
+        return f"pe:{sender}"
+    return next(seat for seat in _SEATS if sender.endswith(str(MANAGERS[seat]))) if setup.standby else MANAGER
 
 
 class _Assailant:
@@ -232,16 +262,16 @@ class _Assailant:
         return None
 
     def _nodes(self, victim: str) -> list[Node]:
-        manager = self._simulation.manager
+        managers = self._simulation.managers
         nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.pes.items()}
-        if manager is not None:
-            nodes[MANAGER] = manager
+        names = {FIRST_MANAGER: MANAGER} if not self._simulation.has_standby else {MANAGERS[one]: one for one in _SEATS}
+        nodes |= {names[seat]: manager for seat, manager in managers.items()}
         return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
-        if victim != MANAGER:
+        if victim.startswith("pe:"):
             return victim.removeprefix("pe:")
-        nodes = self._nodes(MANAGER)
+        nodes = self._nodes(victim)
         return nodes[0].stations[0][1].name if nodes else ""
 
     def _hold_back(self, node: Node, delay_ns: int) -> None:
@@ -258,9 +288,12 @@ class _Assailant:
 
     def _crash(self, blow: Blow) -> None:
         simulation = self._simulation
-        if blow.victim == MANAGER:
-            simulation.kill_manager()
-            simulation.at(simulation.now_ns + _MANAGER_BACK_NS, self._manager_back)
+        if blow.victim in MANAGERS:
+            seat = MANAGERS[blow.victim] or FIRST_MANAGER
+            if seat in simulation.managers:
+                simulation.kill_manager(seat)
+                if blow.kind == "crash":
+                    simulation.at(simulation.now_ns + _MANAGER_BACK_NS, lambda: self._manager_back(seat))
             return
         pe = blow.victim.removeprefix("pe:")
         if pe in simulation.pes:
@@ -268,6 +301,6 @@ class _Assailant:
             if blow.kind == "crash":
                 simulation.at(simulation.now_ns + _PE_BACK_NS, lambda: simulation.restore(pe))
 
-    def _manager_back(self) -> None:
-        if self._simulation.manager is None:
-            self._simulation.start_manager()
+    def _manager_back(self, seat: int) -> None:
+        if seat not in self._simulation.managers:
+            self._simulation.start_manager(seat)

@@ -131,7 +131,7 @@ class SimulatedPe(Node):
         self._wakes = 0
         self.stuck = False  # its modules compute for ever, and its heart beats
         self.slow: Random | None = None  # draws how long a step takes
-        self.delays: Random | None = None  # draws how long what it passes on is under way; a gateway's disease
+        self.delays: Callable[[], int] | None = None  # how long what it passes on is under way; a gateway's disease
         self._passing: Frame | None = None  # what it has just received, and may pass on
         self._unfinished: list[Action] = []
         self._answers: list[Event] = []  # given while the processor stood still
@@ -237,7 +237,7 @@ class SimulatedPe(Node):
             self._offers[port](frame, latest_ns)
         else:
             offer = partial(self._offers[port], frame, latest_ns)
-            self._clock.at(self._clock.now_ns + self.delays.randrange(30_000_000), offer)
+            self._clock.at(self._clock.now_ns + self.delays(), offer)
 
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:

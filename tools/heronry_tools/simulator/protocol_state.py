@@ -18,7 +18,8 @@ from typing import Any
 
 from heronry_tools.simulator.clock import Clock
 
-STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining", "orphaned")
+ORPHANED = "orphaned"
+STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining", ORPHANED)
 
 _FOLLOWS = {
     "manager_started": "idle",
@@ -51,7 +52,7 @@ class ProtocolState:
     def now(self) -> str:
         """One of STATES."""
         if self._is_orphaned:
-            return "orphaned"
+            return ORPHANED
         if self._reconfiguring != "idle":
             return self._reconfiguring
         if self._suspects:

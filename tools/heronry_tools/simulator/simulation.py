@@ -29,6 +29,7 @@ from heronry_tools.simulator.first_copies import FirstCopies
 from heronry_tools.simulator.frame_digest import FrameDigest
 from heronry_tools.simulator.local_clock import LocalClock
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
+from heronry_tools.simulator.operator import Operator
 from heronry_tools.simulator.planning import Planners, prepared
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.technician import Technician
@@ -94,6 +95,7 @@ class Simulation:
         self.key = key
         self.checks = Checks(spec, self._prepared.tables.values(), key, self._read_journal)
         self.protocol = ProtocolState(self.clock)
+        self.operator = Operator(self)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
         self.all_excused = False  # data are wrong: whatever is reported may have seemed so
@@ -133,10 +135,10 @@ class Simulation:
 
     @property
     def truth(self) -> Situation:
-        """The situation as it is; a PE that is cut off counts as down, and so does what was reported for a reason."""
+        """The situation as it is; down is also what is cut off, was reported for a reason, or was declared failed."""
         reported = self.checks.reported
         excused = reported if self.all_excused else reported & self.excusable
-        return Situation(frozenset(self._down | self._cut | excused), {}, self.phase)
+        return Situation(frozenset(self._down | self._cut | self.operator.failed | excused), {}, self.phase)
 
     @property
     def phase(self) -> str | None:
@@ -331,9 +333,26 @@ class Simulation:
         """Take note that an element has failed for good."""
         self._down.add(element)
 
-    def mended(self, element: str) -> None:
-        """Take note that an element is well again."""
-        self._down.discard(element)
+    def cleared(self, element: str) -> None:
+        """Take note that an element has been taken for well; a module begins anew, and may fail again."""
+        self.checks.cleared(self.now_ns, element, self.truth, everywhere=not self.has_standby)
+        if element.startswith("module:"):
+            self._down.discard(element)
+
+    def excuse(self, module: str) -> None:
+        """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck.
+
+        Where no branch of a DEMUX is left, its surface stands still, and so do the sensors beside it.
+        """
+        spec, excusable = self.spec, self.excusable
+        devices = {spec.modules[module].device}
+        excusable.add(f"module:{module}")
+        for function in spec.functions.values():
+            branches = function.outputs
+            if module in branches and len(branches) > 1 and all(f"module:{branch}" in excusable for branch in branches):
+                places = {spec.devices[device].pe for branch in branches if (device := spec.modules[branch].device)}
+                devices |= {one.name for one in spec.devices.values() if one.kind == "sensor" and one.pe in places}
+        excusable |= {f"device:{device}" for device in devices if device is not None}
 
     def start_manager(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
         """Start a manager, with its journal; one that only advises, where that is asked for.

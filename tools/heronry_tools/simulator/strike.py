@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from random import Random
 
+from heronry_manager.vocabulary import EnterPhase, FailElement
 from heronry_tools.simulator.act import KINDS, MANAGERS, Act, replicated_bus
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
@@ -27,7 +28,7 @@ from heronry_wire.management import PeFlags, PeState, StatePage0
 
 End = Callable[[], None]
 
-_OF_ONE_ELEMENT = ("pe", "gateway", "module", "device", "channel", "twin_pe")
+_OF_ONE_ELEMENT = ("element", "pe", "gateway", "module", "device", "channel", "twin_pe")
 _PATIENCE_NS = 3_000 * MS  # for a state that does not come
 _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
@@ -56,6 +57,7 @@ class Strikes:
         self._healed = True
         for act in list(self._ends):
             self._end(act)
+        self._simulation.operator.insist()
 
     def _schedule(self, act: Act, at_ns: int) -> None:
         simulation = self._simulation
@@ -213,8 +215,8 @@ def _slow(pe: SimulatedPe, _act: Act, random: Random) -> End:
     return end
 
 
-def _late(pe: SimulatedPe, _act: Act, random: Random) -> End:
-    pe.delays = random
+def _late(pe: SimulatedPe, act: Act, random: Random) -> End:
+    pe.delays = lambda: random.randrange(act.level * MS)
 
     def end() -> None:
         pe.delays = None
@@ -228,24 +230,8 @@ def _stuck(simulation: Simulation, act: Act, _random: Random) -> End | None:
         return None
     pe.stuck = True
     for module in pe.modules:
-        _excuse(simulation, module)
+        simulation.excuse(module)
     return pe.unstick
-
-
-def _excuse(simulation: Simulation, module: str) -> None:
-    """Let a module be reported, and its device: a servo that nobody drives any more looks like one that is stuck.
-
-    Where no branch of a DEMUX is left, its surface stands still, and so do the sensors beside it.
-    """
-    spec, excusable = simulation.spec, simulation.excusable
-    devices = {spec.modules[module].device}
-    excusable.add(f"module:{module}")
-    for function in spec.functions.values():
-        branches = function.outputs
-        if module in branches and len(branches) > 1 and all(f"module:{branch}" in excusable for branch in branches):
-            places = {spec.devices[device].pe for branch in branches if (device := spec.modules[branch].device)}
-            devices |= {one.name for one in spec.devices.values() if one.kind == "sensor" and one.pe in places}
-    excusable |= {f"device:{device}" for device in devices if device is not None}
 
 
 def _inspect(simulation: Simulation, act: Act, _random: Random) -> End | None:
@@ -519,7 +505,7 @@ def _stop_altering(wires: Sequence[SimulatedBus]) -> None:
 
 def _module(simulation: Simulation, act: Act, _: Random) -> End:
     simulation.broken_modules[act.name] = act.kind
-    _excuse(simulation, act.name)
+    simulation.excuse(act.name)
 
     def end() -> None:
         simulation.broken_modules.pop(act.name, None)
@@ -535,6 +521,25 @@ def _dead(simulation: Simulation, act: Act, _: Random) -> End:
 def _bias(simulation: Simulation, act: Act, _: Random) -> End:
     simulation.fail_device(act.name, "bias", _BIAS)
     return _nothing
+
+
+def _order_fail(simulation: Simulation, act: Act, _: Random) -> End | None:
+    if act.target in simulation.operator.failed:
+        return None
+    reply = simulation.operator.say(FailElement(act.target))
+    return (lambda: simulation.operator.clear(act.target)) if reply is not None and reply.done else None
+
+
+def _order_clear(simulation: Simulation, _act: Act, _: Random) -> End | None:
+    latched = simulation.operator.latched()
+    for element in latched:
+        simulation.operator.clear(element)
+    return _nothing if latched else None
+
+
+def _order_phase(simulation: Simulation, act: Act, _: Random) -> End | None:
+    reply = simulation.operator.say(EnterPhase(act.name))
+    return _nothing if reply is not None and reply.done else None
 
 
 _Do = Callable[[Simulation, Act, Random], End | None]
@@ -586,4 +591,7 @@ _DO: dict[str, _Do] = {
     "overrun": _module,
     "dead": _dead,
     "bias": _bias,
+    "order_fail": _order_fail,
+    "order_clear": _order_clear,
+    "order_phase": _order_phase,
 }
