@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from heronry_tools.scenario.flown import Flown
     from heronry_tools.scenario.script import Script
 
+_LONGEST_PATIENCE = 100
 _EPILOG = """\
 A scenario file:
 
@@ -36,6 +37,7 @@ examples:
   heronry scenario new.scenario --rewrite               keep its decisions as the golden trace
   heronry scenario kill.scenario -i softbus             real processes on software buses of its own
   heronry scenario kill.scenario -i socketcan -c vcan0  real processes, the manager's bus is vcan0
+  heronry scenario kill.scenario -i softbus --patience 5  on a busy computer
   heronry scenario *.scenario --junit results.xml
 """
 
@@ -55,6 +57,12 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object a file")
     parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
     parser.add_argument("--rewrite", action="store_true", help="make FILE.golden anew (simulator only)")
+    parser.add_argument(
+        "--patience",
+        metavar="N",
+        type=_patience,
+        help="real processes on a busy computer: 'within 80ms' is within N times 80 ms (1 to 100; default 1)",
+    )
     add_bus_arguments(parser, group_title="real processes, the manager's bus being (default: the simulator)")
     parser.set_defaults(run=run)
 
@@ -66,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.rewrite and _is_live(arguments):
         raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
+    if arguments.patience is not None and not _is_live(arguments):
+        raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
     if arguments.junit is not None and not arguments.junit.parent.is_dir():
         raise UserError(f"--junit {arguments.junit}: there is no folder {arguments.junit.parent}; make it first")
     scripts = [read_script(file) for file in arguments.files]
@@ -107,3 +117,14 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
 
 def _is_live(arguments: argparse.Namespace) -> bool:
     return getattr(arguments, "interface", None) is not None or getattr(arguments, "channel", None) is not None
+
+
+def _patience(text: str) -> float:
+    """How many times as long; raises ArgumentTypeError."""
+    try:
+        times = float(text)
+    except ValueError:
+        times = 0.0
+    if not 1 <= times <= _LONGEST_PATIENCE:
+        raise argparse.ArgumentTypeError(f"{text} is no patience; write how many times as long, 1 to 100")
+    return times

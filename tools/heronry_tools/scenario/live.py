@@ -1,7 +1,8 @@
 """A script flown for real: a manager and every PE as processes of their own, on software buses or on a given bus.
 
 Real time, and a computer that does other things too: outputs are given 100 ms more before they count as silent, what is
-expected where a process is started has 3 s more to come true, and no golden trace is compared. Partitions load their
+expected where a process is started has 3 s more to come true, and no golden trace is compared; `--patience N` makes the
+first N times as long, and what is expected within a time may then take N times that. Partitions load their
 code when their first module is started, so times count from when all that the first configuration serves has been
 heard; what is not heard in LOADING_S is left to the expectations. What can be done to processes is in `process_deeds`,
 and a radio can be made a bad one (`bad_radios`); other faults of wires, clocks and controllers can be made in the
@@ -84,7 +85,7 @@ def fly(script: Script, arguments: argparse.Namespace) -> Flown:
         fleet.start_buses(choices)
         ear = stack.enter_context(Ear(choices[spec.manager.bus], spec.buses[spec.manager.bus]))
         radios = stack.enter_context(BadRadios(of_radios, hubs))
-        return _Show(script, fleet, ear, radios).run(choices[spec.manager.bus].describe())
+        return _Show(script, fleet, ear, radios, arguments.patience or 1.0).run(choices[spec.manager.bus].describe())
 
 
 def _made_ahead(script: Script) -> Contingencies | None:
@@ -124,8 +125,9 @@ def _hubs(choices: Mapping[str, BusChoice]) -> dict[str, str]:
 class _Show:
     """One flight in real time."""
 
-    def __init__(self, script: Script, fleet: Fleet, ear: Ear, radios: BadRadios) -> None:
+    def __init__(self, script: Script, fleet: Fleet, ear: Ear, radios: BadRadios, patience: float) -> None:
         self._script, self._fleet, self._ear, self._radios = script, fleet, ear, radios
+        self._patience = patience
         self._heard = Observations(script.spec)
         self._deeds = list(script.deeds)  # that have not been told
         self._steps = steps(script.deeds)
@@ -160,7 +162,7 @@ class _Show:
             if words is not None:
                 raise UserError(f"{self._script.file}: {words}")
         assert self._start_ns is not None
-        judgement = Judgement(self._script.spec, self._heard, self._start_ns, SLACK_NS)
+        judgement = Judgement(self._script.spec, self._heard, self._start_ns, int(SLACK_NS * self._patience))
         return Flown(
             self._script,
             where,
@@ -171,10 +173,11 @@ class _Show:
         )
 
     def _given_time(self, one: Expectation) -> Expectation:
-        """Let what is expected come true later where a process is started first."""
-        if not one.within_ns or one.from_ns not in self._starting_ns:
+        """Let what is expected come true later with patience, and where a process is started first."""
+        if not one.within_ns:
             return one
-        return replace(one, within_ns=one.within_ns + STARTING_NS)
+        starting_ns = STARTING_NS if one.from_ns in self._starting_ns else 0
+        return replace(one, within_ns=int(one.within_ns * self._patience) + starting_ns)
 
     def _elapsed_ns(self) -> int:
         return -1 if self._start_ns is None else time.monotonic_ns() - self._start_ns
