@@ -13,7 +13,7 @@ from heronry_tools.simulator.act import MANAGER, Act
 from heronry_tools.simulator.bus import Clash, Sent
 from heronry_tools.simulator.check_silence import stopped_by_silence
 from heronry_tools.simulator.checks import Checks
-from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.witness import Outage
@@ -213,7 +213,7 @@ def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
 
 def drive(checks: Checks, *modules: str) -> None:
     for t_ns, module in enumerate(modules):
-        checks.driven(Driven(t_ns, "tail_pe", module, {}, t_ns))
+        checks.moved(Moved(t_ns, "tail_pe", module))
 
 
 def test_a_demux_may_change_hands_with_every_epoch() -> None:

@@ -1,30 +1,50 @@
 """The judges of what an aircraft does when it is left alone: each is shown a flight that is bad in its own way."""
 
+from typing import Any
+
 import pytest
 
 from heronry_agent import link_meter, mailboxes
+from heronry_agent.module import Value
+from heronry_agent.running_modules import RunningModules
+from heronry_agent.vocabulary import Drive
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
 from heronry_manager import core, health, radio_links, reconfiguration
 from heronry_manager.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.known_situation import KnownSituation
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.simulator import promised
 from heronry_tools.simulator.act import read_act
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.check_liveness import Losses
+from heronry_tools.simulator.check_phase import PhaseCheck
 from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.commanded import Epoch
+from heronry_tools.simulator.scenario import Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.witness import Outage
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import LEASE_PERIODS, Alive, Control, ElementKind, Operation, PeFlags, PeState, StatePage0
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    LEASE_PERIODS,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Operation,
+    PeFlags,
+    PeState,
+    StatePage0,
+)
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 
 PES = frozenset(elevator_and_chute().pes)
@@ -341,11 +361,136 @@ def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not
     assert simulation.settle() == []
 
 
+# The cores are found out where they fail to do what they say
+
+
+def flown(spec: Spec, *acts: str, seconds: float = 4.0) -> list[tuple[str, str]]:
+    """What the judges say of a flight with these acts."""
+    scenario = Scenario(0, seconds, tuple(read_act(spec, act) for act in acts))
+    return [(violation.rule, violation.story) for violation in play(spec, scenario).violations]
+
+
 def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
     simulation = flying(big_blue())
     assert simulation.settle() == []
-    simulation.events.append({"event": "phase_changed", "phase": "landing", "t_ns": simulation.now_ns})
+    simulation.checks.phases.ordered(simulation.now_ns, "landing")
     assert "the phase is landing, and ascent is told" in [v.story for v in simulation.unsettled()]
+
+
+def test_a_manager_that_says_yes_to_a_phase_and_stays_where_it_is_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(KnownSituation, "enter", lambda *_: None)
+    stories = flown(big_blue(), "1 order_phase phase:glide", seconds=2)
+    assert ("phase", "ascent is told in term 1, and asked for was glide") in stories
+    assert ("phase", "the phase is glide, and ascent is told") in stories
+
+
+def test_a_manager_that_plans_with_what_has_failed_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        KnownSituation,
+        "down",
+        lambda self: frozenset(f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe)),
+    )
+    for act in ("1 order_fail device:elevator_servo_1", "1 order_fail module:servo_driver_1"):
+        assert "legal" in {rule for rule, _ in flown(two_tails(), act)}, act
+
+
+def test_an_actuator_that_moves_late_and_without_permission_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    acts = ("1 overrun module:servo_driver_1 for 1", "1.04 pause pe:tail_pe for 0.6")
+    assert flown(two_tails(), *acts) == []
+
+    def without_asking(self: RunningModules, running: Any, writes: tuple[Value, ...]) -> None:
+        self._turn.out += [Drive(running.entry.index, value) for value in writes]
+
+    monkeypatch.setattr(RunningModules, "_drive", without_asking)
+    assert "exclusion" in {rule for rule, _ in flown(two_tails(), *acts)}
+
+
+# The phase is what was asked for last
+
+
+def phases(*, of_two: bool = False) -> tuple[PhaseCheck, list[str | None]]:
+    """A judge of big_blue's phases, and those that it has seen begin."""
+    begun: list[str | None] = []
+    check = PhaseCheck(big_blue(), lambda _, phase: begun.append(phase))
+    if of_two:
+        check.may_forget()
+    return check, begun
+
+
+def tells(check: PhaseCheck, t_ns: int, phase: str, term: int = 1) -> list[str]:
+    """What is said when a reign tells a phase."""
+    before = len(check.violations)
+    check.commanded(t_ns, Control(term, 0, Operation.HOLDS, ElementKind.PHASE, list(big_blue().phases).index(phase)))
+    return [violation.story for violation in check.violations[before:]]
+
+
+def requests(check: PhaseCheck, phase: str, number: int, node: int = 92) -> None:
+    """A PE asks for a phase, and the manager hears it."""
+    index = list(big_blue().phases).index(phase)
+    check.requested(node, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, number))
+    check.commanded(0, Control(1, node, Operation.ACKNOWLEDGE, ElementKind.PHASE, number))
+
+
+def test_what_is_told_is_what_was_asked_for_last_or_was_on_its_way() -> None:
+    check, begun = phases()
+    assert tells(check, 0, "ascent") == []
+    check.ordered(S, "glide")
+    assert tells(check, S + 90 * MS, "ascent") == []
+    assert tells(check, S + 110 * MS, "ascent") == ["ascent is told in term 1, and asked for was glide"]
+    assert tells(check, 2 * S, "landing") == ["landing is told in term 1, and asked for was glide"]
+    assert begun == ["glide"]
+
+
+def test_a_request_counts_once_it_is_acknowledged_and_once_for_each_number() -> None:
+    check, begun = phases()
+    requests(check, "glide", 1)
+    check.ordered(S, "ascent")
+    requests(check, "glide", 1)
+    assert check.current == "ascent"
+    requests(check, "glide", 2)
+    requests(check, "ascent", 3 | FORWARD_ONLY)
+    assert begun == ["glide", "ascent", "glide"]
+    check.commanded(0, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 99))
+    check.commanded(0, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.MODULE, 3))
+    assert check.current == "glide"
+
+
+@pytest.mark.parametrize("how", ["lost", "restarted", "another term"])
+def test_a_request_counts_anew_from_who_is_lost_or_starts_anew_and_in_another_term(how: str) -> None:
+    check, begun = phases()
+    check.started(92, 1)
+    requests(check, "glide", 1)
+    check.ordered(S, "ascent")
+    if how == "lost":
+        check.lost(92)
+    elif how == "restarted":
+        check.started(92, 1)
+        check.started(92, 2)
+    else:
+        check.commanded(S, Control(2, 0, Operation.HOLDS, ElementKind.MODULE, 1))
+    requests(check, "glide", 1)
+    assert begun == ["glide", "ascent", "glide"]
+
+
+def test_a_new_reign_goes_on_in_the_phase_that_was_or_is_requested() -> None:
+    check, begun = phases()
+    check.ordered(S, "glide")
+    assert tells(check, 2 * S, "glide", term=2) == []
+    assert tells(check, 3 * S, "ascent", term=3) == ["term 3 begins in ascent, and the phase was glide"]
+    index = list(big_blue().phases).index("landing")
+    check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, 7))
+    assert tells(check, 4 * S, "landing", term=4) == []
+    assert begun == ["glide", "ascent", "landing"]
+
+
+def test_of_two_managers_one_may_know_less_and_two_that_are_apart_do_not_agree() -> None:
+    check, _ = phases(of_two=True)
+    check.ordered(S, "glide")
+    assert tells(check, 2 * S, "ascent", term=2) == []
+    assert tells(check, 3 * S, "glide", term=2) != []
+    check.apart()
+    assert tells(check, 4 * S, "glide", term=2) == []
+    assert tells(check, 5 * S, "landing", term=2) == ["term 2 begins in landing, and the phase was glide"]
 
 
 def test_the_judges_know_the_limits_that_are_promised() -> None:

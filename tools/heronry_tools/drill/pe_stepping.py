@@ -337,21 +337,22 @@ def _fill_the_bus(pe: PeUnderTest) -> None:
 def a_branch_needs_its_name_in_alive() -> None:
     """Nothing is driven before ALIVE names it, and nothing from the first ALIVE on that does not."""
     pe = PeUnderTest()
+    puppets.pull_all()
     pe.lease = Lease(5, 0, Step.PREPARED, 0)
     pe.neighbour = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
     pe.run(150)
     pe.flies()
     demand(PeFlags.OUTPUT_HELD in pe.pinged().flags, "it drives before any ALIVE")
-    equal(pe.drives, [], "when its branch was stepped before any ALIVE")
+    equal(pe.drives, [], "when its branch was driven before any ALIVE")
     pe.alive = frozenset((NODE,))
     pe.run(45)
     demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "ALIVE names it, and it holds back")
-    demand(bool(pe.drives), "ALIVE names it, and its branch is not stepped")
+    demand(bool(pe.drives), "ALIVE names it, and its branch is not driven")
     pe.alive = frozenset((NODE - 1, NODE + 1, NEIGHBOUR))
     pe.run(21)
     began_ns = pe.run(60)
     demand(PeFlags.OUTPUT_HELD in pe.pinged().flags, "ALIVE names others, and it does not hold back")
-    demand(not [t for t in pe.drives if t > began_ns], "its branch is stepped, and ALIVE names others")
+    demand(not [t for t in pe.drives if t > began_ns], "its branch is driven, and ALIVE names others")
 
 
 def a_branch_needs_somebody_to_be_heard() -> None:

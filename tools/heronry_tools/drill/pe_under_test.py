@@ -215,7 +215,7 @@ class PeUnderTest:
         self.clock, self.world, self.table = Clock(), PuppetBench(), table
         self.players = [Player(self.clock, port.bus, port.bitrate) for port in table.ports]
         self.main, self.far = self.players[0], self.players[-1]
-        self.drives: list[int] = []  # when a branch was stepped
+        self.drives: list[int] = []  # when a branch was driven
         secret = None if key is None else Secret(key, b"salt")
         self.broken: dict[str, str] = {}
         self.pe = _Pe(
@@ -226,7 +226,8 @@ class PeUnderTest:
             incarnation=INCARNATION,
             secret=secret,
             world=self.world,
-            drive=lambda driven: self.drives.append(driven.t_ns),
+            drive=lambda _: None,
+            move=lambda moved: self.drives.append(moved.t_ns),
             broken=self.broken,
             broke=lambda _: None,
             witness=lambda _: None,

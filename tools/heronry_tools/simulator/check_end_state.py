@@ -2,8 +2,9 @@
 
 - Every healthy PE says that it is ACTIVE, all of one epoch, within its heartbeat. Healthy are those that run and can
   reach the manager's bus.
-- The configuration that was activated last is worth, in its first three levels (what is critical, utility, inputs), no
-  less than the best plan for the true situation.
+- The configuration that was activated last is legal in the true situation, and worth, in its first three levels (what
+  is critical, utility, inputs), no less than the best plan for it. (Of a device or a module that has failed nobody need
+  know before it was reported and acknowledged, or declared by the operator.)
 - The phase that the manager tells (CONTROL, HOLDS) is the true one.
 - Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
   for the true situation serves.
@@ -12,12 +13,13 @@ All are asked again and again while a run settles, and count at its end.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
+from heronry_dg.verify import verify
 from heronry_tools.simulator.check_epochs import LastState
 from heronry_tools.simulator.commanded import Epoch
 from heronry_tools.simulator.planning import best_at_all
@@ -27,6 +29,7 @@ from heronry_wire.identifiers import state_id
 from heronry_wire.management import PeState
 
 _PATIENCE_BEATS = 3
+_NOTICED_WHEN_USED = ("device:", "module:")
 _JUDGED_LEVELS = 6  # classes A to D, utility, inputs
 
 
@@ -38,6 +41,7 @@ class Seen:
     witness: Witness
     current: Epoch | None
     phase: str | None  # that was told last
+    held: set[str]  # what was acknowledged or declared to have failed, and not cleared
 
 
 def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
@@ -45,6 +49,7 @@ def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Vio
     stories = [
         *_unsettled(spec, truth, now_ns, seen.last),
         *_worse(spec, truth, seen.current),
+        *_illegal(spec, truth, seen.current, seen.held),
         *([("phase", f"the phase is {truth.phase}, and {seen.phase} is told")] if seen.phase != truth.phase else ()),
         *_unserved(spec, truth, now_ns, seen.witness),
     ]
@@ -83,6 +88,14 @@ def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tupl
     could_be = best_at_all(spec, truth).objective.key()[:_JUDGED_LEVELS]
     if is_worth < could_be:
         yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
+
+
+def _illegal(spec: Spec, truth: Situation, current: Epoch | None, held: set[str]) -> Iterator[tuple[str, str]]:
+    if current is None or current.configuration is None:
+        return
+    known = {element for element in truth.down if element in held or not element.startswith(_NOTICED_WHEN_USED)}
+    for broken in verify(spec, replace(truth, down=frozenset(known)), current.configuration):
+        yield "legal", f"epoch {current.number}: {broken}"
 
 
 def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> Iterator[tuple[str, str]]:

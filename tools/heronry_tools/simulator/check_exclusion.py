@@ -1,9 +1,10 @@
 """Break before make, judged from outside: nothing exclusive ever has two drivers.
 
 A *thing* is a DEMUX, an actuator that none stands before, or an identifier on one bus; its holder is the module and PE
-that drove it last, or the node that sent it last. A holder may lose its thing to another one, and may get it back with
-a later handover. It must not drive it again after another one took over since the last handover: then both believed to
-hold it. Modules that drive in turn are caught at the second turn, at the latest, whatever their rates are.
+that moved it last (where a branch of a DEMUX has no device: that computed for it), or the node that sent it last. A
+holder may lose its thing to another one, and may get it back with a later handover. It must not drive it again after
+another one took over since the last handover: then both believed to hold it. Modules that drive in turn are caught at
+the second turn, at the latest, whatever their rates are.
 
 A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch heard on the manager's
 bus. BREAK is none: until GO everything still belongs to the epoch before, and what that epoch gave may drive for the
@@ -12,7 +13,7 @@ first time when BREAK is on the bus already (a frame that waits in its sender's 
 
 from heronry_dg.model import Spec
 from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
@@ -27,6 +28,7 @@ class ExclusionCheck:
     def __init__(self, spec: Spec) -> None:
         self.violations: list[Violation] = []
         self._thing_of: dict[str, _Thing] = {m.name: ("actuator", m.device) for m in spec.modules.values() if m.device}
+        self._moving = frozenset(self._thing_of)
         for demux in spec.demuxes.values():
             self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
         self._handover = (0, Step.PREPARED)  # the newest epoch that may begin to drive, and how far it has got
@@ -41,9 +43,14 @@ class ExclusionCheck:
         if is_newer(message.epoch, epoch) or (message.epoch == epoch and message.step > step):
             self._handover = (message.epoch, message.step)
 
+    def moved(self, moved: Moved) -> None:
+        """A PE lets the device of a module move."""
+        self._follow(moved.t_ns, self._thing_of[moved.module], (moved.module, moved.pe))
+
     def driven(self, driven: Driven) -> None:
-        """An output module drives what it drives."""
-        self._follow(driven.t_ns, self._thing_of[driven.module], (driven.module, driven.pe))
+        """A module was stepped that drives: if it has no device, its values are all that there is to see."""
+        if driven.module not in self._moving:
+            self._follow(driven.t_ns, self._thing_of[driven.module], (driven.module, driven.pe))
 
     def published(self, sent: Sent) -> None:
         """A data frame was sent."""

@@ -97,6 +97,11 @@ class ServiceCheck:
             if one.element == element and one.to_ns is None:
                 one.to_ns = t_ns
 
+    @property
+    def held(self) -> set[str]:
+        """What counts as failed now."""
+        return {one.element for one in self._held if one.to_ns is None}
+
     def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
         """What counted as failed at some moment of a time."""
         return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}

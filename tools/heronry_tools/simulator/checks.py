@@ -18,6 +18,7 @@ from heronry_tools.simulator.check_journal import JournalCheck, Read
 from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_load import LoadCheck
 from heronry_tools.simulator.check_orphans import OrphanCheck
+from heronry_tools.simulator.check_phase import PhaseCheck
 from heronry_tools.simulator.check_planned_load import PlannedLoadCheck
 from heronry_tools.simulator.check_publishing import PublishingCheck
 from heronry_tools.simulator.check_radio import RadioCheck
@@ -26,7 +27,7 @@ from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.check_terms import TermCheck
 from heronry_tools.simulator.check_transitions import TransitionCheck
 from heronry_tools.simulator.commanded import Commanded
-from heronry_tools.simulator.nodes import Driven
+from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.proven_states import ProvenStates
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
@@ -50,8 +51,8 @@ from heronry_wire.management import (
     Alive,
     Control,
     ElementKind,
+    Emergency,
     Lease,
-    Operation,
     PeState,
     StatePage0,
     decode_command,
@@ -77,8 +78,6 @@ class Checks:
         read_journal: gives the bytes of a manager's journal.
         """
         self._spec, self._bus = spec, spec.manager.bus
-        self._phase = spec.initial_phase()
-        self._told_phase: str | None = None  # by HOLDS
         self._term = 0  # the highest that was heard
         self._commands = Commanded(spec, tables)
         self._proven = None if key is None else ProvenStates(key)
@@ -92,6 +91,7 @@ class Checks:
         self.channels = ChannelCheck(spec)
         self._configurations = ConfigurationCheck(spec)
         self._service = ServiceCheck(spec)
+        self.phases = PhaseCheck(spec, self._service.entered)
         self._transitions = TransitionCheck(spec, self._commands.epochs)
         self._freshness = FreshnessCheck(spec, self._commands)
         self._publishing = PublishingCheck(spec, self._commands)
@@ -129,8 +129,12 @@ class Checks:
         """Elements that some PE has reported as failed."""
         return self._blame.reported
 
+    def moved(self, moved: Moved) -> None:
+        """A PE lets a device move."""
+        self._exclusion.moved(moved)
+
     def driven(self, driven: Driven) -> None:
-        """An output module drives what it drives."""
+        """A module was stepped that drives."""
         self._exclusion.driven(driven)
         self._freshness.driven(driven)
         self._safe_mode.driven(driven)
@@ -139,10 +143,12 @@ class Checks:
         """A bus is broken in the middle, or whole again."""
         if bus == self._bus:
             self._terms.split(is_split)
+            self.phases.apart()
 
     def manager_copied(self, station: str, twin: str) -> None:
         """A manager is about to be started once more, elsewhere, with a copy of its journal."""
         self._journals.copied(station, twin)
+        self.phases.apart()
 
     def altered(self) -> None:
         """Data are changed past the CRC from now on."""
@@ -151,11 +157,6 @@ class Checks:
     def manager_died(self, t_ns: int, station: str) -> None:
         """A manager has died, and left its journal."""
         self._journals.died(t_ns, station)
-
-    def enter(self, t_ns: int, phase: str | None) -> None:
-        """A mission phase has begun, as the manager tells."""
-        self._phase = phase
-        self._service.entered(t_ns, phase)
 
     def declared(self, t_ns: int, element: str) -> None:
         """The operator has declared that an element has failed, and a manager plans without it."""
@@ -189,8 +190,7 @@ class Checks:
         checks = (
             *(self._exclusion, self._epochs, self._configurations, self._service, self._terms, self._orphans),
             *(self._freshness, self._publishing, self._load, self._radio, self._safe_mode, self.channels),
-            self._transitions,
-            self._journals,
+            *(self._transitions, self._journals, self.phases),
         )
         found = [violation for check in checks for violation in check.violations]
         found += [] if self.authenticity is None else self.authenticity.violations
@@ -198,7 +198,7 @@ class Checks:
 
     def unsettled(self, truth: Situation, now_ns: int) -> list[Violation]:
         """Give what must not be once a run has settled."""
-        seen = Seen(self._epochs.last, self.witness, self._commands.current, self._told_phase)
+        seen = Seen(self._epochs.last, self.witness, self._commands.current, self.phases.told, self._service.held)
         return end_state(self._spec, truth, now_ns, seen)
 
     @property
@@ -246,6 +246,7 @@ class Checks:
             return
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
+            self.phases.started(node, page.incarnation)
             if page.state is not PeState.UNCONFIGURED:
                 self._service.ran(sent.end_ns)
             self._safe_mode.state(self._pe_of[node], sent.end_ns, page)
@@ -254,10 +255,12 @@ class Checks:
             self._commands.staged(node, read)
 
     def _emergency(self, sent: Sent) -> None:
-        pe = self._pe_of_emcy[sent.frame.can_id]
+        pe, emergency = self._pe_of_emcy[sent.frame.can_id], decode_emergency(sent.frame.data)
+        if sent.bus == self._bus and isinstance(emergency, Emergency) and emergency.kind is ElementKind.PHASE:
+            self.phases.requested(self._spec.pes[pe].node_id, emergency)
         if sent.sender == pe:
             self._blame.emergency(sent)
-            self.channels.emergency(sent, pe, decode_emergency(sent.frame.data))
+            self.channels.emergency(sent, pe, emergency)
         elif sent.sender in self._spec.pes:
             self._blame.handed_on(sent)
 
@@ -285,14 +288,13 @@ class Checks:
             epoch = self._commands.take(sent.end_ns, message)
             if epoch is not None:
                 self._configurations.activated(sent.end_ns, epoch)
-                self._service.activated(sent.end_ns, epoch, self._phase)
+                self._service.activated(sent.end_ns, epoch, self.phases.current)
             if isinstance(message, Activate | Lease):
                 self._transitions.commanded(sent.end_ns, message)
 
     def _controlled(self, t_ns: int, message: Control) -> None:
         self._service.acknowledged(t_ns, message)
-        if message.operation is Operation.HOLDS and message.a == ElementKind.PHASE:
-            self._told_phase = list(self._spec.phases)[message.b]
+        self.phases.commanded(t_ns, message)
 
     def _alive(self, sent: Sent) -> None:
         if sent.bus != self._bus:
@@ -306,6 +308,8 @@ class Checks:
                 self._service.reigned(sent.end_ns)
             self._losses.alive(sent.end_ns, message)
             self._service.alive(sent.end_ns, self._losses.counted_on)
+            for pe in self._spec.pes.keys() - self._losses.counted_on:
+                self.phases.lost(self._spec.pes[pe].node_id)
 
     def _link(self, sent: Sent) -> None:
         if sent.bus == self._bus:

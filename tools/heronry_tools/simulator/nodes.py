@@ -9,7 +9,8 @@ comes to its turn when the core's word is too old (`until_ns`) is not computed, 
 A core is asked for its invariants after every call that did more than send a frame or release a module; else at every
 sixteenth deadline, and a manager at every sixteenth call.
 
-Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given.
+Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given; and
+every order that its PE gives to a device (`Moved`), which may come much later than the step, or never.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -77,6 +78,14 @@ OVERRUN_NS = 30_000_000
 _WRONG_BY = 40.0
 
 
+class Moved(NamedTuple):
+    """A PE lets the device of a module move."""
+
+    t_ns: int
+    pe: str
+    module: str
+
+
 class Driven(NamedTuple):
     """A module was stepped that drives an actuator, or what its rivals behind a DEMUX drive.
 
@@ -104,19 +113,20 @@ class SimulatedPe(Node):
         secret: Secret | None,
         world: Bench,
         drive: Callable[[Driven], None],
+        move: Callable[[Moved], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
         witness: Callable[[Copy], None],
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
-        drive: is told of every step of what drives.
+        drive: is told of every step of what drives; move: of every order to a device.
         broken: how a module fails at its next step, by name; broke: is told that it has.
         witness: sees every copy of a frame on a replicated bus.
         """
         super().__init__(clock, time)
         self.name = table.name
-        self._drive, self._broken, self._broke = drive, broken, broke
+        self._drive, self._move, self._broken, self._broke = drive, move, broken, broke
         self._host = ModuleHost(table, Window(world, clock))
         missing = frozenset(self._host.missing_images)
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
@@ -242,6 +252,9 @@ class SimulatedPe(Node):
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:
             return self._step(action)
+        if type(action) is Drive:
+            self._move(Moved(self._clock.now_ns, self.name, self._names[action.module]))
+            return self._host.carry_out(action, self.time.now_ns())
         if isinstance(action, MeasureStep):
             return self._measure(action)
         if isinstance(action, EndPartition):

@@ -52,6 +52,8 @@ class Operator:
             self._excuse_idle(order.element)
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
+        elif isinstance(order, EnterPhase):
+            self._simulation.checks.phases.ordered(self._simulation.now_ns, order.phase)
         return reply
 
     def clear(self, element: str) -> None:

@@ -48,7 +48,6 @@ _LATEST_START_NS = 200 * MS
 _CLOCKS_APART_NS = 1_000 * MS
 DEFAULT_SKEW_PPM = 100  # what a quartz is off by
 _OTHER_DIGEST = "0" * 64
-_PHASE_EVENTS = ("manager_started", "phase_changed", "taken_over")
 _OF_A_STANDBY = (
     "manager_started",
     "standing_by",
@@ -94,6 +93,8 @@ class Simulation:
         self.trace: list[Sent] = []
         self.key = key
         self.checks = Checks(spec, self._prepared.tables.values(), key, self._read_journal)
+        if standby:
+            self.checks.phases.may_forget()
         self.protocol = ProtocolState(self.clock)
         self.operator = Operator(self)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
@@ -142,9 +143,8 @@ class Simulation:
 
     @property
     def phase(self) -> str | None:
-        """Mission phase that was entered last, by whoever may; a manager begins with the first one."""
-        told = (e["phase"] for e in reversed(self.events) if e["event"] in _PHASE_EVENTS and "phase" in e)
-        return next(told, self.spec.initial_phase())
+        """Mission phase that was asked for last, by whoever may; it begins with the first one."""
+        return self.checks.phases.current
 
     def at(self, when_ns: int, what: Callable[[], None]) -> None:
         """Let something be done at a time."""
@@ -263,6 +263,7 @@ class Simulation:
             secret=self._secret(pe),
             world=self.world,
             drive=self.checks.driven,
+            move=self.checks.moved,
             broken=self.broken_modules,
             broke=lambda module: self.failed(f"module:{module}"),
             witness=self.checks.channels.copy,
@@ -397,19 +398,16 @@ class Simulation:
         return LocalClock(self.clock, ahead_ns, self._random.randint(-self._skew_ppm, self._skew_ppm))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
-        """Take an event of a manager; of one that stands by, only what concerns itself, and no phase."""
+        """Take an event of a manager; of one that stands by, only what concerns itself."""
         reigns = self.manager
         self.see_who_reigns()
         if reigns is not None and reigns.core.reigns and reigns is not self.managers.get(seat):
             if event["event"] not in _OF_A_STANDBY:
                 return
-            event.pop("phase", None)
             self.events.append(event)
             return
         self.events.append(event)
         self.protocol.take(event)
-        if event["event"] in _PHASE_EVENTS:
-            self.checks.enter(self.now_ns, self.phase)
 
     def kill_manager(self, seat: int | None = None, *, torn: Random | None = None) -> None:
         """Let a manager die now: this one, or the one that reigns. `torn`: of power, which tears its journal so."""
@@ -420,6 +418,7 @@ class Simulation:
                 del self.managers[number]
                 if torn is not None:
                     one.disk.torn(torn, self.now_ns)
+                    self.checks.phases.may_forget()
                 self.checks.manager_died(self.now_ns, _station(number))
         self.see_who_reigns()
 

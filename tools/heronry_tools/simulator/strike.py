@@ -333,6 +333,7 @@ def _disk_full(simulation: Simulation, act: Act, _: Random) -> End | None:
         return None
     disk = struck[1].disk
     disk.refuses = True
+    simulation.checks.phases.may_forget()
 
     def end() -> None:
         disk.refuses = False
