@@ -145,6 +145,7 @@ class ManagerCore:
         self._spec, self._node = spec, node
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
+        self._longest_gap_ns = period_ns * 5 // 4  # between two steps of a manager that reigns, as long as it runs
         self.lease_ns = LEASE_PERIODS * period_ns  # T_lease; what could not be sent for so long is not sent at all
         self._reign = Reign.LISTENING
         self._listen_until_ns: int | None = now_ns + self.lease_ns  # None: until somebody is heard, and longer
@@ -226,6 +227,8 @@ class ManagerCore:
         """Take one event at `now_ns`; returns what is to be done, in order."""
         if self._reign is Reign.RETIRED:
             return []
+        if now_ns - self._turn.now_ns > self._longest_gap_ns:
+            self._exclusion.slept(now_ns - self._turn.now_ns - self._longest_gap_ns)
         self._turn.now_ns = now_ns
         match event:
             case Received(frame=frame):

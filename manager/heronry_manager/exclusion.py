@@ -9,6 +9,9 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
     loses    all of them as a new incarnation; those of modules once it is declared down for its silence; any other
              T_lease after the last ALIVE that named it: by then it has stopped by itself
 
+T_lease is counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
+of its steps was a pause or a jump of its clock, and it cannot tell which. So all beyond that period proves nothing.
+
 What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up although it
 speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
 """
@@ -58,6 +61,10 @@ class Exclusion:
         """ALIVE has just named these PEs."""
         for pe in pes:
             self._last_named_ns[pe] = now_ns
+
+    def slept(self, unknown_ns: int) -> None:
+        """By the clock so much time has passed in which this manager did not run: perhaps it has not."""
+        self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
         """The first ACTIVATE of a configuration with these tokens is about to go out."""

@@ -1,7 +1,8 @@
 """What the operator may say to a manager in flight, and what it answers: one sentence each.
 
     phase NAME       another mission phase, any of the spec's
-    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it. Not the manager's own bus
+    fail ELEMENT     it counts as failed, whatever is heard of it: plan without it. Not the manager's own bus, and no
+                     channel, without which nothing would be planned otherwise
     clear ELEMENT    it is taken for well again: a latched fault ends, a PE leaves its quarantine, one that was failed
                      may join again after the shortest hold-down. Every PE is told (CONTROL, CLEAR), so that what is
                      still wrong is reported at once; lost, that costs a second (a standby: some beats)
@@ -61,6 +62,9 @@ class OperatorOrders:
         if element == self._situation.own_bus:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
             return Reply(number, False, f"{why}: name what has failed on it")
+        if element.startswith("channel:"):
+            why = f"{element} is one of several that carry the same, and a plan without it would be no other"
+            return Reply(number, False, f"{why}: name the bus if all of them have failed")
         if element in self._situation.failed.elements:
             return Reply(number, True, f"{element} counts as failed already")
         self._situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
@@ -82,5 +86,7 @@ class OperatorOrders:
             return Reply(number, False, f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}")
         if not self._has_key:
             return Reply(number, False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
+        if self._turn.silent:
+            return Reply(number, False, "this manager only advises: say it to the one that reigns")
         self._turn.send(Command.CONTROL, Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S))
         return Reply(number, True, f"NMT and SDO may write on {element} for {UNLOCK_S} s")

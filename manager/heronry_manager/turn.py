@@ -31,7 +31,7 @@ class Turn:
 
     def __init__(self, node: int, now_ns: int, *, term: int, memory: Memory = NOTHING, silent: bool = False) -> None:
         self.node, self.term, self.memory = node, term, memory
-        self._silent = silent
+        self.silent = silent
         self.now_ns = now_ns
         self.recent: deque[str] = deque(maxlen=_RECENT_EVENTS)
         self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # what a key adds to them
@@ -39,7 +39,7 @@ class Turn:
 
     def ask(self, *actions: ManagerAction) -> None:
         """Ask for something to be done."""
-        self._actions += [action for action in actions if not (self._silent and isinstance(action, Send))]
+        self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
 
     def send(self, command: Command, message: Encodable) -> None:
         """Send a command to everybody on the bus."""
@@ -47,7 +47,7 @@ class Turn:
 
     def keep(self, record: Record) -> None:
         """Remember something, over a restart too."""
-        if not self._silent:
+        if not self.silent:
             self.memory = self.memory.after(record)
             self.ask(Keep(record))
 

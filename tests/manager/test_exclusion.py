@@ -75,6 +75,15 @@ def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Excl
     assert exclusion.demux_free_ns(placed, left, 160 * MS) is None
 
 
+def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_lease(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe"))
+    exclusion.named(PES, 0)
+    exclusion.slept(70 * MS)
+    exclusion.declared_down("tail_pe")
+    placed = exclusion.tokens(with_servo(2, "control_pe"))
+    assert exclusion.demux_free_ns(placed, ["sensor_pe", "control_pe"], 100 * MS) == 170 * MS
+
+
 def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
     exclusion.declared_down("control_pe")

@@ -5,7 +5,9 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
+from heronry_manager.core import ManagerCore
 from heronry_manager.health import HOLD_DOWN_PERIODS
+from heronry_manager.memory import NOTHING, Latched
 from heronry_manager.vocabulary import (
     AskStatus,
     ClearElement,
@@ -27,7 +29,8 @@ from heronry_wire.management import (
     Operation,
     PeState,
 )
-from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
+from heronry_wire.sansio import Tick
+from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager, two_tails
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
 PHASES = "phases: {climb: {}, glide: {when: {variable: demand, above: 2.0}}, land: {}}\n"
@@ -208,12 +211,23 @@ def test_clearing_ends_a_quarantine(manager: OneManager) -> None:
     assert status(manager)["pes"]["right"]["state"] == "up"
 
 
-def test_a_channel_can_be_failed_and_cleared_and_no_pe_is_told(manager: OneManager) -> None:
+def test_a_channel_is_not_failed_for_nothing_would_be_planned_otherwise(manager: OneManager) -> None:
     text = SPEC_TEXT.replace("{bitrate: 1000000}", "{bitrate: 1000000, channels: 2}")
     twice = OneManager(loads(text, "twice.dg.yaml"))
     twice.start()
-    assert say(twice, FailElement("channel:can0.1")).done
-    assert twice.requests[-1].down == {"channel:can0.1"}
+    for channel in ("channel:can0.1", "channel:can0.2"):
+        reply = say(twice, FailElement(channel))
+        assert (reply.done, "name the bus if all of them have failed" in reply.sentence) == (False, True)
+    assert twice.requests[-1].down == frozenset()
+    assert not say(twice, ClearElement("channel:can0.1")).done
+
+
+def test_a_channel_that_an_older_journal_holds_is_cleared_and_no_pe_is_told() -> None:
+    text = SPEC_TEXT.replace("{bitrate: 1000000}", "{bitrate: 1000000, channels: 2}")
+    twice = OneManager(
+        loads(text, "twice.dg.yaml"), memory=NOTHING.after(Latched("channel:can0.1", "x", "OPERATOR", 0))
+    )
+    twice.start()
     assert say(twice, ClearElement("channel:can0.1")).done
     assert twice.answers() == []
 
@@ -266,3 +280,11 @@ def test_a_pe_is_unlocked_by_name_where_there_is_a_key(manager: OneManager) -> N
     assert "name a PE, such as pe:left" in say(keyed, UnlockPe("module:control")).sentence
     assert say(keyed, UnlockPe("pe:left")).sentence == "NMT and SDO may write on pe:left for 30 s"
     assert Control(1, 92, Operation.UNLOCK, 30) in keyed.commands
+
+
+def test_who_only_advises_unlocks_nothing() -> None:
+    core = ManagerCore(two_tails(), 126, NOTHING, 0, advise=True, key=Key(b"k" * 32))
+    core.step(6 * BEAT_NS, Tick())
+    (reply,) = core.step(6 * BEAT_NS, OperatorSaid(1, UnlockPe("pe:left")))
+    assert isinstance(reply, Reply)
+    assert (reply.done, reply.sentence) == (False, "this manager only advises: say it to the one that reigns")

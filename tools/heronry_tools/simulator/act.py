@@ -28,7 +28,8 @@ What is not promised, and why:
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
 - `manager_cut`, `manager_deaf`: a manager that hears nobody for just so long that it loses some PEs and not yet the
-  others plans without them. (One that has lost all of them says nothing.)
+  others plans without them. (One that has lost all of them says nothing.) For one whose clock jumps ahead
+  (`manager_clock_jump`) they have been silent for just so long.
 - `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
 - `manager_double`: two managers of one number send under one number, until one of them hears the other.
@@ -121,20 +122,23 @@ KINDS: Mapping[str, Kind] = {
         (20, 1000),
         "the wires of a manager break, and it goes on",
         unpromised=frozenset(("silence",)),
-        drawn=False,
-        of_two=True,
     ),
-    "manager_mute": Kind(MANAGER, (20, 1000), "a manager hears, and is not heard", drawn=False, of_two=True),
+    "manager_mute": Kind(MANAGER, (20, 1000), "a manager hears, and is not heard"),
     "manager_deaf": Kind(
         MANAGER,
         (20, 1000),
         "a manager is heard, and does not hear",
         unpromised=frozenset(("silence",)),
-        drawn=False,
-        of_two=True,
     ),
     "manager_power": Kind(
         MANAGER, (100, 2000), "a manager's power goes, and what its disk had not got is torn", drawn=False, of_two=True
+    ),
+    "manager_clock_jump": Kind(
+        MANAGER,
+        (0, 0),
+        "a manager's clock jumps ahead",
+        levels=(10, 30, 70, 300),
+        unpromised=frozenset(("silence",)),
     ),
     "manager_double": Kind(
         MANAGER,
@@ -148,7 +152,7 @@ KINDS: Mapping[str, Kind] = {
     "disk_full": Kind(
         MANAGER, (100, 3000), "a manager's disk takes nothing", unpromised=_NUMBERED, drawn=False, of_two=True
     ),
-    "stale_table": Kind("pe", (200, 2000), "a PE starts with the table of another spec", drawn=False, of_two=True),
+    "stale_table": Kind("pe", (200, 2000), "a PE starts with the table of another spec"),
     "bus_split": Kind(
         "main_bus",
         (50, 1500),

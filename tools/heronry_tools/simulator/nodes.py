@@ -412,6 +412,11 @@ class SimulatedManager(Node):
         self._hand_over(OperatorSaid(0, order))
         return self._replies.pop()
 
+    def jump(self, ahead_ns: int) -> None:
+        """Let its clock jump ahead."""
+        self.time.jump(ahead_ns)
+        self._wake()
+
     def _set_alarm(self) -> None:
         due_ns = self.core.next_deadline_ns()
         if due_ns is not None and due_ns < self._armed_ns:

@@ -304,6 +304,14 @@ def _manager_pause(simulation: Simulation, act: Act, _: Random) -> End | None:
     return _nothing
 
 
+def _manager_clock_jump(simulation: Simulation, act: Act, _: Random) -> End | None:
+    struck = _struck_manager(simulation, act)
+    if struck is None:
+        return None
+    struck[1].jump(act.level * MS)
+    return _nothing
+
+
 def _manager_wire(direction: str) -> "_Do":
     """Break the wires of a manager, in one direction or in both."""
 
@@ -568,6 +576,7 @@ _DO: dict[str, _Do] = {
     "manager_mute": _manager_wire("mute"),
     "manager_deaf": _manager_wire("deaf"),
     "manager_power": _manager_power,
+    "manager_clock_jump": _manager_clock_jump,
     "manager_double": _manager_double,
     "disk_full": _disk_full,
     "stale_table": _stale_table,
