@@ -56,8 +56,9 @@ ASKING = with_phases("{climb: {}, land: {}}", state_estimator="AsksForLanding")
 
 
 def say(simulation: Simulation, order: Order) -> Reply:
-    assert simulation.manager is not None
-    return simulation.manager.say(order)
+    reply = simulation.operator.say(order)
+    assert reply is not None
+    return reply
 
 
 def entered(simulation: Simulation) -> list[tuple[str, str]]:

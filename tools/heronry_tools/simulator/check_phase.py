@@ -33,6 +33,7 @@ class PhaseCheck:
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
         self._may_forget = self._is_apart = False
+        self._stories: set[str] = set()
 
     def may_forget(self) -> None:
         """From now on a manager may begin its reign with less than was known."""
@@ -100,4 +101,6 @@ class PhaseCheck:
             self._entered(t_ns, phase)
 
     def _complain(self, t_ns: int, story: str) -> None:
-        self.violations.append(Violation(t_ns, "phase", story))
+        if story not in self._stories:  # it may be told for long
+            self._stories.add(story)
+            self.violations.append(Violation(t_ns, "phase", story))
