@@ -405,6 +405,14 @@ def test_an_actuator_that_moves_late_and_without_permission_is_seen(monkeypatch:
     assert "exclusion" in {rule for rule, _ in flown(two_tails(), *acts)}
 
 
+def test_a_module_that_drives_nothing_and_is_given_what_is_old_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    acts = ("1 stuck pe:sensor_pe for 1",)
+    assert flown(elevator_and_chute(), *acts) == []
+    monkeypatch.setattr(mailboxes, "FRESH_PERIODS", 1000)
+    (story,) = [story for rule, story in flown(elevator_and_chute(), *acts) if rule == "freshness"]
+    assert story.startswith("chute_logic on control_pe is given altitude of high_quality_altitude, last heard")
+
+
 # The phase is what was asked for last
 
 

@@ -227,6 +227,7 @@ class PeUnderTest:
             secret=secret,
             world=self.world,
             drive=lambda _: None,
+            look=lambda _: None,
             move=lambda moved: self.drives.append(moved.t_ns),
             broken=self.broken,
             broke=lambda _: None,

@@ -1,7 +1,8 @@
-"""No actuator is driven by what is old or foreign: what its driver is given, against the frames on the bus.
+"""No module is given what is old or foreign: its inputs, against the frames on the bus.
 
-A driver is stepped with the data that its PE held for fresh when it asked for the step; what may pass until a slow
-processor comes to that step is bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration
+Of what drives an actuator every step is judged, of all others one in some (`nodes`). A module is stepped with the data
+that its PE held for fresh when it asked for the step; what may pass until a slow processor comes to that step is
+bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration
 of the PE's epoch wires to another PE there must have been a frame of that very producer's node on one of the PE's buses
 within three of the longest periods of its source; and the value must be that of one of these frames, and of nobody
 else's ("foreign").
@@ -31,16 +32,13 @@ _UNTOLD_NS = 50_000_000
 
 
 class FreshnessCheck:
-    """Follows data frames and what branches are given."""
+    """Follows data frames and what modules are given."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
         self.violations: list[Violation] = []
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
-        driving = _inputs_of_drivers(spec)
-        self._remembered = {
-            number: _fresh_frames(spec, *source) for source, number in self._identifiers.items() if source[1] in driving
-        }
+        self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
         self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
         self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
         self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
@@ -64,7 +62,7 @@ class FreshnessCheck:
             self._epochs[node] = (page.epoch, t_ns)
 
     def driven(self, driven: Driven) -> None:
-        """A driver was stepped with these inputs."""
+        """A module was stepped with these inputs."""
         told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
         epoch = self._commanded.epochs.get(told)
         if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
@@ -95,19 +93,8 @@ class FreshnessCheck:
 
     def _tell(self, driven: Driven, rule: str, source: tuple[str, str], what: str) -> None:
         producer, variable = source
-        story = f"{driven.module} on {driven.pe} is driven by {variable} of {producer}, {what}"
+        story = f"{driven.module} on {driven.pe} is given {variable} of {producer}, {what}"
         self.violations.append(Violation(driven.t_ns, rule, story))
-
-
-def _inputs_of_drivers(spec: Spec) -> set[str]:
-    """Variables that are read by what drives an actuator, or is a branch of a DEMUX."""
-    branches = {branch for demux in spec.demuxes.values() for branch in demux.branches}
-    drivers = [m for m in spec.modules.values() if m.name in branches or _drives(spec, m.device)]
-    return {term.variable for m in drivers for mode in m.modes.values() for _, term in mode.leaves()}
-
-
-def _drives(spec: Spec, device: str | None) -> bool:
-    return device is not None and spec.devices[device].kind == "actuator"
 
 
 def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:

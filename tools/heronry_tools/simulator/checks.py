@@ -139,6 +139,10 @@ class Checks:
         self._freshness.driven(driven)
         self._safe_mode.driven(driven)
 
+    def looked(self, stepped: Driven) -> None:
+        """A module was stepped that does not drive, and somebody has looked at what it was given."""
+        self._freshness.driven(stepped)
+
     def bus_split(self, bus: str, is_split: bool) -> None:
         """A bus is broken in the middle, or whole again."""
         if bus == self._bus:

@@ -9,8 +9,9 @@ comes to its turn when the core's word is too old (`until_ns`) is not computed, 
 A core is asked for its invariants after every call that did more than send a frame or release a module; else at every
 sixteenth deadline, and a manager at every sixteenth call.
 
-Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given; and
-every order that its PE gives to a device (`Moved`), which may come much later than the step, or never.
+Every step of a module that drives an actuator or is a branch of a DEMUX is told (`Driven`), with what it was given, and
+of all other steps every eighth (`look`); and every order that its PE gives to a device (`Moved`), which may come
+much later than the step, or never.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -71,6 +72,7 @@ from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
 _VALIDATED_EVERY = 16
+_LOOKED_AT_EVERY = 8
 
 _LOOKED_UP_NS = 100_000  # how long a look into the contingencies takes
 _AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
@@ -87,7 +89,7 @@ class Moved(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """A module was stepped that drives an actuator, or what its rivals behind a DEMUX drive.
+    """A module was stepped: one that drives an actuator, or what its rivals behind a DEMUX drive, or any other.
 
     asked_ns: when the core asked for the step, and looked at its inputs.
     """
@@ -113,6 +115,7 @@ class SimulatedPe(Node):
         secret: Secret | None,
         world: Bench,
         drive: Callable[[Driven], None],
+        look: Callable[[Driven], None],
         move: Callable[[Moved], None],
         broken: Mapping[str, str],
         broke: Callable[[str], None],
@@ -120,13 +123,14 @@ class SimulatedPe(Node):
     ) -> None:
         """Join the buses, given by name and each with its channels, and start.
 
-        drive: is told of every step of what drives; move: of every order to a device.
+        drive: is told of every step of what drives, look: of some others; move: of every order to a device.
         broken: how a module fails at its next step, by name; broke: is told that it has.
         witness: sees every copy of a frame on a replicated bus.
         """
         super().__init__(clock, time)
         self.name = table.name
-        self._drive, self._move, self._broken, self._broke = drive, move, broken, broke
+        self._drive, self._look, self._move = drive, look, move
+        self._broken, self._broke = broken, broke
         self._host = ModuleHost(table, Window(world, clock))
         missing = frozenset(self._host.missing_images)
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
@@ -138,7 +142,7 @@ class SimulatedPe(Node):
         # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
         self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
         self._identifiers: object = None
-        self._wakes = 0
+        self._wakes = self._others = 0  # steps of what does not drive
         self.stuck = False  # its modules compute for ever, and its heart beats
         self.slow: Random | None = None  # draws how long a step takes
         self.delays: Callable[[], int] | None = None  # how long what it passes on is under way; a gateway's disease
@@ -285,6 +289,10 @@ class SimulatedPe(Node):
         driver = self._drivers.get(action.module)
         if driver is not None:
             self._drive(Driven(now_ns, self.name, driver, action.inputs, asked_ns))
+        elif action.inputs:
+            self._others += 1
+            if self._others % _LOOKED_AT_EVERY == 0:
+                self._look(Driven(now_ns, self.name, self._names[action.module], action.inputs, asked_ns))
         if self.stuck:
             self._hung[action.module] = (action, now_ns)
             return None

@@ -263,6 +263,7 @@ class Simulation:
             secret=self._secret(pe),
             world=self.world,
             drive=self.checks.driven,
+            look=self.checks.looked,
             move=self.checks.moved,
             broken=self.broken_modules,
             broke=lambda module: self.failed(f"module:{module}"),
