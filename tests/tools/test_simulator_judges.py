@@ -149,6 +149,20 @@ def test_a_bus_that_never_falls_idle_has_not_emptied_its_queues() -> None:
     assert queues.look(simulation.now_ns, simulation.buses) == []
 
 
+def test_a_frame_that_its_sender_holds_back_for_ever_is_seen() -> None:
+    simulation = flying(two_tails())
+    queues = QueueCheck(simulation.now_ns, simulation.buses)
+    bus, held = simulation.buses["can0"], simulation.pes["tail_pe"].stations[0][1]
+    bus.stand_back(held, simulation.now_ns + 10 * S)
+    bus.offer(held, Frame(1999, b""))
+    for _ in range(2):
+        simulation.run_for(100 * MS)
+        assert queues.look(simulation.now_ns, simulation.buses) == []
+    simulation.run_for(100 * MS)
+    (violation,) = queues.look(simulation.now_ns, simulation.buses)
+    assert violation.story == "1999 of tail_pe waits on can0 for more than 100 ms"
+
+
 # All is well within a bound
 
 

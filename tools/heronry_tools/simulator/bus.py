@@ -120,6 +120,18 @@ class SimulatedBus:
         """How many frames wait, in mailboxes and queues of stations that can send."""
         return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
 
+    @property
+    def offered(self) -> int:
+        """Number of the last frame that was queued by anybody."""
+        return self._offers
+
+    @property
+    def longest_waiting(self) -> Waiting | None:
+        """The frame that has been waiting for longest, of stations that can send."""
+        mailboxes = (s.mailbox for s in self._stations if s.can_send and s.mailbox is not None)
+        queues = (waiting for s in self._stations if s.can_send for _, _, waiting in s.queue)
+        return min((*mailboxes, *queues), key=lambda waiting: waiting.offer, default=None)
+
     def join(
         self, name: str, port: int, listener: Callable[[Received], None], wants: Container[int] | None = None
     ) -> Station:
