@@ -1,4 +1,7 @@
-"""docs/failure_modes.md speaks of every fault that the simulator knows, and shows each by a scenario that does it."""
+"""docs/failure_modes.md speaks of every fault that the simulator knows, and shows each by a scenario that does it.
+
+docs/scenarios.md names scenarios for every rule of the protocol that is built.
+"""
 
 import re
 from collections import Counter
@@ -37,3 +40,11 @@ def test_a_row_is_shown_by_scenarios_that_do_what_it_says() -> None:
             if not any({kind, VERBS.get(kind, kind)}.intersection(acts) for acts in done)
         ]
         assert missing == [], f"no scenario of this row does it: {row[0]}"
+
+
+def test_every_rule_that_is_built_is_shown_by_a_scenario() -> None:
+    page = Path("docs/scenarios.md")
+    shown = re.findall(r"^\| (\d+) \| [^|]+ \| (.+) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [int(rule) for rule, _ in shown] == [rule for rule in range(1, 14) if rule != 10]
+    for _, files in shown:
+        assert all((page.parent / link).is_file() for link in re.findall(r"\]\(([^)]+)\)", files))

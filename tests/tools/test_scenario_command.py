@@ -210,6 +210,7 @@ def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
     ("text", "sentence"),
     [
         ("spec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
+        ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
         ("# Why.\nseed 1\n", "the first line names the spec"),
         ("# Why.\n", "it names no spec"),
         ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),

@@ -163,7 +163,7 @@ class _Reader:
         return self._finished()
 
     def _finished(self) -> Script:
-        if not self.why:
+        if not any(self.why):
             self._refuse("nobody knows why it exists; begin with a comment that says so")
         if self.spec is None:
             self._refuse("it names no spec; write for example 'spec big_blue'")
