@@ -99,7 +99,7 @@ from heronry_wire.management import (
     decode_emergency,
     decode_state,
 )
-from heronry_wire.sansio import Received, Tick, require
+from heronry_wire.sansio import NEVER_NS, Received, Tick, require
 
 START_UP_WINDOW_NS = 5_000_000_000
 _EVERYBODY = 0
@@ -256,7 +256,8 @@ class ManagerCore:
         if self._reign is Reign.RETIRED:
             return None
         if self._reign is Reign.LISTENING:
-            return self._listen_until_ns
+            due_ns = self._identification.next_ns
+            return self._listen_until_ns if due_ns == NEVER_NS else min(due_ns, self._listen_until_ns or due_ns)
         if self._reign is Reign.STANDBY:
             waits = (
                 self._following.next_deadline_ns(),
@@ -456,6 +457,7 @@ class ManagerCore:
 
     def _tick(self) -> None:
         now_ns = self._turn.now_ns
+        self._turn.ask(*self._identification.tick(now_ns))
         if self._reign is Reign.LISTENING and self._listen_until_ns is not None and now_ns >= self._listen_until_ns:
             if self._goes_first:
                 self._begin_term()
@@ -468,11 +470,9 @@ class ManagerCore:
             self._fall_silent()
             return
         if self._reign is Reign.STANDBY:
-            self._turn.ask(*self._identification.tick(now_ns))
             return
         for pe in self._deployment.tick():
             self._fail_if(pe, "it does not acknowledge")
-        self._turn.ask(*self._identification.tick(now_ns))
         if now_ns >= self._beacon.next_ns:
             self._beat()
         first = self._reign is Reign.STARTING and not self._health.starting()

@@ -224,6 +224,14 @@ def test_it_answers_who_it_is() -> None:
     assert service_id(0, is_answer=True) in {frame.can_id for frame in manager.frames}
 
 
+def test_it_answers_who_it_is_while_it_still_listens() -> None:
+    manager = OneManager()
+    manager.hear(encode_service(request(Service.IDS, node_id=126)))
+    assert manager.core.next_deadline_ns() == manager.now_ns
+    manager.pass_time(MS)
+    assert [frame.can_id for frame in manager.frames] == [service_id(0, is_answer=True)]
+
+
 @pytest.mark.parametrize(
     "frame",
     [
