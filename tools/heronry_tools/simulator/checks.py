@@ -239,6 +239,9 @@ class Checks:
         if sent.bus == self._bus:
             self._orphans.state(self._node_of_state[sent.frame.can_id], sent.end_ns, sent.frame.data)
         page = self._epochs.state(sent)
+        last = self._epochs.last.get((sent.bus, sent.frame.can_id))
+        if last is not None and last.page.state is not PeState.UNCONFIGURED and sent.bus == self._bus:
+            self._service.ran(sent.end_ns)
         if page is None:
             return
         node = self._node_of_state[sent.frame.can_id]
@@ -251,8 +254,6 @@ class Checks:
         if isinstance(page, StatePage0):
             self._freshness.state(node, sent.end_ns, page)
             self.phases.started(node, page.incarnation)
-            if page.state is not PeState.UNCONFIGURED:
-                self._service.ran(sent.end_ns)
             self._safe_mode.state(self._pe_of[node], sent.end_ns, page)
         else:
             read = page if self._proven is None else self._proven.read(node, page, self._commands.digests(page))
