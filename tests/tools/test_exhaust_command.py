@@ -109,6 +109,16 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     assert (failed["case"], failed["replay"]) == (case, replay)
 
 
+def test_silence_without_need_is_judged_in_every_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "resting.dg.yaml"
+    rests = '{image: "scenarios.raising:RestsForThreeSeconds", device: elevator_servo_'
+    file.write_text(FILE.read_text().replace("{device: elevator_servo_", rests))
+    assert main(["exhaust", str(file), "--case", "start: 5 crash manager"]) == 1
+    told = capsys.readouterr().out
+    assert "service: elevator was silent for" in told
+    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+
+
 @pytest.mark.parametrize(
     ("case", "sentence"),
     [

@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from junitparser import JUnitXml
 
+from heronry_manager.core import ManagerCore
 from heronry_tools.cli import main
 from heronry_tools.errors import UserError
 from heronry_tools.scenario.judgement import holds_since
 from heronry_tools.scenario.script import read_script
 from heronry_tools.scenario.trace import golden_file
+from heronry_wire.sansio import InvariantError
 
 DEMUX = Path("dg_specs/examples/demux_actuators.dg.yaml").absolute()
 HEAD = f"# A scenario of a test, which exists for that test alone.\nspec {DEMUX}\nseed 3\n"
@@ -102,6 +104,71 @@ def test_a_report_is_heard_and_nothing_reported_then_fails(tmp_path: Path, capsy
     reported, nothing = json.loads(capsys.readouterr().out)["expectations"]
     assert reported["holds"]
     assert nothing["seen"].startswith("module:horizon_attitude was reported, last at 1.")
+
+
+def test_a_core_that_dies_fails_its_file_and_the_next_one_is_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lives, results = ManagerCore.validate, tmp_path / "results.xml"
+    deaths = iter([InvariantError("two epochs at once")])
+
+    def dies_once(core: ManagerCore) -> None:
+        for error in deaths:
+            raise error
+        lives(core)
+
+    file = written(tmp_path, HOLDS)
+    golden_file(file).write_text("nothing was decided\n")
+    monkeypatch.setattr(ManagerCore, "validate", dies_once)
+    assert main(["scenario", str(file), str(written(tmp_path, HOLDS)), "--rewrite", "--junit", str(results)]) == 1
+    head, *story, after, last = capsys.readouterr().out.splitlines()
+    assert head.startswith(f"{file}: FAILS")
+    assert any("must not be: " in line and line.endswith("invariant: two epochs at once") for line in story)
+    assert (after.split()[1], last) == ("holds", "2 scenarios, 1 failed")
+    assert "tail_a is lost" in golden_file(file).read_text()  # of the second flight
+    assert [suite.failures for suite in JUnitXml.fromfile(str(results))] == [2, 0]
+
+
+def resting(tmp_path: Path) -> Path:
+    """A spec whose elevator is not driven for three seconds, and nobody is told."""
+    file = tmp_path / "resting.dg.yaml"
+    rests = '{image: "scenarios.raising:RestsForThreeSeconds", device: elevator_servo_'
+    file.write_text(DEMUX.read_text().replace("{device: elevator_servo_", rests))
+    return file
+
+
+def test_silence_without_need_fails_a_scenario_as_it_fails_a_drawn_flight(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spec = resting(tmp_path)
+    file = written(tmp_path, "at 0.2s manager_pause manager for 5ms\nend 5s\n", head=f"# Why.\nspec {spec}\n")
+    assert main(["scenario", str(file)]) == 1
+    told = capsys.readouterr().out
+    assert "service: elevator was silent for" in told
+    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+    assert main(["sim", str(spec), "--act", "0.2 manager_pause manager for 0.005", "--seconds", "5"]) == 1
+    told = capsys.readouterr().out
+    assert "service: elevator was silent for" in told
+    assert "silence: elevator was not heard, and nothing but a manager had failed" in told
+
+
+@pytest.mark.parametrize(
+    ("deed", "rules"),
+    [
+        ("kill pe:tail_b", ["service"]),
+        ("kill pe:flight", []),  # no plan serves it then
+        ("stick device:elevator_servo_2", []),  # which the monitors have to notice
+        ("kill manager", ["silence"]),  # nobody can plan
+        ("kill manager\nat 0.3s restore manager", ["service", "silence"]),
+    ],
+)
+def test_silence_is_judged_by_what_was_done(
+    deed: str, rules: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, f"at 0.2s {deed}\nend 5s\n", head=f"# Why.\nspec {resting(tmp_path)}\n")
+    main(["scenario", str(file), "--json"])
+    told = json.loads(capsys.readouterr().out)["violations"]
+    assert [violation.split()[2] for violation in told] == [f"{rule}:" for rule in rules]
 
 
 def test_decisions_are_kept_and_another_decision_is_a_difference(

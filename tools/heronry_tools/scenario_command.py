@@ -109,7 +109,7 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
             yield live.fly(script, arguments)
             continue
         flown = in_simulator.fly(script)
-        if arguments.rewrite:
+        if arguments.rewrite and flown.trace:
             keep(script.file, flown.trace)
             flown = replace(flown, differences=())
         yield flown

@@ -1,7 +1,8 @@
 """A script flown in the simulator: virtual time, the flight cores, everything from the script's seed.
 
-Beside what the script expects, all that the simulator's checkers know is judged: what must never be, during the whole
-flight, and, once whatever can be ended has been ended after the script's end, that all comes right again.
+Beside what the script expects, all that the simulator's judges know is judged, as in a flight that a seed draws
+(`end_of_flight`): what must never be, silence for which there is no need, and, once whatever can be ended has been
+ended after the script's end, that all comes right again. A core that dies ends the flight, and fails it.
 """
 
 from collections.abc import Iterator
@@ -13,7 +14,8 @@ from heronry_tools.scenario.observations import Observations
 from heronry_tools.scenario.script import ORDERS, Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
-from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.check_service import Struck
+from heronry_tools.simulator.end_of_flight import end_flight, ended_by
 from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.scenario import KEY, lossy, need_key
 from heronry_tools.simulator.simulation import MS, Simulation
@@ -61,32 +63,66 @@ def fly(script: Script) -> Flown:
     """Fly a script; raises UserError where something cannot be done at its time."""
     flight = _Flight(script)
     heard = Observations(script.spec)
-    manager_bus = script.spec.manager.bus
-    flight.tap(manager_bus, lambda sent: _see(heard, sent))
-    start_ns = _begin(flight, script)
-    trace: list[tuple[int, str]] = []  # how many events there were before, line
-    strikes = Strikes(flight, script.faults, start_ns)
-    for deed in script.deeds:
-        flight.run_until(start_ns + deed.at_ns)
-        trace.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
-        _do(flight, script, deed)
-    flight.run_until(start_ns + script.end_ns)
-    lines = _decided(flight, trace)
-    judgement = Judgement(script.spec, heard, start_ns)
-    verdicts = tuple(judgement.verdict(one) for one in script.expectations)
-    strikes.heal()
-    unpromised = frozenset[str]().union(*(KINDS[fault.kind].unpromised for fault in script.faults))
-    violations = [*_missed(script, strikes), *(str(v) for v in flight.settle() if v.rule not in unpromised)]
+    flight.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
+    lines: tuple[str, ...] = ()  # of a flight that a core has ended there are none
+    try:
+        strikes, deeds = _play(flight, script)
+        lines = _decided(flight, deeds)
+        violations = _end(flight, script, strikes)
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        violations = [str(violation) for violation in ended_by(flight, error)]
+    judgement = Judgement(script.spec, heard, _start_ns(flight))
     return Flown(
         script,
         "the simulator",
         script.end_ns / 1e9,
-        verdicts,
+        tuple(judgement.verdict(one) for one in script.expectations),
         tuple(violations),
         lines,
-        differences(script.file, lines),
+        differences(script.file, lines) if lines else None,
         flight.digest(),
     )
+
+
+def _play(flight: _Flight, script: Script) -> tuple[Strikes, list[tuple[int, str]]]:
+    """Do what the script says, up to its end; gives the lines of the deeds, and how many events there were before."""
+    _begin(flight, script)
+    start_ns = _start_ns(flight)
+    strikes, deeds = Strikes(flight, script.faults, start_ns), []
+    for deed in script.deeds:
+        flight.run_until(start_ns + deed.at_ns)
+        deeds.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
+        _do(flight, script, deed)
+    flight.run_until(start_ns + script.end_ns)
+    return strikes, deeds
+
+
+def _end(flight: _Flight, script: Script, strikes: Strikes) -> list[str]:
+    """Bring the flight to its end; gives what must not be."""
+    strikes.struck += _struck(flight, script)
+    violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
+    unpromised = frozenset[str]().union(*(KINDS[fault.kind].unpromised for fault in script.faults))
+    return [*_missed(script, strikes), *(str(v) for v in violations if v.rule not in unpromised)]
+
+
+def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
+    """Give what was done besides faults, as far as it can be judged.
+
+    Of two managers the death of one is an instant, since the other one reigns. When an actuator that sticks is noticed
+    is for the monitors.
+    """
+    start_ns, restored = _start_ns(flight), dict[str, int]()
+    for deed in reversed(script.deeds):
+        at_ns, is_manager = start_ns + deed.at_ns, deed.target in MANAGERS
+        if deed.what == "restore":
+            restored[deed.target] = at_ns
+        elif deed.what == "kill":
+            for_good = at_ns if is_manager and flight.managers else None
+            yield Struck(None if is_manager else deed.target, at_ns, restored.pop(deed.target, for_good))
+        elif deed.what == "stick":
+            yield Struck(None, at_ns, None)
 
 
 def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
@@ -104,18 +140,17 @@ def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
             hits[found] -= 1
 
 
-def _see(heard: Observations, sent: Sent) -> None:
-    heard.see(sent.end_ns, sent.frame)
-
-
-def _begin(flight: Simulation, script: Script) -> int:
-    """Give the moment at which the first configuration runs."""
+def _begin(flight: Simulation, script: Script) -> None:
+    """Fly to the moment at which the first configuration runs."""
     while not flight.events_of("reconfigured"):
         flight.run_for(MS)
         if flight.now_ns > _LONGEST_START_NS:
             raise UserError(f"{script.file}: no configuration has run within {_LONGEST_START_NS // 10**9} s")
-    start_ns: int = flight.events_of("reconfigured")[0]["t_ns"]
-    return start_ns
+
+
+def _start_ns(flight: Simulation) -> int:
+    """When the first configuration ran; now, where none has."""
+    return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 
 def _do(flight: _Flight, script: Script, deed: Deed) -> None:

@@ -5,18 +5,18 @@ With `without_manager: safe_mode` that is promised to what is critical alone.
 What is not judged: a run in which anything else was struck too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from heronry_dg.model import Spec
-from heronry_tools.simulator.act import MANAGERS, Act
+from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.check_safe_mode import is_critical
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 
 
-def stopped_by_silence(spec: Spec, acts: Sequence[Act], outages: Sequence[Outage], since_ns: int) -> list[Violation]:
-    """Give the outages since a time in a run whose acts strike managers alone."""
-    if any(act.target not in MANAGERS for act in acts):
+def stopped_by_silence(spec: Spec, targets: Iterable[str], outages: Sequence[Outage], since_ns: int) -> list[Violation]:
+    """Give the outages since a time in a run in which nothing was done to anybody but managers."""
+    if any(target not in MANAGERS for target in targets):
         return []
     story = "was not heard, and nothing but a manager had failed"
     keeps = spec.manager.without_manager == "keep"

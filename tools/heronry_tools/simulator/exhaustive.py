@@ -23,17 +23,18 @@ from dataclasses import dataclass
 from random import Random
 
 from heronry_dg.model import Spec
-from heronry_manager.vocabulary import EnterPhase
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.act import MANAGER, MANAGERS, Act
 from heronry_tools.simulator.bus import Sent, Tampering
+from heronry_tools.simulator.check_service import Struck
+from heronry_tools.simulator.end_of_flight import end_flight, ended_by
 from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.scenario import KEY
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
-from heronry_wire.sansio import InvariantError, Received
+from heronry_wire.sansio import Received
 
 EVERYBODY = "everybody"
 KINDS = ("lost", "doubled", "late-2", "late-30", "crash", "death")
@@ -44,9 +45,14 @@ _COUNTED = frozenset((Use.MANAGEMENT, Use.STATE, Use.EMCY))
 _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
 _AWAY_MS = 1_500  # before it returns
+_REBOOT_MS = 3
+_BY_THEIR_END = ("return",)
+_DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
 _ADMITTED_NS = 60 * MS  # three beats
 _QUIET_NS = 1_000 * MS  # without another end: the story is over
+_LOOK_NS = 100 * MS
+_LONGEST_NS = 4_000 * MS  # a flight, before everything is brought to its end
 _BLOW = re.compile(r"(?P<number>\d{1,6}) (?P<kind>[a-z]+(-\d{1,4})?) (?P<victim>\S+)", re.ASCII)
 
 
@@ -132,13 +138,24 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
     """Fly a case; gives what must not be."""
     simulation = case.setup.take_off(spec)
     try:
-        _prepare(simulation, case.story)
-        _Assailant(simulation, case.blows)
-        _begin(simulation, case.story)
-        simulation.run_for(_QUIET_NS)
-        return simulation.settle()
-    except InvariantError as error:
-        return [*simulation.broken(), Violation(simulation.now_ns, "invariant", str(error))]
+        strikes = _prepare(simulation, case.story)
+        _Assailant(simulation, case.blows, strikes.struck)
+        _fly(simulation)
+        targets = [act.target for act in _acts(case.story)]
+        targets += [blow.victim if blow.kind in _DEATHS else EVERYBODY for blow in case.blows]
+        return end_flight(simulation, strikes, targets)
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        return ended_by(simulation, error)
+
+
+def _fly(simulation: Simulation) -> None:
+    """Fly until all is well, or for longer than anything critical may be silent."""
+    begun_ns = simulation.now_ns
+    simulation.run_for(_QUIET_NS)
+    while simulation.unsettled() and simulation.now_ns - begun_ns < _LONGEST_NS:
+        simulation.run_for(_LOOK_NS)
 
 
 def _read_blow(victims: Sequence[str], text: str) -> Blow:
@@ -157,7 +174,6 @@ def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
     seen: list[Sent] = []
     _tap(simulation, seen.append)
     known = len(_done_ns(simulation))
-    _begin(simulation, story)
     done_ns = simulation.now_ns
     while simulation.now_ns - done_ns < _QUIET_NS or (story == "start" and not known):
         simulation.run_for(10 * MS)
@@ -184,33 +200,34 @@ def _blows(nodes: Sequence[str], senders: list[str]) -> Iterator[Blow]:
         yield from (Blow(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
 
 
-def _prepare(simulation: Simulation, story: str) -> None:
-    """Fly to where a story begins."""
-    if story == "start":
-        return
-    while not simulation.events_of("reconfigured") or simulation.unsettled():
-        simulation.run_for(50 * MS)
-        if simulation.now_ns > _STARTED_NS:
-            raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
-    if story.startswith("return"):
-        simulation.kill(story.partition(":")[2])
-        simulation.run_for(_AWAY_MS * MS)
-
-
-def _begin(simulation: Simulation, story: str) -> None:
-    """Do what makes the aircraft reconfigure."""
+def _acts(story: str) -> tuple[Act, ...]:
+    """Give what makes the aircraft reconfigure, or what the end of does (_BY_THEIR_END)."""
     what, _, target = story.partition(" ")
     match what:
         case "start":
-            pass
+            return ()
         case "return":
-            simulation.restore(target.partition(":")[2])
+            return (Act(0, "crash", target, _AWAY_MS),)
+        case "reboot":
+            return (Act(0, what, target, _REBOOT_MS),)
         case "phase":
-            simulation.operator.say(EnterPhase(target))
+            return (Act(0, "order_phase", f"phase:{target}"),)
         case "takeover":
-            simulation.kill_manager()
+            return (Act(0, "manager_crash", MANAGER),)
         case _:
-            Strikes(simulation, (Act(0, what, target, 3 if what == "reboot" else 0),), simulation.now_ns)
+            return (Act(0, what, target),)
+
+
+def _prepare(simulation: Simulation, story: str) -> Strikes:
+    """Fly to where a story begins, and let it begin as soon as time goes on."""
+    while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
+        simulation.run_for(50 * MS)
+        if simulation.now_ns > _STARTED_NS:
+            raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
+    strikes = Strikes(simulation, _acts(story), simulation.now_ns)
+    if story.partition(" ")[0] in _BY_THEIR_END:
+        simulation.run_for(_AWAY_MS * MS - 1)
+    return strikes
 
 
 def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
@@ -232,8 +249,9 @@ def _victim(sender: str, setup: Setup) -> str:
 class _Assailant:
     """Counts the frames of a flight, and strikes."""
 
-    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...]) -> None:
-        self._simulation, self._blows = simulation, blows
+    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...], struck: list[Struck]) -> None:
+        """Note in `struck` what is done, for who judges silences."""
+        self._simulation, self._blows, self._struck = simulation, blows, struck
         self._count = -1
         self._bus = simulation.buses[simulation.spec.manager.bus]
         self._bus.tamper = self._tamper
@@ -250,6 +268,9 @@ class _Assailant:
         return tampering
 
     def _strike(self, blow: Blow) -> Tampering | None:
+        now_ns = self._simulation.now_ns
+        if blow.kind not in _DEATHS:
+            self._struck.append(Struck(None, now_ns, now_ns))
         if blow.kind in ("lost", "doubled"):
             receiver = None if blow.victim == EVERYBODY else self._station_name(blow.victim)
             return Tampering(0 if blow.kind == "lost" else 2, receiver)
@@ -258,7 +279,7 @@ class _Assailant:
             for node in self._nodes(blow.victim):
                 self._hold_back(node, delay_ns)
         else:
-            self._simulation.at(self._simulation.now_ns, lambda: self._crash(blow))
+            self._simulation.at(now_ns, lambda: self._crash(blow))
         return None
 
     def _nodes(self, victim: str) -> list[Node]:
@@ -287,19 +308,23 @@ class _Assailant:
                 station.listener = hold
 
     def _crash(self, blow: Blow) -> None:
-        simulation = self._simulation
+        """Let a node die, and come back; of two managers the death of one is an instant: the other one reigns."""
+        simulation, returns = self._simulation, blow.kind == "crash"
+        now_ns = simulation.now_ns
         if blow.victim in MANAGERS:
-            seat = MANAGERS[blow.victim] or FIRST_MANAGER
+            seat, back_ns = MANAGERS[blow.victim] or FIRST_MANAGER, now_ns + _MANAGER_BACK_NS
             if seat in simulation.managers:
                 simulation.kill_manager(seat)
-                if blow.kind == "crash":
-                    simulation.at(simulation.now_ns + _MANAGER_BACK_NS, lambda: self._manager_back(seat))
+                self._struck.append(Struck(None, now_ns, back_ns if returns else now_ns))
+                if returns:
+                    simulation.at(back_ns, lambda: self._manager_back(seat))
             return
-        pe = blow.victim.removeprefix("pe:")
+        pe, back_ns = blow.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
         if pe in simulation.pes:
             simulation.kill(pe)
-            if blow.kind == "crash":
-                simulation.at(simulation.now_ns + _PE_BACK_NS, lambda: simulation.restore(pe))
+            self._struck.append(Struck(blow.victim, now_ns, back_ns if returns else None))
+            if returns:
+                simulation.at(back_ns, lambda: simulation.restore(pe))
 
     def _manager_back(self, seat: int) -> None:
         if seat not in self._simulation.managers:

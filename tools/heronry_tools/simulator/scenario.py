@@ -1,8 +1,7 @@
 """A scenario and its outcome: what is done to an aircraft, and what came of it.
 
-A flight starts when the first configuration runs. Then the acts are played, chaos first: what must never be is judged
-all the time. At the end of the chaos everything that can be ended is ended, and the aircraft is left alone until all is
-well, or for longer than that may take (`check_liveness`).
+A flight starts when the first configuration runs. Then the acts are played, chaos first, and rest after it
+(`end_of_flight`).
 """
 
 from collections import Counter
@@ -13,12 +12,11 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, Act
 from heronry_tools.simulator.bus import Faults
-from heronry_tools.simulator.check_silence import stopped_by_silence
+from heronry_tools.simulator.end_of_flight import end_flight, ended_by
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.sansio import InvariantError
 
 _NS_PER_S = 1_000_000_000
 _MS = 1_000_000
@@ -81,8 +79,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     try:
         violations = _fly(simulation, scenario, hits)
     except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
-        story = str(error) if isinstance(error, InvariantError) else f"{type(error).__name__}: {error}"
-        violations = [*simulation.broken(), Violation(simulation.now_ns, "invariant", story)]
+        violations = ended_by(simulation, error)
     unpromised = frozenset[str]().union(*(KINDS[act.kind].unpromised for act in scenario.acts))
     return Outcome(
         scenario,
@@ -105,8 +102,4 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     strikes = Strikes(simulation, scenario.acts, start_ns)
     strikes.hits = hits
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
-    strikes.heal()
-    silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
-    violations = simulation.settle()
-    outages = simulation.witness.outages(simulation.now_ns)
-    return violations + silences + stopped_by_silence(simulation.spec, scenario.acts, outages, start_ns)
+    return end_flight(simulation, strikes, (act.target for act in scenario.acts))

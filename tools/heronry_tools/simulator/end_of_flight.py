@@ -1,0 +1,29 @@
+"""The end of a flight, and all that is said of it then: one way for drawn flights, scenario files and exhaustive cases.
+
+What must never be is judged all the time, and silences up to here. Then everything that can be ended is ended, and the
+aircraft is left alone until all is well, or for longer than that may take (`check_liveness`).
+"""
+
+from collections.abc import Iterable
+
+from heronry_tools.simulator.check_silence import stopped_by_silence
+from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.simulator.strike import Strikes
+from heronry_tools.simulator.violation import Violation
+from heronry_wire.sansio import InvariantError
+
+
+def end_flight(simulation: Simulation, strikes: Strikes, targets: Iterable[str]) -> list[Violation]:
+    """End what can be ended, and give every violation; `targets` are all that anything was done to."""
+    start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
+    strikes.heal()
+    silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
+    violations = simulation.settle()
+    outages = simulation.witness.outages(simulation.now_ns)
+    return violations + silences + stopped_by_silence(simulation.spec, targets, outages, start_ns)
+
+
+def ended_by(simulation: Simulation, error: Exception) -> list[Violation]:
+    """Give the violations of a flight that a core has ended, by whatever it died of."""
+    story = str(error) if isinstance(error, InvariantError) else f"{type(error).__name__}: {error}"
+    return [*simulation.broken(), Violation(simulation.now_ns, "invariant", story)]
