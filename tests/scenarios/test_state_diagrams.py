@@ -194,7 +194,8 @@ def test_what_happens_is_drawn_and_what_is_drawn_happens() -> None:
         for machine in MACHINES:
             stack.enter_context(watched(machine, seen[machine.states]))
         for seed in SEEDS:
-            assert play(two_tails(), Scenario(seed, 6.0, drawn_acts(two_tails(), seed, 6.0))).violations == ()
+            scenario = Scenario(seed, 6.0, drawn_acts(two_tails(), seed, 6.0), drawn=True)
+            assert play(two_tails(), scenario).violations == ()
         for name in SCENARIOS:
             assert fly(read_script(Path(f"tests/scenarios/{name}.scenario"))).holds
         for name in DRILLS:

@@ -109,6 +109,31 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
     assert (failed["case"], failed["replay"]) == (case, replay)
 
 
+@pytest.mark.parametrize(
+    "blows",
+    [
+        "999999 lost pe:flight",
+        "3 crash pe:tail_b, 999999 crash manager",
+        "40 lost pe:tail_a",  # which is dead
+        "0 doubled manager",  # which has sent it
+    ],
+)
+def test_a_blow_that_somebody_names_and_that_strikes_nobody_fails(
+    blows: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {blows}"]) == 1
+    told = [line for line in capsys.readouterr().out.splitlines() if "VIOLATION" in line]
+    assert len(told) == 1
+    assert f"missed: '{blows.rsplit(', ', maxsplit=1)[-1]}' did not strike: there was no such frame" in told[0]
+
+
+def test_no_flights_show_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(FILE), "--sample", "0"]) == 2
+    assert (
+        capsys.readouterr().err == "heronry: --sample 0: no flights show nothing; write 1 or more, or add --pairs N\n"
+    )
+
+
 def test_silence_without_need_is_judged_in_every_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "resting.dg.yaml"
     rests = '{image: "scenarios.raising:RestsForThreeSeconds", device: elevator_servo_'
@@ -126,6 +151,7 @@ def test_silence_without_need_is_judged_in_every_case(tmp_path: Path, capsys: py
         ("start: five lost everybody", "write NUMBER KIND VICTIM"),
         ("start: 5 eaten everybody", "with one of lost, doubled"),
         ("start: 5 lost pe:nobody", "there is no 'pe:nobody'"),
+        ("start: 5 crash everybody", "one node dies at a time; name it: manager, pe:flight"),
     ],
 )
 def test_a_case_that_makes_no_sense_is_refused(case: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

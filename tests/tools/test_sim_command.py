@@ -31,6 +31,59 @@ def test_a_flight_is_told_with_its_four_times(capsys: pytest.CaptureFixture[str]
     assert reconfigurations[1].endswith("pe:tail_pe: silent for 3 heartbeat periods")
 
 
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [
+        ([], 5.0),
+        (["--kill", "pe:tail_pe@6", "--restore", "pe:tail_pe@7"], 8.0),
+        (["--kill", "pe:tail_pe@0.5", "--restore", "pe:tail_pe@1.5", "--seconds", "1"], 1.5),
+        (["--kill", "pe:tail_pe@0.5", "--seconds", "1"], 1.0),
+        (["--act", "1 manager_pause manager for 0.2 in idle", "--seconds", "2"], 4.2),  # it may have to wait
+    ],
+)
+def test_acts_are_wholly_in_the_flight(words: list[str], seconds: float, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "elevator_and_chute", *words, "--json"]) == 0
+    replay = shlex.split(json.loads(capsys.readouterr().out)["replay"])
+    assert float(replay[replay.index("--seconds") + 1]) == seconds
+    assert main([*replay[1:], "--json"]) == 0
+    assert shlex.split(json.loads(capsys.readouterr().out)["replay"]) == replay
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ["--act", "1 manager_crash manager for 0.2 in activating", "--seconds", "2"],
+            "'1 manager_crash manager for 0.2 in activating' did not strike so (what did: manager_crash in idle)",
+        ),
+        (
+            ["--kill", "pe:tail_pe@1", "--act", "1.5 pause pe:tail_pe for 0.1"],
+            "'1.5 pause pe:tail_pe for 0.1' did not strike so (what did: crash in idle); try another seed",
+        ),
+    ],
+)
+def test_an_act_that_is_given_and_does_not_strike_fails_the_flight(
+    words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["sim", "elevator_and_chute", *words, "--shrink"]) == 1
+    assert f"missed: {sentence}" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []  # there is no failure to be kept
+
+
+def test_a_manager_is_killed_as_it_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sim", "elevator_and_chute", "--standby", "--kill", "manager@1", "--json"]) == 0
+    flight = json.loads(capsys.readouterr().out)
+    assert [hit["kind"] for hit in flight["hits"]] == ["manager_crash"]
+
+
+def test_a_file_without_acts_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "none.acts"
+    file.write_text("# 1 crash pe:tail_pe\n\n")
+    assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
+    assert capsys.readouterr().err == f"heronry: --acts {file}: it has no act; write one a line, or leave it out\n"
+
+
 def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1", "--loss", "0.01", "--json"]) == 0
     *flights, whole = [json.loads(line) for line in capsys.readouterr().out.splitlines()]

@@ -1,7 +1,7 @@
 """`heronry exhaust`: every message of every reconfiguration of a small aircraft, struck in every way.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed; 2 the input cannot
-be used.
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a case that was
+given has not struck; 2 the input cannot be used.
 """
 
 import argparse
@@ -11,6 +11,7 @@ from collections import Counter
 from random import Random
 from typing import TYPE_CHECKING, Any
 
+from heronry_tools.errors import UserError
 from heronry_tools.progress import Progress
 from heronry_tools.sim_command import (
     add_compiled_argument,
@@ -103,6 +104,8 @@ def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
     setup = Setup(arguments.foreseen, arguments.keyed, arguments.standby)
     if arguments.case:
         return [read_case(spec, text, setup) for text in arguments.case]
+    if arguments.sample == arguments.pairs == 0:
+        raise UserError("--sample 0: no flights show nothing; write 1 or more, or add --pairs N")
     every = [case for story in stories(spec, setup) for case in single_cases(spec, story, setup)]
     pairs = drawn_pairs(every, arguments.pairs, arguments.seed)
     if arguments.sample is not None and arguments.sample < len(every):

@@ -1,6 +1,7 @@
 """`heronry sim`: fly a spec in the simulator, disturb it, and judge what came of it.
 
-Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed; 2 the input cannot
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or an act that was
+given has not struck; 2 the input cannot
 be used.
 """
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from heronry_tools.simulator.act import Act
     from heronry_tools.simulator.scenario import Outcome, Scenario
 
+_DEFAULT_S = 5.0
 _EPILOG = """\
 Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
@@ -35,7 +37,8 @@ What is judged, from the frames alone: nothing exclusive ever has two drivers, o
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
 everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
 
-An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER].
+An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. It waits for its state for three
+seconds. One that is given and strikes nothing, or not in that state, fails the flight.
 
 With --standby there are two managers, each with a journal on a disk of its own, and besides drawn are: a manager whose
 power goes while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
@@ -67,7 +70,12 @@ def add_parsers(subparsers: Any) -> None:
     add_spec_argument(parser)
     parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
     parser.add_argument("--runs", type=flights, default=1, metavar="N", help="how many seeds, one after the other")
-    parser.add_argument("--seconds", type=seconds, default=5.0, metavar="S", help="length of the chaos (default: 5)")
+    parser.add_argument(
+        "--seconds",
+        type=seconds,
+        metavar="S",
+        help="length of the chaos (default: 5, or a second more than the acts given need; never less than they need)",
+    )
     parser.add_argument(
         "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
     )
@@ -108,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
         show_line("")
         coverage.add(outcome)
         failed += bool(outcome.violations)
-        shown = _shrink(spec, arguments, outcome) if outcome.violations and arguments.shrink else outcome
+        shown = _shrink(spec, arguments, outcome) if arguments.shrink and _is_wrong(outcome) else outcome
         lines = [json.dumps(_document(arguments, shown))] if arguments.json else _lines(arguments, shown)
         print("\n".join(lines), flush=True)
         if done < len(scenarios):
@@ -136,7 +144,7 @@ def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
-    from heronry_tools.simulator.act import KINDS, possible_targets  # noqa: PLC0415
+    from heronry_tools.simulator.act import KINDS, over_s, possible_targets  # noqa: PLC0415
     from heronry_tools.simulator.chaos import drawn_acts  # noqa: PLC0415
     from heronry_tools.simulator.scenario import Scenario  # noqa: PLC0415
 
@@ -148,13 +156,14 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         what = KINDS[idle[0]].strikes.replace("_", " ")
         raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} that it could strike")
     given = _given_acts(spec, arguments)
+    needed_s = over_s(given)
+    asked_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        acts = given or drawn_acts(spec, seed, arguments.seconds, arguments.kind, of_two=arguments.standby)
+        acts = given or drawn_acts(spec, seed, asked_s, arguments.kind, of_two=arguments.standby)
         foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
-        long = max((arguments.seconds, *(act.at_ms / 1000 for act in given)))
         yield Scenario(
             seed,
-            long,
+            max(asked_s, needed_s),
             acts,
             arguments.loss,
             drawn=not given,
@@ -166,7 +175,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
     from heronry_tools.demo.script import read_script  # noqa: PLC0415
-    from heronry_tools.simulator.act import Act, read_act  # noqa: PLC0415
+    from heronry_tools.simulator.act import MANAGER, Act, read_act  # noqa: PLC0415
 
     texts = list(arguments.act)
     if arguments.acts is not None:
@@ -174,15 +183,26 @@ def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...
             lines = arguments.acts.read_text().splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise UserError(f"--acts {arguments.acts}: {error}; name a file with one act a line") from None
-        texts += [line for line in lines if line.strip() and not line.startswith("#")]
+        told = [line for line in lines if line.strip() and not line.startswith("#")]
+        if not told:
+            raise UserError(f"--acts {arguments.acts}: it has no act; write one a line, or leave it out")
+        texts += told
     acts = [read_act(spec, text) for text in texts]
     script = read_script(spec, arguments.kill, arguments.restore)
     for position, act in enumerate(script):
         if act.what == "kill":
             ends = [later.at_s for later in script[position + 1 :] if later.pe == act.pe][:1]
             lasts_ms = max(1, round(1000 * (ends[0] - act.at_s))) if ends else 0
-            acts.append(Act(round(1000 * act.at_s), "crash", f"pe:{act.pe}", lasts_ms))
+            kind, target = ("manager_crash", MANAGER) if act.pe == MANAGER else ("crash", f"pe:{act.pe}")
+            acts.append(Act(round(1000 * act.at_s), kind, target, lasts_ms))
     return tuple(sorted(acts))
+
+
+def _is_wrong(outcome: "Outcome") -> bool:
+    """Tell whether anything was wrong with the aircraft, and not with what somebody has named."""
+    from heronry_tools.simulator.violation import MISSED  # noqa: PLC0415
+
+    return any(violation.rule != MISSED for violation in outcome.violations)
 
 
 def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":

@@ -15,7 +15,7 @@ from heronry_tools.scenario.script import ORDERS, Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
 from heronry_tools.simulator.act import KINDS, MANAGERS
 from heronry_tools.simulator.check_service import Struck
-from heronry_tools.simulator.end_of_flight import end_flight, ended_by
+from heronry_tools.simulator.end_of_flight import end_flight, ended_by, unstruck
 from heronry_tools.simulator.planning import Planners
 from heronry_tools.simulator.scenario import KEY, lossy, need_key
 from heronry_tools.simulator.simulation import MS, Simulation
@@ -127,17 +127,10 @@ def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
 
 def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
     """Say which faults have struck nothing, or not in the state that the script names."""
-    hits = strikes.hits.copy()
     for deed in script.deeds:
-        if deed.fault is None:
-            continue
-        kind, state = deed.fault.kind, deed.fault.during
-        found = next((hit for hit in hits if hit[0] == kind and state in ("", hit[1]) and hits[hit] > 0), None)
-        if found is None:
-            struck = ", ".join(f"{hit} in {now}" for hit, now in strikes.hits) or "nothing"
-            yield f"{script.file}:{deed.line}: '{deed.text}' did not strike so (what did: {struck}); try another seed"
-        else:
-            hits[found] -= 1
+        story = None if deed.fault is None else unstruck(deed.fault, deed.text, strikes)
+        if story is not None:
+            yield f"{script.file}:{deed.line}: {story}"
 
 
 def _begin(flight: Simulation, script: Script) -> None:

@@ -43,7 +43,7 @@ What is not promised, and why:
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from heronry_dg.model import Spec
@@ -54,7 +54,8 @@ from heronry_tools.simulator.protocol_state import STATES
 MANAGER = "manager"  # the one that reigns
 EVERYTHING = "everything"  # that is latched, or in quarantine
 MANAGERS: Mapping[str, int | None] = {MANAGER: None, "primary": 126, "standby": 127}  # whom a target means
-UNTIL_HEALED = -1
+WAITS_MS = 3_000
+"""For so long an act waits for its state; then it strikes whatever the state."""
 
 _TEXT = re.compile(
     r"(?P<at>\d{1,6}(\.\d{1,3})?) (?P<kind>[a-z_]+) (?P<target>[^ ]+)"
@@ -222,6 +223,11 @@ class Act:
         return " ".join(words)
 
     @property
+    def over_ms(self) -> int:
+        """When it is over at the latest; one that is for good has struck by then."""
+        return self.at_ms + (WAITS_MS if self.during else 0) + self.lasts_ms
+
+    @property
     def name(self) -> str:
         """Name of what it strikes."""
         return self.target.partition(":")[2]
@@ -244,6 +250,11 @@ def read_act(spec: Spec, text: str) -> Act:
     return Act(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
     )
+
+
+def over_s(acts: Iterable[Act]) -> float:
+    """Give the seconds after which all of these acts are over."""
+    return max((act.over_ms for act in acts), default=0) / 1000
 
 
 def drawn_kinds(spec: Spec, *, of_two: bool) -> list[str]:

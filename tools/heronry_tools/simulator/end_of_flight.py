@@ -6,6 +6,7 @@ aircraft is left alone until all is well, or for longer than that may take (`che
 
 from collections.abc import Iterable
 
+from heronry_tools.simulator.act import Act
 from heronry_tools.simulator.check_silence import stopped_by_silence
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
@@ -21,6 +22,15 @@ def end_flight(simulation: Simulation, strikes: Strikes, targets: Iterable[str])
     violations = simulation.settle()
     outages = simulation.witness.outages(simulation.now_ns)
     return violations + silences + stopped_by_silence(simulation.spec, targets, outages, start_ns)
+
+
+def unstruck(act: Act, text: str, strikes: Strikes) -> str | None:
+    """Say that an act has struck nothing, or not in the state that it names; None where it has."""
+    state = strikes.state_of.get(act)
+    if state is not None and act.during in ("", state):
+        return None
+    struck = ", ".join(f"{kind} in {now}" for kind, now in strikes.hits) or "nothing"
+    return f"'{text}' did not strike so (what did: {struck}); try another seed"
 
 
 def ended_by(simulation: Simulation, error: Exception) -> list[Violation]:

@@ -32,7 +32,7 @@ from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.scenario import KEY
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
-from heronry_tools.simulator.violation import Violation
+from heronry_tools.simulator.violation import MISSED, Violation
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 
@@ -95,6 +95,7 @@ class Case:
     story: str
     blows: tuple[Blow, ...]
     setup: Setup = PLAIN
+    named: bool = False  # by somebody, who is told what of it has not happened
 
     def __str__(self) -> str:
         return f"{self.story}: {', '.join(map(str, self.blows))}"
@@ -131,7 +132,7 @@ def read_case(spec: Spec, text: str, setup: Setup = PLAIN) -> Case:
     if story not in there:
         raise UserError(f"'{text}': there is no story '{story}'; there is {', '.join(there)}")
     victims = [EVERYBODY, *setup.nodes(spec)]
-    return Case(story, tuple(_read_blow(victims, blow) for blow in blows.split(", ")), setup)
+    return Case(story, tuple(_read_blow(victims, blow) for blow in blows.split(", ")), setup, named=True)
 
 
 def fly_case(spec: Spec, case: Case) -> list[Violation]:
@@ -139,11 +140,13 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
     simulation = case.setup.take_off(spec)
     try:
         strikes = _prepare(simulation, case.story)
-        _Assailant(simulation, case.blows, strikes.struck)
+        assailant = _Assailant(simulation, case.blows, strikes.struck)
         _fly(simulation)
         targets = [act.target for act in _acts(case.story)]
         targets += [blow.victim if blow.kind in _DEATHS else EVERYBODY for blow in case.blows]
-        return end_flight(simulation, strikes, targets)
+        violations = end_flight(simulation, strikes, targets)
+        missed = assailant.missed() if case.named else ()
+        return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]
     except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
@@ -164,6 +167,8 @@ def _read_blow(victims: Sequence[str], text: str) -> Blow:
         raise UserError(f"'{text}' is no blow; write NUMBER KIND VICTIM, with one of {', '.join(KINDS)}")
     if match["victim"] not in victims:
         raise UserError(f"'{text}': there is no '{match['victim']}'; there is {', '.join(victims)}")
+    if match["kind"] in _DEATHS and match["victim"] == EVERYBODY:
+        raise UserError(f"'{text}': one node dies at a time; name it: {', '.join(victims[1:])}")
     return Blow(int(match["number"]), match["kind"], match["victim"])
 
 
@@ -253,8 +258,14 @@ class _Assailant:
         """Note in `struck` what is done, for who judges silences."""
         self._simulation, self._blows, self._struck = simulation, blows, struck
         self._count = -1
+        self._landed: set[Blow] = set()
         self._bus = simulation.buses[simulation.spec.manager.bus]
         self._bus.tamper = self._tamper
+
+    def missed(self) -> list[str]:
+        """Say which blows have struck nobody."""
+        why = f"there was no such frame, or nobody to strike with it; {self._count + 1} were sent in this flight"
+        return [f"'{blow}' did not strike: {why}" for blow in self._blows if blow not in self._landed]
 
     def _tamper(self, sent: Sent) -> Tampering | None:
         """Say what becomes of a frame that has just been sent, and nobody has received yet."""
@@ -264,11 +275,13 @@ class _Assailant:
         tampering = None
         for blow in self._blows:
             if blow.number == self._count:
-                tampering = self._strike(blow) or tampering
+                tampering = self._strike(blow, sent) or tampering
         return tampering
 
-    def _strike(self, blow: Blow) -> Tampering | None:
+    def _strike(self, blow: Blow, sent: Sent) -> Tampering | None:
         now_ns = self._simulation.now_ns
+        if self._nodes(blow.victim) and (blow.kind in _DEATHS or self._station_name(blow.victim) != sent.sender):
+            self._landed.add(blow)
         if blow.kind not in _DEATHS:
             self._struck.append(Struck(None, now_ns, now_ns))
         if blow.kind in ("lost", "doubled"):
@@ -290,6 +303,9 @@ class _Assailant:
         return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
+        """Name of a victim's station; empty where it does not run, or is everybody."""
+        if victim == EVERYBODY:
+            return ""
         if victim.startswith("pe:"):
             return victim.removeprefix("pe:")
         nodes = self._nodes(victim)

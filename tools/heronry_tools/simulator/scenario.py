@@ -12,10 +12,10 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, Act
 from heronry_tools.simulator.bus import Faults
-from heronry_tools.simulator.end_of_flight import end_flight, ended_by
+from heronry_tools.simulator.end_of_flight import end_flight, ended_by, unstruck
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
-from heronry_tools.simulator.violation import Violation
+from heronry_tools.simulator.violation import MISSED, Violation
 from heronry_wire.authentication import KEY_BYTES, Key
 
 _NS_PER_S = 1_000_000_000
@@ -102,4 +102,7 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
     strikes = Strikes(simulation, scenario.acts, start_ns)
     strikes.hits = hits
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
-    return end_flight(simulation, strikes, (act.target for act in scenario.acts))
+    violations = end_flight(simulation, strikes, (act.target for act in scenario.acts))
+    named = () if scenario.drawn else scenario.acts
+    missed = (story for act in named if (story := unstruck(act, str(act), strikes)) is not None)
+    return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]

@@ -13,14 +13,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
-from heronry_tools.simulator.act import Act
+from heronry_tools.simulator.act import Act, over_s
 from heronry_tools.simulator.scenario import Outcome, Scenario
+from heronry_tools.simulator.violation import MISSED
 
 
 def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
     """Give the shortest failing flight that was found, on the way from one that fails."""
-    rules = {violation.rule for violation in outcome.violations}
-    best = outcome
+    rules = {violation.rule for violation in outcome.violations} - {MISSED}
+    best = _whole(outcome, fly, rules)
     parts = 2
     while len(best.scenario.acts) > 1:
         acts = best.scenario.acts
@@ -32,6 +33,13 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
         else:
             parts = min(2 * parts, len(acts))
     return _plainer(best, fly, rules)
+
+
+def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
+    """Give the flight with its acts wholly in it, as whoever names them has it flown, where it fails then, too."""
+    scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.acts)))
+    whole = outcome if scenario == outcome.scenario else fly(scenario)
+    return whole if _fails(whole, rules) else outcome
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
@@ -46,8 +54,7 @@ def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str])
             if _fails(outcome, rules):
                 best = outcome
     scenario = best.scenario
-    last_ms = max((act.at_ms + act.lasts_ms for act in scenario.acts), default=0)
-    outcome = fly(replace(scenario, seconds=min(scenario.seconds, last_ms / 1000 + 1)))
+    outcome = fly(replace(scenario, seconds=min(scenario.seconds, over_s(scenario.acts) + 1)))
     return outcome if _fails(outcome, rules) else best
 
 

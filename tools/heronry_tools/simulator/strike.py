@@ -15,7 +15,7 @@ from dataclasses import replace
 from random import Random
 
 from heronry_manager.vocabulary import EnterPhase, FailElement
-from heronry_tools.simulator.act import KINDS, MANAGERS, Act, replicated_bus
+from heronry_tools.simulator.act import KINDS, MANAGERS, WAITS_MS, Act, replicated_bus
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.forger import Forger
@@ -29,7 +29,6 @@ from heronry_wire.management import PeFlags, PeState, StatePage0
 End = Callable[[], None]
 
 _OF_ONE_ELEMENT = ("element", "pe", "gateway", "module", "device", "channel", "twin_pe")
-_PATIENCE_NS = 3_000 * MS  # for a state that does not come
 _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
@@ -45,6 +44,7 @@ class Strikes:
         """Schedule the acts, counted from `start_ns`."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.struck: list[Struck] = []
+        self.state_of: dict[Act, str] = {}  # in which each act has struck
         self._simulation = simulation
         self._ends: dict[Act, End] = {}
         self._begun: dict[Act, int] = {}
@@ -65,7 +65,7 @@ class Strikes:
             simulation.at(at_ns, lambda: self._strike(act))
             return
         self._wait(act, at_ns, self._random(act))
-        simulation.at(at_ns + _PATIENCE_NS, lambda: self._strike(act))
+        simulation.at(at_ns + WAITS_MS * MS, lambda: self._strike(act))
 
     def _wait(self, act: Act, not_before_ns: int, random: Random) -> None:
         """Strike a moment after its state has begun; where that is over by then, the next time."""
@@ -90,6 +90,7 @@ class Strikes:
             return
         self._simulation.see_who_reigns()
         self.hits[act.kind, state] += 1
+        self.state_of[act] = state
         self._simulation.all_excused |= KINDS[act.kind].excuses
         if act.lasts_ms:
             self._ends[act] = end

@@ -2,6 +2,9 @@
 
 from typing import NamedTuple
 
+MISSED = "missed"
+"""Rule of what somebody has named that has not happened: no fault of the aircraft."""
+
 
 class Violation(NamedTuple):
     """Something that must not be, and when it was seen."""
