@@ -3,9 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
+from heronry_dg.model import Spec
 from heronry_manager.core import ManagerCore
-from heronry_tools.simulator.act import KINDS, Act, possible_targets, read_act
+from heronry_tools.errors import UserError
+from heronry_tools.simulator.act import KINDS, LEVELS, Act, possible_targets, read_act
 from heronry_tools.simulator.chaos import drawn_acts
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.clock import Clock
@@ -42,6 +46,47 @@ def test_an_act_reads_as_it_writes() -> None:
     for seed in range(20):
         for act in drawn_acts(big_blue(), seed, 30.0):
             assert read_act(big_blue(), str(act)) == act
+
+
+@st.composite
+def texts(draw: st.DrawFn) -> tuple[Spec, str, int | None]:
+    """An act of any kind as somebody may write it, with its spec and its level."""
+    kind, spec = draw(st.sampled_from([(kind, spec()) for kind in KINDS for spec in (big_blue, twin_wires)]))
+    targets = possible_targets(spec, kind)
+    assume(targets)
+    times = st.integers(0, 999_999_999).map(lambda ms: f"{ms / 1000:.3f}")
+    words = [draw(times), kind, draw(st.sampled_from(targets))]
+    words += ["for", draw(times)] if draw(st.booleans()) else []
+    words += ["in", draw(st.sampled_from(STATES))] if draw(st.booleans()) else []
+    level = draw(st.none() | st.integers(0, 999_999_999) | st.integers(*LEVELS.get(kind, (0, 0))))
+    words += [] if level is None else ["level", str(level)]
+    return spec, " ".join(words), level
+
+
+@given(texts())
+@settings(max_examples=400)
+def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: tuple[Spec, str, int | None]) -> None:
+    spec, text, level = written
+    kind = text.split()[1]
+    lowest, highest = LEVELS.get(kind, (0, 0))
+    if level is not None and not lowest <= level <= highest:
+        with pytest.raises(UserError, match="has a level from" if highest else "has no level; leave it out"):
+            read_act(spec, text)
+        return
+    act = read_act(spec, text)
+    assert act.level == (KINDS[kind].levels[0] if level is None else level)
+    assert read_act(spec, str(act)) == act
+
+
+def test_levels_that_are_drawn_can_be_written() -> None:
+    for name, kind in KINDS.items():
+        lowest, highest = LEVELS.get(name, (0, 0))
+        assert all(lowest <= level <= highest for level in kind.levels), name
+
+
+@pytest.mark.parametrize("act", ["babble bus:can0 for 0.1 level 0", "babble bus:can0 for 0.1 level 2047"])
+def test_a_stranger_may_have_any_identifier(act: str) -> None:
+    assert play(two_tails(), Scenario(1, 0.5, (read_act(two_tails(), f"0.1 {act}"),))).violations == ()
 
 
 def test_an_act_late_in_a_long_flight_keeps_its_milliseconds() -> None:

@@ -50,6 +50,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.protocol_state import STATES
+from heronry_wire.frame import STANDARD_MASK
 
 MANAGER = "manager"  # the one that reigns
 EVERYTHING = "everything"  # that is latched, or in quarantine
@@ -203,6 +204,18 @@ KINDS: Mapping[str, Kind] = {
     "order_phase": Kind("phase", (0, 0), "the operator wants another mission phase", is_order=True),
 }
 
+LEVELS: Mapping[str, tuple[int, int]] = {
+    "clock_jump": (1, 3_600_000),
+    "half_cut": (1, 2),
+    "late": (1, 10_000),
+    "manager_double": (0, 1),
+    "bus_split": (0, 1),
+    **dict.fromkeys(("loss", "omission", "doubled"), (1, 1000)),
+    "collapse": (2, 100),
+    "babble": (0, STANDARD_MASK),
+}
+"""The lowest and the highest level of the kinds that have one."""
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Act:
@@ -219,7 +232,7 @@ class Act:
         words = [f"{self.at_ms / 1000:.10g} {self.kind} {self.target}"]
         words += [f"for {self.lasts_ms / 1000:.10g}"] if self.lasts_ms else []
         words += [f"in {self.during}"] if self.during else []
-        words += [f"level {self.level}"] if self.level else []
+        words += [f"level {self.level}"] if self.level or KINDS[self.kind].levels[0] else []
         return " ".join(words)
 
     @property
@@ -247,6 +260,10 @@ def read_act(spec: Spec, text: str) -> Act:
     if match["target"] not in (*targets, *(MANAGERS if targets == [MANAGER] else ())):
         raise UserError(f"'{text}': {_no_target(spec, match['kind'], match['target'], targets)}")
     level = int(match["level"]) if match["level"] else kind.levels[0]
+    lowest, highest = LEVELS.get(match["kind"], (0, 0))
+    if not lowest <= level <= highest:
+        bounds = f"a level from {lowest} to {highest}: {kind.tells}" if highest else "no level; leave it out"
+        raise UserError(f"'{text}': {match['kind']} has {bounds}")
     return Act(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
     )
