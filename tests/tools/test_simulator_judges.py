@@ -29,9 +29,10 @@ from heronry_tools.simulator.scenario import Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_tools.simulator.strike import Strikes
+from heronry_tools.simulator.waivers import Waivers
 from heronry_tools.witness import Outage
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import state_id
+from heronry_wire.identifiers import emcy_id, state_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     LEASE_PERIODS,
@@ -45,7 +46,7 @@ from heronry_wire.management import (
     PeState,
     StatePage0,
 )
-from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
+from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
 PES = frozenset(elevator_and_chute().pes)
 S = 1000 * MS
@@ -425,6 +426,53 @@ def test_a_module_that_drives_nothing_and_is_given_what_is_old_is_seen(monkeypat
     monkeypatch.setattr(mailboxes, "FRESH_PERIODS", 1000)
     (story,) = [story for rule, story in flown(elevator_and_chute(), *acts) if rule == "freshness"]
     assert story.startswith("chute_logic on control_pe is given altitude of high_quality_altitude, last heard")
+
+
+# What cannot be promised is not judged for as long as that is so
+
+
+def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_is() -> None:
+    waivers = Waivers(settling_ns=S)
+    waiver = waivers.begin(frozenset(("clash",)), 5 * S)
+    assert [waivers.cover("clash", t_ns) for t_ns in (5 * S - 1, 5 * S, 100 * S)] == [False, True, True]
+    waiver.to_ns = 6 * S
+    assert [waivers.cover("clash", t_ns) for t_ns in (7 * S, 7 * S + 1)] == [True, False]
+    assert not waivers.cover("exclusion", 6 * S)
+    waivers.begin(frozenset(("clash", "reign")), 6 * S).to_ns = 8 * S
+    waivers.begin(frozenset(), 0)
+    assert waivers.unjudged_ns(10 * S) == {"clash": 4 * S, "reign": 3 * S}
+    assert waivers.unjudged_ns(8 * S) == {"clash": 3 * S, "reign": 2 * S}
+
+
+def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
+    simulation = flying(two_tails())
+    struck = (read_act(simulation.spec, "0.01 wrong module:elevator_control for 0.1"),)
+    Strikes(simulation, struck, simulation.now_ns)
+    simulation.run_for(500 * MS)
+    report = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 0)
+    (device, *_) = simulation.spec.devices
+    sent = Sent(
+        simulation.now_ns, "can0", "tail_pe", Frame(emcy_id(simulation.spec.pes["tail_pe"].node_id), report.encode())
+    )
+    late = sent._replace(end_ns=simulation.now_ns + 10 * S)
+    simulation.checks.see(sent)
+    assert f"device:{device}" in simulation.truth.down
+    assert rules(simulation) == []
+    other = flying(two_tails())
+    Strikes(other, struck, other.now_ns)
+    other.run_for(500 * MS)
+    other.checks.see(late)
+    assert [rule for rule, _ in rules(other)] == ["blame"]
+
+
+def test_what_is_forged_is_judged_where_there_is_a_key() -> None:
+    act = read_act(two_tails(), "0.1 forge bus:can0 for 0.2")
+    for key in (None, KEY):
+        simulation = flying(two_tails(), key=key)
+        strikes = Strikes(simulation, (act,), simulation.now_ns)
+        simulation.run_for(S)
+        assert strikes.hits.total() == 1
+        assert simulation.waivers.cover("exclusion", simulation.now_ns + 100 * S) == (key is None)
 
 
 # The phase is what was asked for last

@@ -26,12 +26,13 @@ if TYPE_CHECKING:
     from heronry_tools.simulator.scenario import Outcome, Scenario
 
 _DEFAULT_S = 5.0
+_KEYED_EVERY = 4  # of the pairs of seeds that draw, so that half of them have plans on board
 _EPILOG = """\
 Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, an
 operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
 are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
 a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
-(--foreseen 1).
+(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then somebody forges commands.
 
 What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
@@ -159,7 +160,8 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
     needed_s = over_s(given)
     asked_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
-        acts = given or drawn_acts(spec, seed, asked_s, arguments.kind, of_two=arguments.standby)
+        keyed = arguments.keyed or (not given and seed // 2 % _KEYED_EVERY == 0)
+        acts = given or drawn_acts(spec, seed, asked_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
         foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
         yield Scenario(
             seed,
@@ -167,7 +169,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
             acts,
             arguments.loss,
             drawn=not given,
-            keyed=arguments.keyed,
+            keyed=keyed,
             standby=arguments.standby,
             foreseen=foreseen,
         )

@@ -13,7 +13,7 @@ from heronry_tools.scenario.judgement import Judgement
 from heronry_tools.scenario.observations import Observations
 from heronry_tools.scenario.script import ORDERS, Deed, Script
 from heronry_tools.scenario.trace import deed_line, differences, event_line
-from heronry_tools.simulator.act import KINDS, MANAGERS
+from heronry_tools.simulator.act import MANAGERS
 from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.end_of_flight import end_flight, ended_by, unstruck
 from heronry_tools.simulator.planning import Planners
@@ -103,8 +103,8 @@ def _end(flight: _Flight, script: Script, strikes: Strikes) -> list[str]:
     """Bring the flight to its end; gives what must not be."""
     strikes.struck += _struck(flight, script)
     violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
-    unpromised = frozenset[str]().union(*(KINDS[fault.kind].unpromised for fault in script.faults))
-    return [*_missed(script, strikes), *(str(v) for v in violations if v.rule not in unpromised)]
+    promised = (v for v in violations if not flight.waivers.cover(v.rule, v.t_ns))
+    return [*_missed(script, strikes), *map(str, promised)]
 
 
 def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:

@@ -15,7 +15,8 @@ What is not promised, and why:
   changed on its way nobody can say that it was ever sent (foreign).
 - `forge` changes a management frame past its CRC (one in some 10^10 frames that are destroyed at all). Without a key a
   forged command is a command: nothing holds until it is over, and then everything has to come right again. It does
-  unless a term was made far higher than all others: PEs obey nobody else then for a long time. So chaos draws none.
+  unless a term was made far higher than all others: PEs obey nobody else then for a long time. So chaos draws none
+  where there is no key. With one everything is promised.
 - `attack` is struck in flights with a key alone, and everything is promised there, but that on a replicated bus a frame
   is taken once: what is said again to the bit, on the other channel, is a copy.
 - `babble`: a node that outranks everybody takes the bus. Nobody is served then; but nobody drives what is exclusive
@@ -79,8 +80,11 @@ class Kind:
     levels: tuple[int, ...] = (0,)
     unpromised: frozenset[str] = frozenset()  # rules of the checkers
     excuses: bool = False  # whatever a module reports may have seemed so
+    lasting: bool = False  # what is not promised is not promised afterwards either
+    promised_with_key: bool = False  # in a flight with a key all of it is promised
     drawn: bool = True  # by chaos that was not asked for it
     of_two: bool = False  # drawn where there are two managers
+    of_keyed: bool = False  # drawn in a flight with a key
     needs_key: bool = False  # a flight in which it strikes has a key
     is_order: bool = False  # of the operator, to a manager that reigns
 
@@ -152,7 +156,13 @@ KINDS: Mapping[str, Kind] = {
         of_two=True,
     ),
     "disk_full": Kind(
-        MANAGER, (100, 3000), "a manager's disk takes nothing", unpromised=_NUMBERED, drawn=False, of_two=True
+        MANAGER,
+        (100, 3000),
+        "a manager's disk takes nothing",
+        unpromised=_NUMBERED,
+        lasting=True,
+        drawn=False,
+        of_two=True,
     ),
     "stale_table": Kind("pe", (200, 2000), "a PE starts with the table of another spec"),
     "bus_split": Kind(
@@ -180,7 +190,15 @@ KINDS: Mapping[str, Kind] = {
         "bus", (100, 2000), "data are changed past the CRC", unpromised=frozenset(("foreign",)), excuses=True
     ),
     "forge": Kind(
-        "bus", (20, 500), "commands are changed past the CRC", unpromised=_COMMANDED, excuses=True, drawn=False
+        "bus",
+        (20, 500),
+        "commands are changed past the CRC",
+        unpromised=_COMMANDED,
+        excuses=True,
+        lasting=True,
+        promised_with_key=True,
+        drawn=False,
+        of_keyed=True,
     ),
     "attack": Kind(
         "bus",
@@ -189,6 +207,7 @@ KINDS: Mapping[str, Kind] = {
         unpromised=frozenset(("copies",)),
         drawn=False,
         of_two=True,
+        of_keyed=True,
         needs_key=True,
     ),
     "raise": Kind("module", (0, 0), "a module raises", for_good=1.0),
@@ -274,9 +293,12 @@ def over_s(acts: Iterable[Act]) -> float:
     return max((act.over_ms for act in acts), default=0) / 1000
 
 
-def drawn_kinds(spec: Spec, *, of_two: bool) -> list[str]:
-    """What chaos draws from that was not asked for a kind: what has something to strike; of_two: two managers fly."""
-    drawn = [name for name, kind in KINDS.items() if kind.drawn or (of_two and kind.of_two)]
+def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
+    """What chaos draws from that was not asked for a kind: what has something to strike.
+
+    of_two: two managers fly. keyed: with a key.
+    """
+    drawn = [n for n, kind in KINDS.items() if kind.drawn or (of_two and kind.of_two) or (keyed and kind.of_keyed)]
     return [name for name in drawn if possible_targets(spec, name)]
 
 

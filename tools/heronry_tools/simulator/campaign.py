@@ -56,12 +56,20 @@ class Coverage:
         """Expect whatever is drawn for a spec; of_two: in flights with two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
-        self._kinds = drawn_kinds(spec, of_two=of_two)
+        self._unjudged_ns: Counter[str] = Counter()
+        self._flown_ns = 0
+        self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
 
     def add(self, outcome: Outcome) -> None:
         """Count one flight."""
         self.hits += outcome.hits
         self.entered += outcome.entered
+        self._unjudged_ns += outcome.unjudged
+        self._flown_ns += outcome.virtual_ns
+
+    def unjudged(self) -> dict[str, float]:
+        """Share of the time in which a rule was not judged, in per cent, the largest first."""
+        return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unjudged_ns.most_common()}
 
     def cells(self) -> dict[tuple[str, str], int]:
         """Hits of every cell that can be reached: the kind has something to strike, and the state was entered.
@@ -83,7 +91,9 @@ class Coverage:
         lines.append(_row("entered", [self.entered[state] for state in STATES]))
         thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
-        return [*lines, f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}"]
+        lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}")
+        shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unjudged().items())
+        return [*lines, f"not judged, of the time: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
         """The same, for JSON."""
@@ -93,6 +103,7 @@ class Coverage:
             "entered": {state: self.entered[state] for state in STATES},
             "enough": ENOUGH,
             "thin": len(self._thin()),
+            "unjudged_percent": self.unjudged(),
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:

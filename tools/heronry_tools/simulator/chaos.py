@@ -57,14 +57,14 @@ _LAST = 0.9  # of the chaos: what strikes later would be healed at once
 
 
 def drawn_acts(
-    spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False
+    spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
 ) -> tuple[Act, ...]:
     """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds.
 
-    of_two: there are two managers.
+    of_two: there are two managers. keyed: they and the PEs have a key.
     """
     random = Random(f"acts of {seed}")
-    there = _kinds_there(spec, kinds, of_two=of_two)
+    there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
     swarm = [name for name in there if kinds or random.random() < _KIND_THERE] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
@@ -89,8 +89,7 @@ def drawn_acts(
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
     """Kinds of faults that may be drawn, and what they may strike."""
-    asked = kinds or drawn_kinds(spec, of_two=of_two)
-    there = {name: targets for name in asked if (targets := possible_targets(spec, name))}
+    there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
     return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
 
 

@@ -57,9 +57,9 @@ class BlameCheck:
         return f"{emergency.kind.name.lower()}:{self._names[emergency.kind][emergency.index]}", emergency.detail
 
     @property
-    def reported(self) -> set[str]:
-        """Elements that have been reported, rightly or not."""
-        return set(self._reported)
+    def reported(self) -> dict[str, int]:
+        """Elements that have been reported, rightly or not, and when."""
+        return {element: violation.t_ns for element, violation in self._reported.items()}
 
     def violations(self, truth: Situation) -> list[Violation]:
         """Give the reports of what has not failed."""

@@ -125,8 +125,8 @@ class Checks:
             watcher(sent)
 
     @property
-    def reported(self) -> set[str]:
-        """Elements that some PE has reported as failed."""
+    def reported(self) -> dict[str, int]:
+        """Elements that some PE has reported as failed, and when."""
         return self._blame.reported
 
     def moved(self, moved: Moved) -> None:
@@ -221,6 +221,11 @@ class Checks:
     def silences(self, struck: Sequence[Struck], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent in flight without need, by what was done to the aircraft."""
         return self._service.silences(self.witness.outages(end_ns), struck, end_ns)
+
+    @property
+    def settling_ns(self) -> int:
+        """How long something critical may be silent after a fault."""
+        return self._service.longest_ns
 
     def liveness_bound_ns(self) -> int:
         """Longest time from now on until all is well, if nothing more is done."""

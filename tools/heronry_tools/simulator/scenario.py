@@ -42,7 +42,10 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of it; `hits` counts the strikes by kind and state of the protocol, `entered` the states."""
+    """What came of it; `hits` counts the strikes by kind and state of the protocol, `entered` the states.
+
+    unjudged: for how long each rule was not judged, in ns.
+    """
 
     scenario: Scenario
     digest: str
@@ -52,6 +55,7 @@ class Outcome:
     violations: tuple[Violation, ...]
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
     entered: Counter[str] = field(default_factory=Counter)
+    unjudged: Counter[str] = field(default_factory=Counter)
 
 
 def lossy(share: float) -> Faults:
@@ -80,16 +84,16 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
         violations = _fly(simulation, scenario, hits)
     except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
         violations = ended_by(simulation, error)
-    unpromised = frozenset[str]().union(*(KINDS[act.kind].unpromised for act in scenario.acts))
     return Outcome(
         scenario,
         simulation.digest(),
         sum(bus.frames for bus in simulation.buses.values()),
         simulation.now_ns,
         tuple(simulation.events_of("reconfigured")),
-        tuple(violation for violation in violations if violation.rule not in unpromised),
+        tuple(violation for violation in violations if not simulation.waivers.cover(violation.rule, violation.t_ns)),
         hits,
         simulation.protocol.entered,
+        Counter(simulation.waivers.unjudged_ns(simulation.now_ns)),
     )
 
 

@@ -34,6 +34,7 @@ from heronry_tools.simulator.planning import Planners, prepared
 from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.technician import Technician
 from heronry_tools.simulator.violation import Violation
+from heronry_tools.simulator.waivers import REPORTS, Waivers
 from heronry_tools.witness import Witness
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES
@@ -99,7 +100,7 @@ class Simulation:
         self.operator = Operator(self)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
         self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
-        self.all_excused = False  # data are wrong: whatever is reported may have seemed so
+        self.waivers = Waivers(self.checks.settling_ns)
         self.pes: dict[str, SimulatedPe] = {}
         self.managers: dict[int, SimulatedManager] = {}  # by seat: those that have not died
         self._random = Random(seed)
@@ -137,8 +138,11 @@ class Simulation:
     @property
     def truth(self) -> Situation:
         """The situation as it is; down is also what is cut off, was reported for a reason, or was declared failed."""
-        reported = self.checks.reported
-        excused = reported if self.all_excused else reported & self.excusable
+        excused = {
+            element
+            for element, t_ns in self.checks.reported.items()
+            if element in self.excusable or self.waivers.cover(REPORTS, t_ns)
+        }
         return Situation(frozenset(self._down | self._cut | self.operator.failed | excused), {}, self.phase)
 
     @property

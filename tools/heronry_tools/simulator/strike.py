@@ -22,6 +22,7 @@ from heronry_tools.simulator.forger import Forger
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
+from heronry_tools.simulator.waivers import REPORTS, Waiver
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
 from heronry_wire.management import PeFlags, PeState, StatePage0
@@ -48,6 +49,7 @@ class Strikes:
         self._simulation = simulation
         self._ends: dict[Act, End] = {}
         self._begun: dict[Act, int] = {}
+        self._waivers: dict[Act, Waiver] = {}
         self._healed = False
         for act in acts:
             self._schedule(act, start_ns + act.at_ms * MS)
@@ -91,7 +93,7 @@ class Strikes:
         self._simulation.see_who_reigns()
         self.hits[act.kind, state] += 1
         self.state_of[act] = state
-        self._simulation.all_excused |= KINDS[act.kind].excuses
+        self._waivers[act] = self._simulation.waivers.begin(self._unpromised(act), self._begun[act])
         if act.lasts_ms:
             self._ends[act] = end
             self._simulation.at(self._simulation.now_ns + act.lasts_ms * MS, lambda: self._end(act))
@@ -112,7 +114,16 @@ class Strikes:
         from_ns = self._begun[act]
         if to_ns is None and not kind.for_good:
             to_ns = from_ns
+        if not kind.lasting:
+            self._waivers[act].to_ns = to_ns
         self.struck.append(Struck(self._element(act) if of_one else None, from_ns, to_ns))
+
+    def _unpromised(self, act: Act) -> frozenset[str]:
+        """Rules that nobody can promise while an act is around."""
+        kind = KINDS[act.kind]
+        if kind.promised_with_key and self._simulation.key is not None:
+            return frozenset()
+        return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
 
     def _element(self, act: Act) -> str:
         """What is as good as down; who has one channel alone is as well served as everybody would be with that one."""
