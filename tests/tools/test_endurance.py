@@ -74,5 +74,25 @@ def test_a_spec_that_is_not_there_is_one_sentence_and_2() -> None:
 def test_it_flies_on_compiled_where_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     gone_on: list[tuple[object, str]] = []
     monkeypatch.setattr(endurance, "go_on_compiled", lambda *asked: gone_on.append(asked))
-    assert main(["--compiled", "--hours", "0", "--reboots", "0"]) == 0
-    assert gone_on == [(["--compiled", "--hours", "0", "--reboots", "0"], "heronry_tools.simulator.endurance")]
+    monkeypatch.setattr(endurance, "fly_reboots", lambda _spec, _seed: [])
+    assert main(["--compiled", "--hours", "0", "--reboots", "1"]) == 0
+    assert gone_on == [(["--compiled", "--hours", "0", "--reboots", "1"], "heronry_tools.simulator.endurance")]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--hours", "0", "--reboots", "0"], "0 hours and 0 reboots show nothing; write more of one of them"),
+        (["--hours", "-1"], "-1 is no time to fly; write 0 to 100000 hours"),
+        (["--hours", "nan"], "nan is no time to fly"),
+        (["--hours", "inf"], "inf is no time to fly"),
+        (["--reboots", "-3"], "-3 is negative; write 0 or more"),
+    ],
+)
+def test_what_would_show_nothing_is_refused(
+    words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    assert stopped.value.code == 2
+    assert sentence in capsys.readouterr().err

@@ -39,5 +39,16 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
 
 def test_deciding_is_a_look_up(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reaction_bench, "DECIDE_MS", 1000.0)
-    assert main(["--flights", "0"]) == 0
+    monkeypatch.setattr(reaction_bench, "measure_deaths", lambda _spec, _seed, _times: None)
+    assert main(["--flights", "1"]) == 0
     assert "decide (CPU)                        400" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("number", "sentence"), [("0", "0 flights show nothing; write 1 or more"), ("-1", "-1 is negative")]
+)
+def test_no_flights_are_refused(number: str, sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["--flights", number])
+    assert stopped.value.code == 2
+    assert sentence in capsys.readouterr().err

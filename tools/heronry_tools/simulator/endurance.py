@@ -24,6 +24,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.errors import exit_code
 from heronry_tools.progress import Progress
+from heronry_tools.sim_command import processors, whole_number
 from heronry_tools.simulator.bus import Faults
 from heronry_tools.simulator.campaign import fly_all
 from heronry_tools.simulator.compiled import go_on_compiled
@@ -37,6 +38,7 @@ STALL_EVERY_NS = 2_000 * MS
 HOUR_NS = 3_600_000 * MS
 
 _ONE_STEP_IN_1000_S = 1  # mHz
+_MOST_HOURS = 100_000
 _PIECE_NS = 60_000 * MS
 _START_NS = 3_000 * MS
 _BETWEEN_REBOOTS_NS = 1_500 * MS
@@ -147,20 +149,34 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Count false alarms in hours of flight without a fault, and reboots that go unnoticed.",
     )
     parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC", help="default: elevator_and_chute")
-    parser.add_argument("--hours", type=float, default=1.0, metavar="H", help="of flight without a fault (default: 1)")
-    parser.add_argument("--reboots", type=int, default=300, metavar="N", help="at least so many (default: 300)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first flight (default: 0)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="flights at a time (default: 1)")
+    parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="of flight without a fault (default: 1)")
+    parser.add_argument(
+        "--reboots", type=whole_number, default=300, metavar="N", help="at least so many (default: 300)"
+    )
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
+    parser.add_argument(
+        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
+    )
     parser.add_argument(
         "--compiled", action="store_true", help="fly machine code of the same source: four times as fast"
     )
     argv = sys.argv[1:] if argv is None else argv
     arguments = parser.parse_args(argv)
+    if arguments.hours == arguments.reboots == 0:
+        parser.error("0 hours and 0 reboots show nothing; write more of one of them")
     if arguments.compiled:
         go_on_compiled(argv, "heronry_tools.simulator.endurance")
     quiet = _hours(arguments)
     reboots = _reboots(arguments)
     return 1 if quiet.false or not all(reboot.is_in_time for reboot in reboots) else 0
+
+
+def hours(text: str) -> float:
+    """Read how many hours to fly; argparse tells the name of this function to the user."""
+    number = float(text)
+    if not 0 <= number <= _MOST_HOURS:
+        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {_MOST_HOURS} hours")
+    return number
 
 
 def _hours(arguments: argparse.Namespace) -> Quiet:
@@ -179,10 +195,8 @@ def _hours(arguments: argparse.Namespace) -> Quiet:
             whole.stalls += quiet.stalls
             whole.suspected += quiet.suspected
             whole.false += quiet.false
-    hours = whole.virtual_ns / HOUR_NS
-    print(
-        f"{arguments.spec}: {hours:g} h without a fault, {whole.frames} frames, {LOSS:g} of them destroyed and missed,"
-    )
+    flown = f"{whole.virtual_ns / HOUR_NS:g} h without a fault, {whole.frames} frames"
+    print(f"{arguments.spec}: {flown}, {LOSS:g} of them destroyed and missed,")
     print(f"  {whole.stalls} stalls of the manager, clocks within {SKEW_PPM} ppm: {whole.suspected} PEs suspected,")
     print(f"  {len(whole.false)} false alarms")
     print("".join(f"    {line}\n" for line in whole.false), end="")

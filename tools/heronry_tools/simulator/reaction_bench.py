@@ -38,6 +38,7 @@ from heronry_manager.planner.foresight import Foresight
 from heronry_manager.vocabulary import PlanReady, RequestPlan
 from heronry_tools.errors import exit_code
 from heronry_tools.progress import Progress
+from heronry_tools.sim_command import flights, whole_number
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.planning import prepared
 from heronry_tools.simulator.simulation import MS, Simulation
@@ -253,10 +254,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog=f"python -m {HERE}", description="Measure how fast eight PEs on a half-loaded bus react to a loss."
     )
-    parser.add_argument("--flights", type=int, default=20, metavar="N", help="times eight deaths (default: 20)")
+    parser.add_argument("--flights", type=flights, default=20, metavar="N", help="times eight deaths (default: 20)")
     parser.add_argument("--heartbeat-ms", type=int, default=20, metavar="MS", help="default: 20")
     parser.add_argument("--reserve", type=float, default=0.1, metavar="SHARE", help="for management (default: 0.1)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the first flight (default: 0)")
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
     parser.add_argument("--write", type=Path, metavar="FILE", help="write the aircraft's spec, and fly nothing")
     arguments = parser.parse_args(argv)
     text = aircraft(arguments.heartbeat_ms, arguments.reserve)
