@@ -8,23 +8,27 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
-from heronry_tools.simulator.exhaustive import KINDS, Setup, single_cases, stories
-from scenarios.flights import big_blue
+from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.exhaustive import KINDS, PLAIN, Setup, begin, single_cases, stories
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
+from heronry_wire.management import Control, Operation, decode_command
+from scenarios.flights import MS, big_blue
 
 FILE = Path("dg_specs/examples/demux_actuators.dg.yaml")
+PHASES = Path("dg_specs/examples/phases.dg.yaml")
 
 
 def test_every_story_that_reconfigures_is_struck_in_every_way_by_everybody() -> None:
     spec = load(FILE)
     cases = {story: single_cases(spec, story) for story in stories(spec)}
     idle = {story for story, found in cases.items() if not found}
-    assert idle == {"raise module:servo_driver_2"}  # it does not run
+    assert idle == {"raise module:servo_driver_2", "clear module:servo_driver_2"}  # it does not run
     blows = {(blow.kind, blow.victim) for found in cases.values() for case in found for blow in case.blows}
     nodes = {"manager", "pe:flight", "pe:tail_a", "pe:tail_b"}
     assert {kind for kind, _ in blows} == set(KINDS)
     assert {victim for kind, victim in blows if kind == "lost"} == nodes | {"everybody"}
     assert {victim for kind, victim in blows if kind == "crash"} == nodes
-    assert sum(map(len, cases.values())) > 10_000
+    assert sum(map(len, cases.values())) > 30_000
 
 
 def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_struck() -> None:
@@ -45,10 +49,55 @@ def test_a_sample_with_a_key_plans_on_board_or_two_managers(how: str, capsys: py
     assert capsys.readouterr().out.endswith("0 failed\n")
 
 
-def test_phases_are_stories_too() -> None:
-    assert [story for story in stories(big_blue()) if story.startswith("phase")] == [
-        f"phase {phase}" for phase in big_blue().phases
+def test_phases_are_stories_too_by_the_operator_and_by_a_module() -> None:
+    assert [story for story in stories(big_blue()) if story.startswith(("phase", "request"))] == [
+        f"{what} {phase}" for what in ("phase", "request") for phase in big_blue().phases
     ]
+
+
+@pytest.mark.parametrize(
+    ("file", "story", "told"),
+    [
+        (FILE, "dead device:horizon_sensor", {Operation.ACKNOWLEDGE, Operation.HOLDS}),
+        (FILE, "fail pe:tail_a", {Operation.HOLDS}),
+        (FILE, "clear device:elevator_servo_1", {Operation.CLEAR}),
+        (FILE, "clear module:elevator_control", {Operation.CLEAR}),
+        (PHASES, "request glide", {Operation.ACKNOWLEDGE, Operation.HOLDS}),
+    ],
+)
+def test_what_is_told_of_faults_and_orders_is_struck_too(file: Path, story: str, told: set[Operation]) -> None:
+    spec, heard = load(file), set[Operation]()
+    simulation = PLAIN.take_off(spec)
+    controls = {management_id(node, Command.CONTROL) for node in MANAGER_NODES}
+
+    def hear(sent: Sent) -> None:
+        message = decode_command(Command.CONTROL, sent.frame.data) if sent.frame.can_id in controls else None
+        heard.update((message.operation,) if isinstance(message, Control) else ())
+
+    begin(simulation, story)
+    simulation.tap("can0", hear)
+    simulation.run_for(2_000 * MS)
+    assert heard >= told
+
+
+@pytest.mark.parametrize(
+    ("file", "cases"),
+    [
+        (FILE, ["dead device:horizon_sensor: 30 lost everybody", "fail pe:tail_a: 1 lost everybody"]),
+        (FILE, ["clear module:elevator_control: 0 lost pe:flight", "clear pe:flight: 0 crash manager"]),
+        (PHASES, ["request glide: 0 lost manager", "request glide: 1 crash manager"]),
+    ],
+)
+def test_faults_and_orders_are_flown(file: Path, cases: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(file), *(word for case in cases for word in ("--case", case))]) == 0
+    assert capsys.readouterr().out.endswith("0 failed\n")
+
+
+def test_what_there_is_can_be_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["exhaust", str(PHASES), "--count"]) == 0
+    *counts, whole = capsys.readouterr().out.splitlines()
+    assert [line.split(maxsplit=1)[1] for line in counts] == stories(load(PHASES))
+    assert whole == f"{sum(int(line.split()[0]) for line in counts):7} flights"
 
 
 def test_a_sample_of_singles_and_pairs_leaves_everything_in_order(capsys: pytest.CaptureFixture[str]) -> None:
@@ -74,7 +123,7 @@ def test_cases_are_flown_as_they_are_written_and_in_parallel_alike(capsys: pytes
 
 
 def test_a_phase_that_is_entered_is_struck_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
-    case = "phase glide: 2 late-2 everybody, 3 lost manager"
+    case = "phase glide: 2 late-2 everybody, 3 lost pe:flight"
     assert main(["exhaust", "dg_specs/examples/phases.dg.yaml", "--case", case]) == 0
     assert capsys.readouterr().out == "1 stories, 1 flights (1 late-2, 1 lost), 0 failed\n"
 

@@ -1,9 +1,10 @@
 """Every reconfiguration of a small aircraft, with every message of it struck in every way: exhaustive, not drawn.
 
 A *story* is what makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises,
-each phase, and, where there are two managers, the death of the one that reigns. It is flown once undisturbed, and the
-frames of the management are counted, from the first one after the story begins to the last one before its last
-reconfiguration is done. Then it is flown again for every *blow*:
+each sensor that dies, each PE and device that the operator fails, and clears again, each module that he clears after it
+has failed, each phase, by his word or as a module asks for it, and, where there are two managers, the death of the one
+that reigns. It is flown once undisturbed, and the frames of the management are counted, from the first one after the
+story begins to the last one before its last reconfiguration is done. Then it is flown again for every *blow*:
 
     N lost VICTIM       the N-th frame is not received, by one node or by nobody
     N doubled VICTIM    ... or is received twice
@@ -24,11 +25,12 @@ from random import Random
 
 from heronry_dg.model import Spec
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import MANAGER, MANAGERS, Act
+from heronry_tools.simulator.act import EVERYTHING, MANAGER, MANAGERS, Act, possible_targets
 from heronry_tools.simulator.bus import Sent, Tampering
 from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.end_of_flight import end_flight, ended_by
 from heronry_tools.simulator.node import Node
+from heronry_tools.simulator.nodes import ASKS
 from heronry_tools.simulator.scenario import KEY
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.strike import Strikes
@@ -46,7 +48,8 @@ _MANAGER_BACK_NS = 100 * MS
 _PE_BACK_NS = 300 * MS
 _AWAY_MS = 1_500  # before it returns
 _REBOOT_MS = 3
-_BY_THEIR_END = ("return",)
+_RAISES_MS = 1_400  # for long enough to be given up
+_BY_THEIR_END = ("return", "clear")
 _DEATHS = ("crash", "death")
 _STARTED_NS = 10_000 * MS
 _ADMITTED_NS = 60 * MS  # three beats
@@ -103,9 +106,19 @@ class Case:
 
 def stories(spec: Spec, setup: Setup = PLAIN) -> list[str]:
     """Everything that may make an aircraft reconfigure."""
-    of_pes = [f"{what} pe:{pe}" for pe in spec.pes for what in ("crash", "return", "reboot")]
-    others = [*(f"raise module:{m}" for m in spec.modules), *(f"phase {p}" for p in spec.phases)]
-    return ["start", *of_pes, *others, *([_TAKEOVER] if setup.standby else [])]
+    pes, modules = possible_targets(spec, "crash"), possible_targets(spec, "raise")
+    devices = [f"device:{device}" for device in spec.devices]
+    there = {
+        **dict.fromkeys(("crash", "return", "reboot"), pes),
+        "raise": modules,
+        "dead": possible_targets(spec, "dead"),
+        "fail": [*pes, *devices],
+        "clear": [*pes, *devices, *modules],
+        "phase": list(spec.phases),
+        "request": list(spec.phases),
+    }
+    told = [f"{what} {target}" for what, targets in there.items() for target in targets]
+    return ["start", *told, *([_TAKEOVER] if setup.standby else [])]
 
 
 def single_cases(spec: Spec, story: str, setup: Setup = PLAIN) -> list[Case]:
@@ -139,10 +152,10 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
     """Fly a case; gives what must not be."""
     simulation = case.setup.take_off(spec)
     try:
-        strikes = _prepare(simulation, case.story)
+        strikes = begin(simulation, case.story)
         assailant = _Assailant(simulation, case.blows, strikes.struck)
         _fly(simulation)
-        targets = [act.target for act in _acts(case.story)]
+        targets = [case.story.partition(" ")[2] or MANAGER]
         targets += [blow.victim if blow.kind in _DEATHS else EVERYBODY for blow in case.blows]
         violations = end_flight(simulation, strikes, targets)
         missed = assailant.missed() if case.named else ()
@@ -175,7 +188,7 @@ def _read_blow(victims: Sequence[str], text: str) -> Blow:
 def _senders(spec: Spec, story: str, setup: Setup) -> list[str]:
     """Who sends the frames of a story, in order, as victims are called."""
     simulation = setup.take_off(spec)
-    _prepare(simulation, story)
+    begin(simulation, story)
     seen: list[Sent] = []
     _tap(simulation, seen.append)
     known = len(_done_ns(simulation))
@@ -206,13 +219,19 @@ def _blows(nodes: Sequence[str], senders: list[str]) -> Iterator[Blow]:
 
 
 def _acts(story: str) -> tuple[Act, ...]:
-    """Give what makes the aircraft reconfigure, or what the end of does (_BY_THEIR_END)."""
+    """Give what makes the aircraft reconfigure; of some (_BY_THEIR_END) it is the end that does."""
     what, _, target = story.partition(" ")
     match what:
-        case "start":
+        case "start" | "request":
             return ()
         case "return":
             return (Act(0, "crash", target, _AWAY_MS),)
+        case "fail":
+            return (Act(0, "order_fail", target),)
+        case "clear" if target.startswith("module:"):
+            return Act(0, "raise", target, _RAISES_MS), Act(_AWAY_MS, "order_clear", EVERYTHING)
+        case "clear":
+            return (Act(0, "order_fail", target, _AWAY_MS),)
         case "reboot":
             return (Act(0, what, target, _REBOOT_MS),)
         case "phase":
@@ -223,15 +242,19 @@ def _acts(story: str) -> tuple[Act, ...]:
             return (Act(0, what, target),)
 
 
-def _prepare(simulation: Simulation, story: str) -> Strikes:
+def begin(simulation: Simulation, story: str) -> Strikes:
     """Fly to where a story begins, and let it begin as soon as time goes on."""
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
             raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
     strikes = Strikes(simulation, _acts(story), simulation.now_ns)
-    if story.partition(" ")[0] in _BY_THEIR_END:
+    what, _, target = story.partition(" ")
+    if what in _BY_THEIR_END:
         simulation.run_for(_AWAY_MS * MS - 1)
+    elif what == "request":
+        running = (module for pe in simulation.spec.pes for module in simulation.checks.planned(pe))
+        simulation.broken_modules[next(running, "")] = f"{ASKS}{target}"
     return strikes
 
 

@@ -78,6 +78,7 @@ _LOOKED_UP_NS = 100_000  # how long a look into the contingencies takes
 _AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
 OVERRUN_NS = 30_000_000
 _WRONG_BY = 40.0
+ASKS = "asks "  # for a phase, whose name follows
 
 
 class Moved(NamedTuple):
@@ -124,7 +125,7 @@ class SimulatedPe(Node):
         """Join the buses, given by name and each with its channels, and start.
 
         drive: is told of every step of what drives, look: of some others; move: of every order to a device.
-        broken: how a module fails at its next step, by name; broke: is told that it has.
+        broken: how a module fails at its next step, by name, or for which phase it ASKS; broke: is told that it has.
         witness: sees every copy of a frame on a replicated bus.
         """
         super().__init__(clock, time)
@@ -334,6 +335,8 @@ class SimulatedPe(Node):
             self._broke(name)
             unfit = dict.fromkeys(answer.outputs, "what no such type can carry")
             return Stepped(action.module, action.release, unfit)
+        if how.startswith(ASKS) and isinstance(answer, Stepped):
+            return answer._replace(phases=(how.removeprefix(ASKS),))
         if how == "raise":
             self._broke(name)
             return StepFailed(action.module, action.release, "told to fail")

@@ -99,7 +99,7 @@ class Simulation:
         self.protocol = ProtocolState(self.clock)
         self.operator = Operator(self)
         self.excusable: set[str] = set()  # elements that may be reported although they have not failed
-        self.broken_modules: dict[str, str] = {}  # how a module fails, wherever it runs
+        self.broken_modules: dict[str, str] = {}  # how a module fails, or for what it ASKS, wherever it runs
         self.waivers = Waivers(self.checks.settling_ns)
         self.pes: dict[str, SimulatedPe] = {}
         self.managers: dict[int, SimulatedManager] = {}  # by seat: those that have not died
