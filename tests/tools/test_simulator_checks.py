@@ -320,7 +320,7 @@ def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
     slander = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
     checks.see(sent(Frame(emcy_id(TAIL), slander.encode()), "control_pe"))
     assert rules(checks) == []
-    assert checks.reported == set()
+    assert checks.reported == {}
 
 
 def test_a_gateway_that_hands_on_out_of_order_takes_nobody_back_to_an_older_term() -> None:

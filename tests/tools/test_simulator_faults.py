@@ -1,5 +1,6 @@
 """Faults of nodes: what a pause, a hung module or a clock that jumps does, and that it ends when it should."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -20,6 +21,8 @@ from heronry_tools.simulator.scenario import Outcome, Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
+
+Written = tuple[Callable[[], Spec], str, int | None]
 
 
 def struck(simulation: Simulation, *texts: str) -> Strikes:
@@ -49,10 +52,10 @@ def test_an_act_reads_as_it_writes() -> None:
 
 
 @st.composite
-def texts(draw: st.DrawFn) -> tuple[Spec, str, int | None]:
+def texts(draw: st.DrawFn) -> Written:
     """An act of any kind as somebody may write it, with its spec and its level."""
-    kind, spec = draw(st.sampled_from([(kind, spec()) for kind in KINDS for spec in (big_blue, twin_wires)]))
-    targets = possible_targets(spec, kind)
+    kind, spec = draw(st.sampled_from([(kind, spec) for kind in KINDS for spec in (big_blue, twin_wires)]))
+    targets = possible_targets(spec(), kind)
     assume(targets)
     times = st.integers(0, 999_999_999).map(lambda ms: f"{ms / 1000:.3f}")
     words = [draw(times), kind, draw(st.sampled_from(targets))]
@@ -65,8 +68,9 @@ def texts(draw: st.DrawFn) -> tuple[Spec, str, int | None]:
 
 @given(texts())
 @settings(max_examples=400)
-def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: tuple[Spec, str, int | None]) -> None:
-    spec, text, level = written
+def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: Written) -> None:
+    make, text, level = written
+    spec = make()
     kind = text.split()[1]
     lowest, highest = LEVELS.get(kind, (0, 0))
     if level is not None and not lowest <= level <= highest:

@@ -48,8 +48,13 @@ def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind
     assert sum(outcome.hits.values()) == 1
 
 
-@pytest.mark.parametrize("kind", ["bus_split bus:can0", "stale_table pe:tail_pe", "attack bus:can0"])
-@pytest.mark.parametrize("level", ["", " level 1"])
+@pytest.mark.parametrize(
+    ("kind", "level"),
+    [
+        *(("bus_split bus:can0", ""), ("bus_split bus:can0", " level 1")),
+        *(("stale_table pe:tail_pe", ""), ("attack bus:can0", "")),
+    ],
+)
 def test_every_other_fault_of_two_does(kind: str, level: str) -> None:
     outcome = flight(f"0.1 {kind} for 0.6{level}")
     assert outcome.violations == ()

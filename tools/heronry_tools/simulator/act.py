@@ -224,7 +224,7 @@ KINDS: Mapping[str, Kind] = {
 }
 
 LEVELS: Mapping[str, tuple[int, int]] = {
-    "clock_jump": (1, 3_600_000),
+    **dict.fromkeys(("clock_jump", "manager_clock_jump"), (1, 3_600_000)),
     "half_cut": (1, 2),
     "late": (1, 10_000),
     "manager_double": (0, 1),
