@@ -280,6 +280,22 @@ def led_by_a_stranger(*, forges: bool) -> list[str]:
     return [violation.rule for violation in simulation.broken()]
 
 
+@pytest.mark.parametrize(
+    ("bus", "sender", "lies"),
+    [
+        ("can0", "comms", False),
+        ("radio", f"{STRANGER}twin", False),
+        ("radio", "comms", False),
+        ("radio", "ground", True),
+    ],
+)
+def test_what_a_pe_beyond_a_gateway_has_said_it_has_said_there_itself(bus: str, sender: str, lies: bool) -> None:
+    spec = load_spec("big_blue")
+    check, page = AuthenticityCheck(spec, KEY), StatePage1(PeState.ACTIVE, PeFlags(0), 9, 0, Reason.NONE, 0)
+    check.see(Sent(MS, bus, sender, Frame(state_id(spec.pes["ground"].node_id), page.encode())))
+    assert bool(check.violations) == lies
+
+
 @pytest.mark.parametrize("forges", [True, False])
 def test_a_pe_that_keeps_to_the_rules_is_well_whatever_a_stranger_says(forges: bool) -> None:
     assert led_by_a_stranger(forges=forges) == []

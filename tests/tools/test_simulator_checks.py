@@ -16,7 +16,7 @@ from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.planning import best_plan
 from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.witness import Outage
+from heronry_tools.witness import Outage, Witness
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
@@ -204,10 +204,22 @@ def test_more_data_than_a_bus_has_a_budget_for_is_seen() -> None:
     assert rules(checks) == ["load"]
 
 
+class Silent(Witness):
+    """Who has heard the elevator stop at 5 ns, and the parachute at 3."""
+
+    def __init__(self) -> None:
+        super().__init__(SPEC)
+
+    def outages(self, now_ns: int) -> list[Outage]:
+        return [Outage("elevator", 5, now_ns), Outage("parachute", 3, None)]
+
+
 def test_an_outage_without_a_fault_but_the_managers_is_a_violation() -> None:
-    outages = [Outage("elevator", 5, 9), Outage("parachute", 3, None)]
-    assert [v.story.split()[0] for v in stopped_by_silence(SPEC, (MANAGER, "standby"), outages, 4)] == ["elevator"]
-    assert stopped_by_silence(SPEC, (MANAGER, "pe:tail_pe"), outages, 4) == []
+    witness = Silent()
+    (violation,) = stopped_by_silence(SPEC, (MANAGER, "standby"), witness, 4, 9)
+    assert violation.story.split()[0] == "elevator"
+    assert (violation.since_ns, violation.t_ns) == (5, 5 + witness.patience_ns("elevator"))
+    assert stopped_by_silence(SPEC, (MANAGER, "pe:tail_pe"), witness, 4, 9) == []
 
 
 def drive(checks: Checks, *modules: str) -> None:

@@ -29,6 +29,7 @@ from heronry_tools.simulator.scenario import Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.stranger import Stranger
 from heronry_tools.simulator.strike import Strikes
+from heronry_tools.simulator.violation import Violation
 from heronry_tools.simulator.waivers import Waivers
 from heronry_tools.witness import Outage
 from heronry_wire.frame import Frame
@@ -438,6 +439,9 @@ def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_i
     waiver.to_ns = 6 * S
     assert [waivers.cover("clash", t_ns) for t_ns in (7 * S, 7 * S + 1)] == [True, False]
     assert not waivers.cover("exclusion", 6 * S)
+    known = [Violation(8 * S, "clash", "", since_ns) for since_ns in (7 * S, 7 * S + 1)]
+    early = [Violation(t_ns, "clash", "", 0) for t_ns in (5 * S - 1, 5 * S)]
+    assert waivers.promised([*known, *early]) == (known[1], early[0])
     waivers.begin(frozenset(("clash", "reign")), 6 * S).to_ns = 8 * S
     waivers.begin(frozenset(), 0)
     assert waivers.unjudged_ns(10 * S) == {"clash": 4 * S, "reign": 3 * S}

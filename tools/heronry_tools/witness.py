@@ -86,6 +86,10 @@ class Witness:
         """Last output of a function."""
         return self._watched[function].last
 
+    def patience_ns(self, function: str) -> int:
+        """For how long a function may be quiet: whatever silenced it struck within that of what was heard last."""
+        return self._watched[function].patience_ns
+
     def outages(self, now_ns: int) -> list[Outage]:
         """Every time a function that had been heard fell silent, in order."""
         found = [outage for watched in self._watched.values() for outage in watched.outages]

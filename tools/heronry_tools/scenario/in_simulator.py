@@ -103,8 +103,7 @@ def _end(flight: _Flight, script: Script, strikes: Strikes) -> list[str]:
     """Bring the flight to its end; gives what must not be."""
     strikes.struck += _struck(flight, script)
     violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
-    promised = (v for v in violations if not flight.waivers.cover(v.rule, v.t_ns))
-    return [*_missed(script, strikes), *map(str, promised)]
+    return [*_missed(script, strikes), *map(str, flight.waivers.promised(violations))]
 
 
 def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:

@@ -1,7 +1,8 @@
 """Every command that a PE accepts was authentic and fresh: what PEs say that they did, against what was proven.
 
-Judged in flights with a key, on the managers' bus, from frames alone; `proven_commands` works every tag out again. A PE
-shows what it has accepted:
+Judged in flights with a key, from frames alone: commands on the managers' bus, where `proven_commands` works every tag
+out again, and what a PE itself says on the bus on which it reports. Beyond a gateway anybody may speak in its name, and
+what is handed on is nobody's word. A PE shows what it has accepted:
 
     it hears a LEASE          page 0, HEARS_LEASE        a LEASE, and it was accepted not long ago
     it has been asked         page 1, staged epoch       a PREPARE of that epoch
@@ -24,7 +25,6 @@ from heronry_dg.model import Spec
 from heronry_manager.topology import uplink_bus
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.proven_commands import Proven, ProvenCommands
-from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.authentication import Key, Place
 from heronry_wire.frame import Malformed
@@ -57,6 +57,7 @@ class _Pe:
     """What one PE could accept so far, and what it certainly has."""
 
     name: str
+    bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
     least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
@@ -78,24 +79,19 @@ class AuthenticityCheck:
         self._pes: dict[int, _Pe] = {}  # by identifier of their states
         self._emcys: dict[int, _Pe] = {}
         for pe in spec.pes.values():
-            lease_ns = LEASE_PERIODS * spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns
-            known = _Pe(pe.name, lease_ns)
+            bus = uplink_bus(spec, pe.name)
+            known = _Pe(pe.name, bus, LEASE_PERIODS * spec.buses[bus].heartbeat_ns)
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def see(self, sent: Sent) -> None:
-        """Take a frame of the managers' bus, whoever has sent it."""
-        if sent.bus != self._bus:
-            return
-        pe = self._pes.get(sent.frame.can_id)
-        if pe is not None:
-            if not sent.sender.startswith(STRANGER):
-                self._state(pe, sent)
-            return
-        pe = self._emcys.get(sent.frame.can_id)
-        if pe is not None:
-            self._emergency(pe, sent)
-            return
-        proven = self._proven.take(sent)
+        """Take a frame of any bus, whoever has sent it."""
+        for pes, judge in ((self._pes, self._state), (self._emcys, self._emergency)):
+            pe = pes.get(sent.frame.can_id)
+            if pe is not None:
+                if (sent.bus, sent.sender) == (pe.bus, pe.name):
+                    judge(pe, sent)
+                return
+        proven = self._proven.take(sent) if sent.bus == self._bus else None
         if proven is not None:
             for pe in self._pes.values():
                 if proven.place > pe.least.get(proven.manager, Place(0, -1)):

@@ -20,8 +20,8 @@ def end_flight(simulation: Simulation, strikes: Strikes, targets: Iterable[str])
     strikes.heal()
     silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
     violations = simulation.settle()
-    outages = simulation.witness.outages(simulation.now_ns)
-    return violations + silences + stopped_by_silence(simulation.spec, targets, outages, start_ns)
+    stopped = stopped_by_silence(simulation.spec, targets, simulation.witness, start_ns, simulation.now_ns)
+    return violations + silences + stopped
 
 
 def unstruck(act: Act, text: str, strikes: Strikes) -> str | None:

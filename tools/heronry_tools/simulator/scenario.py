@@ -90,7 +90,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
         sum(bus.frames for bus in simulation.buses.values()),
         simulation.now_ns,
         tuple(simulation.events_of("reconfigured")),
-        tuple(violation for violation in violations if not simulation.waivers.cover(violation.rule, violation.t_ns)),
+        simulation.waivers.promised(violations),
         hits,
         simulation.protocol.entered,
         Counter(simulation.waivers.unjudged_ns(simulation.now_ns)),

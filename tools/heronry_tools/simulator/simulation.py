@@ -452,8 +452,8 @@ class Simulation:
             self.tap(name, self.checks.see)
             if keep_trace:
                 self.tap(name, self.trace.append)
-        if self.checks.authenticity is not None:
-            self.tap(self.spec.manager.bus, self.checks.authenticity.see)
+            if self.checks.authenticity is not None:
+                self.tap(name, self.checks.authenticity.see)
 
 
 def _station(seat: int) -> str:

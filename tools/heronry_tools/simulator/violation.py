@@ -12,6 +12,7 @@ class Violation(NamedTuple):
     t_ns: int
     rule: str  # exclusion, clash, digest, epoch, served, active
     story: str
+    since_ns: int | None = None  # what is seen at t_ns may have begun at any time since then; None: it began at t_ns
 
     def __str__(self) -> str:
         return f"{self.t_ns / 1e9:.6f} s  {self.rule}: {self.story}"

@@ -1,11 +1,15 @@
 """What cannot be promised, and when: while a fault of some kinds is around (`act`), and until all has come right again.
 
 A waiver begins when its fault strikes and ends as long after the fault as something critical may be silent: one
-patience, and a second for planning, steps and first values. What is told of another moment is judged like any other.
+patience, and a second for planning, steps and first values. What is told of another moment is judged like any other;
+what may have begun at any time since an earlier one is not judged if it may have begun meanwhile.
 Where a fault leaves behind what comes to light much later (`lasting`), its waiver has no end.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+from heronry_tools.simulator.violation import Violation
 
 REPORTS = "reports"
 """Rule of a waiver under which whatever a module reports may have seemed so."""
@@ -35,12 +39,19 @@ class Waivers:
             self._all.append(waiver)
         return waiver
 
-    def cover(self, rule: str, t_ns: int) -> bool:
-        """Tell whether a rule is not judged at a moment."""
+    def cover(self, rule: str, t_ns: int, since_ns: int | None = None) -> bool:
+        """Tell whether a rule is not judged at a moment, or at some moment since another one."""
+        first_ns = t_ns if since_ns is None else since_ns
         return any(
-            rule in one.rules and one.from_ns <= t_ns and (one.to_ns is None or t_ns <= one.to_ns + self._settling_ns)
+            rule in one.rules
+            and one.from_ns <= t_ns
+            and (one.to_ns is None or first_ns <= one.to_ns + self._settling_ns)
             for one in self._all
         )
+
+    def promised(self, violations: Iterable[Violation]) -> tuple[Violation, ...]:
+        """Give those of what was promised."""
+        return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
     def unjudged_ns(self, end_ns: int) -> dict[str, int]:
         """How much of the time up to `end_ns` each rule was not judged."""
