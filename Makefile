@@ -6,6 +6,7 @@
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTEST := .venv/bin/pytest
+FRESH := .venv/bin/heronry sim --seconds 5 --jobs 0 --seed $(shell date +%s)
 
 # Demos and tests start hundreds of Pythons: what one of them has compiled, the next need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
@@ -32,7 +33,11 @@ test: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2
 	$(PYTEST) -m 'live and not vcan' --reruns 1 -r R
 	tools/with-vcan --timeout 1800 $(PYTEST) -m vcan --reruns 1 -r R
-	.venv/bin/heronry sim elevator_and_chute --seed $$(date +%s) --runs 200 --seconds 2 --jobs 0
+	$(FRESH) elevator_and_chute --runs 100
+	$(FRESH) dg_specs/examples/demux_actuators.dg.yaml --standby --runs 100
+	$(FRESH) dg_specs/examples/replicated_bus.dg.yaml --runs 50
+	$(FRESH) dg_specs/examples/radio_link.dg.yaml --standby --runs 50
+	$(FRESH) big_blue --runs 10
 
 # By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
 coverage: .venv/ready-to-test

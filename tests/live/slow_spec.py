@@ -6,6 +6,9 @@ import yaml
 
 from heronry_dg.shipped import shipped_spec_path
 
+SLOW_SCENARIO = "tests/scenarios/a_slow_computer_takes_over_from_another.scenario"
+"""Flown by the simulator, on a software bus and on a vcan."""
+
 
 def slow_spec(name: str, folder: Path, *, heartbeat_ms: int, rates_divided_by: int) -> Path:
     """Write a shipped spec with slower heartbeats and lower rates, one process a PE, no phase that begins by itself."""

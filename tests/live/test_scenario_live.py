@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from live.slow_spec import SLOW_SCENARIO
+
 pytestmark = pytest.mark.live
 SCENARIOS = Path("tests/scenarios")
 HERONRY = [sys.executable, "-m", "heronry_tools.cli"]
@@ -41,6 +43,7 @@ def test_two_computers_die_and_one_comes_back() -> None:
         "a_keyed_takeover_in_another_phase",
         "a_pause_longer_than_the_lease",
         "a_paused_manager_returns",
+        Path(SLOW_SCENARIO).stem,
         "the_operator_fails_a_pe",
     ],
 )

@@ -22,8 +22,9 @@ def main() -> None:
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):
-            acts = drawn_acts(spec, seed, _SECONDS, of_two=of_two)
-            scenario = Scenario(seed, _SECONDS, acts, _LOSS if seed % 2 else 0.0, keyed=of_two, standby=of_two)
+            acts = drawn_acts(spec, seed, _SECONDS, of_two=of_two, keyed=of_two)
+            loss = _LOSS if seed % 2 else 0.0
+            scenario = Scenario(seed, _SECONDS, acts, loss, drawn=True, keyed=of_two, standby=of_two)
             outcome = play(spec, scenario)
             print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
 
