@@ -34,6 +34,7 @@ from heronry_wire.management import (
     SliceHead,
     StatePage0,
     StatePage1,
+    StatePage2,
     Step,
 )
 
@@ -138,6 +139,21 @@ def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_ju
     bus.pe_stages(2)
     bus.pe_says(PeState.PARTIAL, 2, hears=True, incarnation=2)
     bus.pe_takes_back(3)
+    assert bus.stories == []
+    bus.pe_stages(1)
+    assert len(bus.stories) == 1
+
+
+def test_who_was_mute_when_it_started_may_have_heard_what_was_said_since_it_asked_for_its_welcome() -> None:
+    bus = Bus()
+    bus.say(Prepare(1, 1, 7))
+    bus.now_ns += 500 * MS
+    for nonce in (5, 6):
+        bus.show(Frame(state_id(NODE), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode()), "tail_pe")
+        bus.say(Prepare(1, 2, 7))
+        bus.now_ns += 500 * MS
+    bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
+    bus.pe_stages(2)
     assert bus.stories == []
     bus.pe_stages(1)
     assert len(bus.stories) == 1

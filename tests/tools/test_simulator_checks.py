@@ -333,6 +333,10 @@ def test_what_a_gateway_hands_on_is_no_word_of_its_own() -> None:
     checks.see(sent(Frame(emcy_id(TAIL), slander.encode()), "control_pe"))
     assert rules(checks) == []
     assert checks.reported == {}
+    checks.see(sent(Frame(emcy_id(TAIL), replace(slander, index=200).encode()), "control_pe"))
+    assert rules(checks) == []
+    checks.see(sent(Frame(emcy_id(TAIL), replace(slander, index=200).encode()), "tail_pe"))
+    assert rules(checks) == ["blame"]
 
 
 def test_a_gateway_that_hands_on_out_of_order_takes_nobody_back_to_an_older_term() -> None:

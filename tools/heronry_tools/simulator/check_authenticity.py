@@ -13,7 +13,8 @@ Behind each there must be a proven pair that the PE could accept when it was sai
 command that it certainly had accepted before. That place is known from below: the earliest one that explains what the
 PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
 soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since. It
-says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that.
+says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that. Where
+page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before.
 
 "Not long ago" is what the PE may go on by (T_lease), and how long what it says may be on its way: in its own queue, and
 in that of a gateway. A PE that hears LEASEs which nothing explains must go on saying so for as long.
@@ -42,6 +43,7 @@ from heronry_wire.management import (
     Prepare,
     StatePage0,
     StatePage1,
+    StatePage2,
     Step,
     decode_emergency,
     decode_state,
@@ -60,6 +62,7 @@ class _Pe:
     bus: str  # on which it reports
     lease_ns: int
     incarnation: int | None = None
+    asks_ns: int | None = None  # when it first asked for a welcome since its last page 0
     least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
     leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
     clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
@@ -106,6 +109,7 @@ class AuthenticityCheck:
             case StatePage0():
                 if page.incarnation != pe.incarnation:
                     self._begins(pe, page.incarnation, sent.end_ns)
+                pe.asks_ns = None
                 if PeFlags.HEARS_LEASE in page.flags:
                     self._hears(pe, sent.end_ns)
                 else:
@@ -114,13 +118,15 @@ class AuthenticityCheck:
                     self._runs(pe, sent.end_ns, page)
             case StatePage1() if page.staged_epoch != NO_EPOCH:
                 self._staged(pe, sent.end_ns, page)
+            case StatePage2() if pe.asks_ns is None:
+                pe.asks_ns = sent.end_ns
             case _:
                 pass
 
     def _begins(self, pe: _Pe, incarnation: int, t_ns: int) -> None:
         pe.incarnation, pe.unexplained_ns = incarnation, None
         pe.least = {manager: self._proven.newest(manager) for manager in MANAGER_NODES}
-        since_ns = t_ns - pe.lease_ns // LEASE_PERIODS * 5 // 4
+        since_ns = (t_ns if pe.asks_ns is None else pe.asks_ns) - pe.lease_ns // LEASE_PERIODS * 5 // 4
         pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
         pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}
         pe.asked = {epoch: at_ns for epoch, at_ns in pe.asked.items() if at_ns >= since_ns}

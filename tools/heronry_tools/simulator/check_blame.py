@@ -54,7 +54,8 @@ class BlameCheck:
         emergency = decode_emergency(sent.frame.data)
         if isinstance(emergency, Malformed) or emergency.code.name in _ACCUSES_NOBODY:
             return None, 0
-        return f"{emergency.kind.name.lower()}:{self._names[emergency.kind][emergency.index]}", emergency.detail
+        names = self._names.get(emergency.kind, ())[emergency.index : emergency.index + 1]
+        return f"{emergency.kind.name.lower()}:{names[0] if names else emergency.index}", emergency.detail
 
     @property
     def reported(self) -> dict[str, int]:
