@@ -86,7 +86,8 @@ class Reason(IntEnum):
 class Operation(IntEnum):
     """Operations of CONTROL."""
 
-    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): it has been heard
+    ACKNOWLEDGE = 1  # a = element kind, b = element index (of a phase: the request's detail): it has been heard. Where
+    # all that was heard is that the module was built anew, RESTART_HEARD is added to a
     CLEAR = 2  # a = element kind, b = element index: the operator takes the element for well again
     WELCOME = 3  # a, b = upper and lower half of the command's own number: the answer to the nonce of one PE
     RENEW = 4  # send a fresh nonce: the states of this PE cannot be believed as they are
@@ -124,6 +125,7 @@ class FaultCode(IntEnum):
 
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
+RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: the module was built anew; that it has failed for good was not heard
 CHANNEL_REPORT_NS = 1_000_000_000  # so often is a lost channel told of again
 REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
@@ -365,6 +367,12 @@ class Emergency:
     kind: ElementKind
     index: int
     detail: int
+
+    @property
+    def acknowledgement(self) -> tuple[int, int]:
+        """Give a and b of the ACKNOWLEDGE that answers just this, so that nothing else is taken for heard."""
+        restart = RESTART_HEARD if self.code is FaultCode.MODULE_RESTARTED else 0
+        return self.kind | restart, self.detail if self.kind is ElementKind.PHASE else self.index
 
     def encode(self) -> bytes:
         """Payload of EMCY."""

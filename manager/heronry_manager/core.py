@@ -393,8 +393,8 @@ class ManagerCore:
         is_request = emergency.kind is ElementKind.PHASE
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
-            node, number = self._spec.pes[pe].node_id, emergency.detail if is_request else emergency.index
-            told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, emergency.kind, number)
+            node = self._spec.pes[pe].node_id
+            told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, *emergency.acknowledgement)
             self._turn.send(Command.CONTROL, told)
 
     def _on_command(self, node: int, message: ManagementMessage | Malformed) -> None:

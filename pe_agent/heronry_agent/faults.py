@@ -10,7 +10,8 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
     phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
                     that an answer to an older request ends nothing
 
-A module that was only built anew is told the same way, and is no fault that would stay told. A module that was stopped
+A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
+it may have been given up since, and that has to be heard, too. A module that was stopped
 is told again to every new reign (`tell_again`): the one before may have acknowledged it, and died before anybody else
 knew.
 
@@ -105,8 +106,8 @@ class Faults:
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:
-        """The manager has heard every fault of an element, or a request; tells whether one was pending."""
-        heard = [key for key, (_, emergency) in self._pending.items() if _is_meant(emergency, kind, number)]
+        """The manager has heard a fault of an element, a restart or a request; tells whether that was pending."""
+        heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + QUIET_NS
         self._drop(heard)
@@ -152,8 +153,3 @@ class Faults:
 
     def _find_next(self) -> None:
         self.next_ns = min((at_ns for at_ns, _ in self._pending.values()), default=NEVER_NS)
-
-
-def _is_meant(emergency: Emergency, kind: int, number: int) -> bool:
-    said = emergency.detail if emergency.kind is ElementKind.PHASE else emergency.index
-    return (emergency.kind, said) == (kind, number)

@@ -47,6 +47,7 @@ from heronry_agent.vocabulary import (
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.identifiers import actuator_echo_id, emcy_id
 from heronry_wire.management import (
+    RESTART_HEARD,
     Activate,
     Alive,
     Control,
@@ -157,7 +158,7 @@ def test_an_acknowledged_restart_is_told_no_more_and_leaves_no_error() -> None:
     pe.raising.add(CONTROL)
     pe.pass_time(0)
     pe.raising.clear()
-    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE, CONTROL))
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, ElementKind.MODULE | RESTART_HEARD, CONTROL))
     pe.done.clear()
     fly(pe, 100 * MS)
     assert pe.heard_of() == {}

@@ -25,6 +25,7 @@ from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.identifiers import GATEWAY_IDS, Command, emcy_id, management_id
 from heronry_wire.management import (
     FORWARD_ONLY,
+    RESTART_HEARD,
     Alive,
     Control,
     ElementKind,
@@ -97,8 +98,9 @@ def what_is_no_fault_is_not_latched() -> None:
         began_ns = manager.now_ns
         manager.emergency("tail_a", kind, index, 1, code)
         manager.run(5)
-        found = len(_told(manager, began_ns, Operation.ACKNOWLEDGE))
-        equal(found, acknowledged, f"acknowledgements of {code.name} {kind.name} {index}")
+        answer = (93, Operation.ACKNOWLEDGE, kind | RESTART_HEARD, index)
+        found = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+        equal(found, [answer] * acknowledged, f"acknowledgements of {code.name} {kind.name} {index}")
     manager.main.say(Frame(emcy_id(93), b"\x03\xff\x81\x01"), Frame(emcy_id(93), b"\x77\x77\x81\x01\0\1\0\0"))
     manager.run(5)
     equal(manager.told("fault_reported"), [], "latched")

@@ -45,6 +45,7 @@ from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import emergency_event_id
 from heronry_wire.management import (
     FORWARD_ONLY,
+    RESTART_HEARD,
     Control,
     ElementKind,
     Emergency,
@@ -250,8 +251,24 @@ def a_failure_is_forgiven_after_a_minute() -> None:
         began_ns = pe.run(300)
         told = {said.detail for _, said in pe.emergencies(began_ns)}
         equal(told, {times}, f"restarts that are counted {wait_s} s later")
-        pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.MODULE, HELPER))
+        pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.MODULE | RESTART_HEARD, HELPER))
         pe.run(5)
+
+
+def that_a_restart_was_heard_silences_no_failure() -> None:
+    """Nor the other way round: each is told until it is acknowledged itself."""
+    restart, failure = FaultCode.MODULE_RESTARTED, FaultCode.MODULE_EXCEPTION
+    for order in ((RESTART_HEARD, 0), (0, RESTART_HEARD)):
+        pe, left = _flying(), {restart, failure}
+        puppets.PULLED["helper"] = puppets.raising
+        pe.run(400)
+        puppets.pull_all()
+        for more in order:
+            pe.main.command(Control(5, 0, Operation.ACKNOWLEDGE, ElementKind.MODULE | more, HELPER))
+            pe.run(5)
+            left -= {restart if more else failure}
+            began_ns = pe.run(100)
+            equal({said.code for _, said in pe.emergencies(began_ns)}, left, f"what is told after {order}")
 
 
 def a_module_without_restarts_is_given_up_at_once() -> None:
