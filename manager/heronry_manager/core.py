@@ -659,7 +659,7 @@ class ManagerCore:
 
     def _ask_for_plan(self) -> None:
         first, self._reign = self._reign is Reign.STARTING, Reign.REIGNING
-        if first and self._deployment.adopts_remembered(self._situation.phase) and self._may_stay():
+        if first and self._deployment.adopts_remembered(self._situation.now()) and self._may_stay():
             self._planning.causes.clear()
             self._settle()
             return

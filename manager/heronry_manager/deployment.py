@@ -258,10 +258,11 @@ class Deployment:
         self._adopt(seen[0].epoch, plan, compiled)
         return True
 
-    def adopts_remembered(self, phase: str | None) -> bool:
+    def adopts_remembered(self, now: Situation) -> bool:
         """Take over what is remembered to run, where it does; tells whether it does.
 
-        PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults.
+        PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults. What
+        radios could carry when it was planned is not remembered: it passes for a plan for what they carry `now`.
         """
         runs = self._turn.memory.runs
         if runs is None:
@@ -273,8 +274,9 @@ class Deployment:
         clean = all(one.digest == compiled.digest == runs.digest for one in inside)
         if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
             return False
-        now = Situation(frozenset(), {}, phase)
-        plan = make_plan(self._spec, now, configuration, score(self._spec, now, configuration, None), optimal=False)
+        intended = Situation(frozenset(), now.limits, now.phase)
+        worth = score(self._spec, intended, configuration, None)
+        plan = make_plan(self._spec, intended, configuration, worth, optimal=False)
         self._adopt(runs.epoch, plan, compiled)
         return True
 
