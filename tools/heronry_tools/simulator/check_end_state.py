@@ -4,7 +4,8 @@
   reach the manager's bus.
 - The configuration that was activated last is legal in the true situation, and worth, in its first three levels (what
   is critical, utility, inputs), no less than the best plan for it. (Of a device or a module that has failed nobody need
-  know before it was reported and acknowledged, or declared by the operator.)
+  know before it was reported and acknowledged, or declared by the operator. Where no PE is left, none can be told of
+  another.)
 - The phase that the manager tells (CONTROL, HOLDS) is the true one.
 - Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
   for the true situation serves.
@@ -91,7 +92,7 @@ def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tupl
 
 
 def _illegal(spec: Spec, truth: Situation, current: Epoch | None, held: set[str]) -> Iterator[tuple[str, str]]:
-    if current is None or current.configuration is None:
+    if current is None or current.configuration is None or not survivors(spec, truth).pe_cpu_millis:
         return
     known = {element for element in truth.down if element in held or not element.startswith(_NOTICED_WHEN_USED)}
     for broken in verify(spec, replace(truth, down=frozenset(known)), current.configuration):

@@ -2,7 +2,8 @@
 
 A node says in its state which epoch it follows, and at once when it follows another one. From then on a data frame of
 its own must belong to what that epoch publishes from there; for T_lease longer it may also be one of the epoch before,
-that was queued. A gateway may send whatever the epoch routes over the bus. A node that has started anew and follows no
+that was queued. What was activated since a node said something last, it may follow already: its controller was off, and
+the datum was in the mailbox before the state. A gateway may send whatever the epoch routes over the bus. A node that has started anew and follows no
 epoch publishes nothing: nothing runs on what is unconfigured, and what a dead node had queued died with it.
 
 Not judged: an epoch whose configuration could not be read back from the frames.
@@ -30,6 +31,7 @@ class _Told:
     incarnation: int
     since_ns: int
     before: int = NO_EPOCH
+    said_ns: int = 0  # when it said so last
 
 
 class PublishingCheck:
@@ -53,6 +55,7 @@ class PublishingCheck:
             self._told[sender] = _Told(page.epoch, page.incarnation, t_ns)
         elif told.epoch != page.epoch:
             self._told[sender] = _Told(page.epoch, page.incarnation, t_ns, told.epoch)
+        self._told[sender].said_ns = t_ns
         for key in [key for key in self._good if key[1] == sender]:
             del self._good[key]
 
@@ -68,7 +71,9 @@ class PublishingCheck:
             return  # it has just started; what comes before its first state is seen by who counts identifiers
         queued = told.before if sent.end_ns - told.since_ns <= self._queued_ns else told.epoch
         good: set[int] = set()
-        for epoch in {told.epoch, queued} - {NO_EPOCH}:
+        epochs = self._commanded.epochs.values()
+        since = {one.number for one in epochs if one.activated_ns is not None and one.activated_ns >= told.said_ns}
+        for epoch in {told.epoch, queued, *since} - {NO_EPOCH}:
             found = self._identifiers_of(epoch, sent.bus, sent.sender)
             if found is None:
                 return

@@ -63,6 +63,7 @@ class Epoch:
     heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who gets a slice
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
     staged: set[int] = field(default_factory=set)  # nodes that have said so
+    activated_ns: int | None = None  # when that was commanded first
     configuration: Configuration | None = None
     flaw: str | None = None  # why there is none, and will not be
 
@@ -112,6 +113,7 @@ class Commanded:
             case Activate() | Lease() if message.step is not Step.PREPARED and epoch is not None:
                 if (epoch.number, epoch.digest) == (message.epoch, message.digest):
                     self.epochs[epoch.number] = self.current = epoch
+                    epoch.activated_ns = t_ns if epoch.activated_ns is None else epoch.activated_ns
         if epoch is None or epoch.number not in self.epochs or epoch.configuration is not None or epoch.flaw:
             return None
         return self._put_together(epoch)
