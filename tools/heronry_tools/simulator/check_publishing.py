@@ -3,8 +3,8 @@
 A node says in its state which epoch it follows, and at once when it follows another one. From then on a data frame of
 its own must belong to what that epoch publishes from there; for T_lease longer it may also be one of the epoch before,
 that was queued. What was activated since a node said something last, it may follow already: its controller was off, and
-the datum was in the mailbox before the state. A gateway may send whatever the epoch routes over the bus. A node that has
-started anew and follows no epoch publishes nothing: nothing runs on what is unconfigured, and what a dead node had
+the datum was in the mailbox before the state. A gateway may send whatever the epoch routes over the bus. A node that
+has started anew and follows no epoch publishes nothing: nothing runs on what is unconfigured, and what a dead node had
 queued died with it.
 
 Not judged: an epoch whose configuration could not be read back from the frames.
