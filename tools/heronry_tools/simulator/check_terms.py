@@ -59,7 +59,8 @@ class TermCheck:
         return self._reign.named(t_ns, term)
 
     def alive(self, t_ns: int, station: str, term: int) -> None:
-        """A station has sent an ALIVE on the managers' bus."""
+        """A station has sent an ALIVE on the managers' bus: it goes on reigning, whatever its LEASE repeats."""
+        self._reign.named(t_ns, term)
         if self._is_split:
             return
         voices = self._voices.setdefault(term, {})
