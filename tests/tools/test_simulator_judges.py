@@ -314,9 +314,9 @@ def test_what_the_operator_has_failed_is_down_until_it_is_cleared(service: Servi
     for later_ns in (0, MS):
         service.failed(9 * S + later_ns, "module:elevator_control")
     assert judged(service) == []
-    service.cleared(9 * S + 2 * MS, "pe:tail_pe")
+    service.cleared(9 * S + 2 * MS, "pe:tail_pe", everywhere=True)
     assert judged(service) == []
-    service.cleared(9 * S + 3 * MS, "module:elevator_control")
+    service.cleared(9 * S + 3 * MS, "module:elevator_control", everywhere=True)
     assert len(judged(service)) == 1
 
 
@@ -331,7 +331,7 @@ def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) 
 def test_an_epoch_may_know_what_was_known_from_shortly_before_it_was_prepared(service: ServiceCheck) -> None:
     for pe in PES:
         service.failed(S, f"pe:{pe}")
-        service.cleared(5 * S + MS, f"pe:{pe}")
+        service.cleared(5 * S + MS, f"pe:{pe}", everywhere=True)
     assert epoch_of_nobody(service, 5 * S, 5 * S + 2 * MS) == []
     assert epoch_of_nobody(service, 5 * S + 5 * MS, 5 * S + 6 * MS) == []
     (story,) = epoch_of_nobody(service, 5 * S + 7 * MS, 5 * S + 8 * MS)
@@ -389,7 +389,7 @@ def flown(spec: Spec, *acts: str, seconds: float = 4.0) -> list[tuple[str, str]]
 def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
     simulation = flying(big_blue())
     assert simulation.settle() == []
-    simulation.checks.phases.ordered(simulation.now_ns, "landing")
+    simulation.checks.phases.ordered(simulation.now_ns, "landing", 1)
     assert "the phase is landing, and ascent is told" in [v.story for v in simulation.unsettled()]
 
 
@@ -508,7 +508,7 @@ def requests(check: PhaseCheck, phase: str, number: int, node: int = 92) -> None
 def test_what_is_told_is_what_was_asked_for_last_or_was_on_its_way() -> None:
     check, begun = phases()
     assert tells(check, 0, "ascent") == []
-    check.ordered(S, "glide")
+    check.ordered(S, "glide", 1)
     assert tells(check, S + 90 * MS, "ascent") == []
     assert tells(check, S + 110 * MS, "ascent") == ["ascent is told in term 1, and asked for was glide"]
     assert tells(check, 2 * S, "landing") == ["landing is told in term 1, and asked for was glide"]
@@ -518,7 +518,7 @@ def test_what_is_told_is_what_was_asked_for_last_or_was_on_its_way() -> None:
 def test_a_request_counts_once_it_is_acknowledged_and_once_for_each_number() -> None:
     check, begun = phases()
     requests(check, "glide", 1)
-    check.ordered(S, "ascent")
+    check.ordered(S, "ascent", 1)
     requests(check, "glide", 1)
     assert check.current == "ascent"
     requests(check, "glide", 2)
@@ -534,7 +534,7 @@ def test_a_request_counts_anew_from_who_is_lost_or_starts_anew_and_in_another_te
     check, begun = phases()
     check.started(92, 1)
     requests(check, "glide", 1)
-    check.ordered(S, "ascent")
+    check.ordered(S, "ascent", 1)
     if how == "lost":
         check.lost(92)
     elif how == "restarted":
@@ -548,7 +548,7 @@ def test_a_request_counts_anew_from_who_is_lost_or_starts_anew_and_in_another_te
 
 def test_a_new_reign_goes_on_in_the_phase_that_was_or_is_requested() -> None:
     check, begun = phases()
-    check.ordered(S, "glide")
+    check.ordered(S, "glide", 1)
     assert tells(check, 2 * S, "glide", term=2) == []
     assert tells(check, 3 * S, "ascent", term=3) == ["term 3 begins in ascent, and the phase was glide"]
     index = list(big_blue().phases).index("landing")
@@ -559,7 +559,7 @@ def test_a_new_reign_goes_on_in_the_phase_that_was_or_is_requested() -> None:
 
 def test_of_two_managers_one_may_know_less_and_two_that_are_apart_do_not_agree() -> None:
     check, _ = phases(of_two=True)
-    check.ordered(S, "glide")
+    check.ordered(S, "glide", 1)
     assert tells(check, 2 * S, "ascent", term=2) == []
     assert tells(check, 3 * S, "glide", term=2) != []
     check.apart()

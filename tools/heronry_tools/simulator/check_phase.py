@@ -43,8 +43,9 @@ class PhaseCheck:
         """From now on two managers may reign that do not hear each other."""
         self._may_forget = self._is_apart = True
 
-    def ordered(self, t_ns: int, phase: str) -> None:
-        """The operator's order was obeyed."""
+    def ordered(self, t_ns: int, phase: str, term: int) -> None:
+        """The operator's order was obeyed in a term: what that one began with is over, though it may still be told."""
+        self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase)
 
     def requested(self, node: int, request: Emergency) -> None:

@@ -52,11 +52,12 @@ class Struck(NamedTuple):
 
 @dataclass(slots=True)
 class _Held:
-    """An element counts as failed, from when to when (None: it still does)."""
+    """An element counts as failed, from when to when (None: it still does, or to some manager)."""
 
     element: str
     from_ns: int
     to_ns: int | None = None
+    is_certain: bool = True  # to every manager
 
 
 class ServiceCheck:
@@ -88,19 +89,21 @@ class ServiceCheck:
 
     def failed(self, t_ns: int, element: str) -> None:
         """A manager takes an element for failed, from now on at the latest."""
-        if element not in self._held_at(t_ns, t_ns):
-            self._held.append(_Held(element, t_ns))
+        known = [one for one in self._held if one.element == element and one.to_ns is None]
+        self._held += [] if known else [_Held(element, t_ns)]
+        for one in known:
+            one.is_certain = True
 
-    def cleared(self, t_ns: int, element: str) -> None:
-        """No manager takes an element for failed any more."""
+    def cleared(self, t_ns: int, element: str, *, everywhere: bool) -> None:
+        """A manager takes an element for failed no more, or none does."""
         for one in self._held:
             if one.element == element and one.to_ns is None:
-                one.to_ns = t_ns
+                one.to_ns, one.is_certain = t_ns if everywhere else None, False
 
     @property
     def held(self) -> set[str]:
-        """What counts as failed now."""
-        return {one.element for one in self._held if one.to_ns is None}
+        """What counts as failed now, whoever reigns."""
+        return {one.element for one in self._held if one.is_certain}
 
     def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
         """What counted as failed at some moment of a time."""

@@ -58,11 +58,14 @@ class TermCheck:
                 self._tell(t_ns, "reign", story)
         return self._reign.named(t_ns, term)
 
-    def alive(self, t_ns: int, station: str, term: int) -> None:
-        """A station has sent an ALIVE on the managers' bus: it goes on reigning, whatever its LEASE repeats."""
-        self._reign.named(t_ns, term)
-        if self._is_split:
-            return
+    def alive(self, t_ns: int, station: str, term: int) -> bool:
+        """A station has sent an ALIVE on the managers' bus; tells whether it reigns."""
+        if not self._is_split:
+            self._meet(t_ns, station, term)
+        return self._reign.named(t_ns, term)
+
+    def _meet(self, t_ns: int, station: str, term: int) -> None:
+        """Two stations that speak for one term must notice each other."""
         voices = self._voices.setdefault(term, {})
         first_ns, _ = voices.get(station, (t_ns, t_ns))
         voices[station] = first_ns, t_ns

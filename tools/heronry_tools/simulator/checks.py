@@ -169,8 +169,7 @@ class Checks:
     def cleared(self, t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:
         """The operator has cleared an element that counted as down by `truth`; not everywhere: one manager knows."""
         self._blame.cleared(element, truth)
-        if everywhere:
-            self._service.cleared(t_ns, element)
+        self._service.cleared(t_ns, element, everywhere=everywhere)
 
     def wrong(self, t_ns: int, story: str) -> None:
         """Who inspects a PE has found something that is not by the book."""
@@ -289,6 +288,7 @@ class Checks:
             if self._proven is not None and isinstance(message, Control):
                 self._proven.commanded(manager, message)  # a session is opened for whoever believes it
             if not self._terms.commanded(sent.end_ns, manager, message, sent.sender):
+                self._commands.take(sent.end_ns, message, reigns=False)
                 return
             self._journals.commanded(sent.end_ns, sent.sender, message)
         self._exclusion.commanded(message)
@@ -312,7 +312,8 @@ class Checks:
         self._orphans.commanded(sent.end_ns)
         message = decode_command(Command.ALIVE, sent.frame.data)
         if isinstance(message, Alive):
-            self._terms.alive(sent.end_ns, sent.sender, message.term)
+            if not self._terms.alive(sent.end_ns, sent.sender, message.term):
+                return
             if message.term > self._term:
                 self._term = message.term
                 self._service.reigned(sent.end_ns)

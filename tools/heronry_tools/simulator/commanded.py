@@ -6,6 +6,7 @@ board under it, for whoever gets no head. While a new epoch is prepared, who is 
 that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
 become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
 come later.
+What a manager prepares that does not reign is kept apart: nobody need follow it, and whoever reigns later may adopt it.
 Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
@@ -95,24 +96,28 @@ class Commanded:
             for body in {b"", *(one.slice for one in self._on_board.get(pe.node_id, ()))}
         }
         self._prepared: dict[int, Epoch] = {}  # by the low byte of the number: the last one of each
+        self._apart: dict[int, Epoch] = {}  # the same, by those who do not reign
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
-    def take(self, t_ns: int, message: ManagementMessage) -> Epoch | None:
+    def take(self, t_ns: int, message: ManagementMessage, *, reigns: bool = True) -> Epoch | None:
         """Follow a command; gives an epoch once, when it has been activated and put together, or cannot be."""
-        epoch = self._prepared.get(_low(message))
+        prepared = self._prepared if reigns else self._apart
+        epoch = prepared.get(_low(message))
         match message:
             case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
-                self._prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns, message.contingency)
+                prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns, message.contingency)
                 return None
             case SliceHead() if epoch is not None:
                 epoch.heads[message.node] = message
             case SliceBody() if epoch is not None:
                 epoch.bodies.setdefault(message.node, {})[message.index] = message.body
                 self._keep(epoch.heads.get(message.node), epoch.bodies[message.node])
-            case Activate() | Lease() if message.step is not Step.PREPARED and epoch is not None:
-                if (epoch.number, epoch.digest) == (message.epoch, message.digest):
-                    self.epochs[epoch.number] = self.current = epoch
+            case Activate() | Lease() if message.step is not Step.PREPARED and reigns:
+                named = message.epoch, message.digest
+                epoch = next((one for one in self._named(message.epoch) if (one.number, one.digest) == named), None)
+                if epoch is not None:
+                    self.epochs[epoch.number] = self.current = self._prepared[epoch.number & 0xFF] = epoch
                     epoch.activated_ns = t_ns if epoch.activated_ns is None else epoch.activated_ns
         if epoch is None or epoch.number not in self.epochs or epoch.configuration is not None or epoch.flaw:
             return None
@@ -120,14 +125,18 @@ class Commanded:
 
     def digests(self, page: StatePage1) -> list[int]:
         """Digests that a page 1 may mean: that of the epoch which it names."""
-        epoch = self._prepared.get(page.staged_epoch & 0xFF)
-        return [] if epoch is None else [epoch.digest]
+        return [epoch.digest for epoch in self._named(page.staged_epoch)]
 
     def staged(self, node: int, page: StatePage1) -> None:
         """A PE says what it has staged."""
-        epoch = self._prepared.get(page.staged_epoch & 0xFF)
-        if epoch is not None and (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
-            epoch.staged.add(node)
+        for epoch in self._named(page.staged_epoch):
+            if (page.staged_epoch, page.staged_digest) == (epoch.number, epoch.digest):
+                epoch.staged.add(node)
+
+    def _named(self, number: int) -> list[Epoch]:
+        """Epochs that may be meant, first of whoever reigns."""
+        both = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF))
+        return [epoch for epoch in both if epoch is not None]
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
         """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""

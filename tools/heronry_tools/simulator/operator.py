@@ -53,7 +53,7 @@ class Operator:
         elif isinstance(order, ClearElement):
             self._is_well(order.element, term)
         elif isinstance(order, EnterPhase):
-            self._simulation.checks.phases.ordered(self._simulation.now_ns, order.phase)
+            self._simulation.checks.phases.ordered(self._simulation.now_ns, order.phase, term)
         return reply
 
     def clear(self, element: str) -> None:
