@@ -37,6 +37,12 @@ def test_one_that_is_taken_twice_or_by_nobody_though_both_brought_it_is_wrong() 
     assert story == "front did not take 0C8#6C65617365, which both channels brought on can0"
 
 
+def test_one_of_two_equal_sendings_may_be_taken_for_the_other() -> None:
+    first, second = (Frame(LEASE.can_id, LEASE.data) for _ in range(2))
+    assert found((1, first, False), (0, second, True), (1, second, True)) == []
+    assert found((0, first, False), (0, second, True), (1, second, True), (1, second, True)) != []
+
+
 def signs(check: ChannelCheck, channels: tuple[int, ...], from_ms: int, to_ms: int) -> None:
     for at_ms in range(from_ms, to_ms, 20):
         for channel in channels:

@@ -3,7 +3,7 @@
 Copies of one sending are known here by the object that was sent (`replicated_port`), not by what is in it:
 
     copies     no node takes a sending more often than the better channel has brought it; and takes one that both
-               channels have brought
+               channels have brought. Of two equal ones within half a heartbeat period it may take one for the other
     channels   a PE that reports a channel has heard nothing on it, or got nothing out on it, for more heartbeats than
                may be missed, not longer ago than the report says it
 """
@@ -25,6 +25,8 @@ _KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
 @dataclass(slots=True)
 class _Sending:
     frame: Frame
+    node: str
+    t_ns: int  # of its first copy
     brought: list[int] = field(default_factory=lambda: [0, 0])  # by each channel
     taken: int = 0
 
@@ -48,15 +50,22 @@ class ChannelCheck:
         key = copy.node, id(copy.frame)
         sending = self._sendings.get(key)
         if sending is None:
-            sending = self._sendings[key] = _Sending(copy.frame)
+            sending = self._sendings[key] = _Sending(copy.frame, copy.node, copy.t_ns)
             self._order.append((copy.t_ns, key))
         sending.brought[copy.channel] += 1
         sending.taken += copy.is_taken
         if sending.taken > max(sending.brought):
-            self._note(copy, f"took {format_frame(copy.frame)} {sending.taken} times")
+            equal = self._equal(sending, self._spec.buses[copy.bus].heartbeat_ns // 2)
+            if sum(one.taken for one in equal) > max(map(sum, zip(*(one.brought for one in equal), strict=True))):
+                self._note(copy, f"took {format_frame(copy.frame)} {sending.taken} times")
         elif not sending.taken and all(sending.brought):
             self._note(copy, f"did not take {format_frame(copy.frame)}, which both channels brought")
         self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
+
+    def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
+        """Sendings to a node that it cannot tell from this one, itself among them."""
+        known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
+        return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 
     def sent(self, channel: int, sent: Sent) -> None:
         """A channel, 0 or 1, has carried a frame."""
