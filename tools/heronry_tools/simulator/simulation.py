@@ -214,7 +214,8 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
 
-        It stays well when it is for longer than a silent PE or function goes unnoticed.
+        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted from the
+        second look on: until then it may be what a controller has kept that was off.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -232,6 +233,7 @@ class Simulation:
                 well_since_ns = None
             elif well_since_ns is None:
                 well_since_ns = self.now_ns
+            elif self.now_ns == well_since_ns + _LOOK_NS:
                 self.checks.is_well(self.now_ns)
             elif self.now_ns - well_since_ns > stays_well_ns:
                 return self.broken() + self.checks.unplanned(self.now_ns, self.truth)
