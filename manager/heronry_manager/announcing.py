@@ -1,8 +1,8 @@
 """What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
 
-One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. That is a
-frame that a PE obeys in nothing; a standby that has missed one hears it again, and believes no longer in what it has
-not heard for some turns (`known_situation`).
+One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. A phase
+that a PE has asked for is told before the answer to that. A PE obeys none of it; a standby that has missed a fact hears
+it again, and believes no longer in what it has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
@@ -32,8 +32,17 @@ class Announcer:
         self._told[fact] = self._beat
         return fact
 
-    def _facts(self) -> list[Fact]:
+    def phase(self) -> Fact | None:
+        """Give the phase, if that is to be told at once: nobody has been told of it."""
+        new = [fact for fact in self._phase() if fact not in self._told]
+        self._told |= dict.fromkeys(new, self._beat)
+        return new[0] if new else None
+
+    def _phase(self) -> list[Fact]:
         phase = self._situation.phase
-        facts = [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
+        return [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
+
+    def _facts(self) -> list[Fact]:
+        facts = self._phase()
         places = map(self._situation.failed.place, self._situation.failed.elements)
         return facts + sorted(place for place in places if place is not None)

@@ -43,10 +43,10 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
-from heronry_dg.losses import lost_elements, used_elements
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_manager.announcing import Announcer
+from heronry_dg.verify import verify
+from heronry_manager.announcing import Announcer, Fact
 from heronry_manager.authenticity import Authenticity
 from heronry_manager.beacon import Beacon
 from heronry_manager.contingency.on_board import ContingencyNumbers
@@ -56,7 +56,7 @@ from heronry_manager.following import Following
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.memory import Memory, Quarantined, Released, TermBegun
-from heronry_manager.numbering import next_term
+from heronry_manager.numbering import NoTermError, next_term
 from heronry_manager.operator_orders import OperatorOrders
 from heronry_manager.planning import Planning
 from heronry_manager.reconfiguration import Cause
@@ -393,6 +393,8 @@ class ManagerCore:
         is_request = emergency.kind is ElementKind.PHASE
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
+            if is_request:  # who acknowledges what nobody else knows, and dies, has silenced it for good
+                self._tell_held(self._announcer.phase())
             node = self._spec.pes[pe].node_id
             told = Control(self._turn.term, node, Operation.ACKNOWLEDGE, *emergency.acknowledgement)
             self._turn.send(Command.CONTROL, told)
@@ -426,10 +428,13 @@ class ManagerCore:
             self._retire(node, lease, f"manager {node} reigns with the higher term {lease.term}")
 
     def _retire(self, node: int, lease: Lease, reason: str) -> None:
-        self._reign = Reign.RETIRED
         self._turn.emit("second_manager", node=node, term=lease.term)
+        self._end(reason, "; stop it first, or let this one be")
+
+    def _end(self, reason: str, remedy: str = "") -> None:
+        self._reign = Reign.RETIRED
         self._turn.emit("stopped", reason=reason)
-        self._turn.ask(Stop(f"{reason}; stop it first, or let this one be"))
+        self._turn.ask(Stop(reason + remedy))
 
     def _stand_by(self, node: int, lease: Lease) -> None:
         self._reign = Reign.STANDBY
@@ -439,6 +444,8 @@ class ManagerCore:
         """Nobody reigns any more: take over from whom this one has followed."""
         followed, now_ns = self._following, self._turn.now_ns
         self._begin_term()
+        if not self.reigns:
+            return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
         self._turn.emit(
             "taken_over",
@@ -512,7 +519,11 @@ class ManagerCore:
         self._reign, now_ns = Reign.STARTING, self._turn.now_ns
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
         self._has_leapt = self._has_leapt or leap > 0
-        term = self._turn.term = next_term(self._node, self._turn.memory.term + leap)
+        try:
+            term = self._turn.term = next_term(self._node, self._turn.memory.term + leap)
+        except NoTermError as error:
+            self._end(str(error))
+            return
         self._turn.keep(TermBegun(term))
         self._deployment.numbers.begin(term)
         self._exclusion.named(self._spec.pes, now_ns)
@@ -528,7 +539,9 @@ class ManagerCore:
         lease = self._deployment.lease()
         self._turn.ask(*self._beacon.beat(now_ns, lease, self._nodes(named), self._nodes(suspects)))
         self._exclusion.named(named, now_ns)
-        fact = self._announcer.next()
+        self._tell_held(self._announcer.next())
+
+    def _tell_held(self, fact: Fact | None) -> None:
         if fact is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
 
@@ -567,7 +580,6 @@ class ManagerCore:
                 if self._health.is_quarantined(pe):
                     self._turn.keep(Quarantined(pe, self._health.losses(pe)))
                 self._deployment.lost(pe)
-                self._situation.lost(pe)
                 self._replan(f"pe:{pe}: {change.cause}", since_ns=last)
             case Change.ABSENT:
                 self._turn.emit("pe_absent", pe=pe, cause=change.cause)
@@ -666,12 +678,11 @@ class ManagerCore:
         self._planning.ask(self._situation.now(), self._deployment.running)
 
     def _may_stay(self) -> bool:
-        """Tell whether what runs can go on as it is: it has lost nothing, and nobody waits to be taken in."""
+        """Tell whether what runs can go on as it is: it is legal now, and nobody waits to be taken in."""
         plan = self._deployment.plan
-        if plan is None or not self._deployment.everybody_runs_it() or not self._situation.spares(plan):
+        if plan is None or not self._deployment.everybody_runs_it():
             return False
-        lost = lost_elements(self._spec, self._situation.now())
-        return not lost & used_elements(self._spec, plan.configuration)
+        return not verify(self._spec, self._situation.now(), plan.configuration)
 
     def _settle(self) -> None:
         """Say that nothing is under way, if nothing is."""

@@ -22,7 +22,6 @@ nothing, is then a fault like any other.
 The numbers of epochs are `numbering`'s to give. What is activated or adopted is remembered over a restart.
 """
 
-from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -107,7 +106,7 @@ class Deployment:
         self._before = Configuration()  # what ran before the current epoch
         self.numbers = EpochNumbers(turn)
         self._code = ConfigurationCode(spec)
-        self._epochs: OrderedDict[int, Reconfiguration] = OrderedDict()
+        self._epochs: dict[int, Reconfiguration] = {}
         self._plans: dict[int, Plan] = {}  # of the epochs that are remembered
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self.next: Reconfiguration | None = None  # being prepared
@@ -435,9 +434,9 @@ class Deployment:
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._epochs[epoch.epoch], self._plans[epoch.epoch] = epoch, plan
-        if len(self._epochs) > _EPOCHS_REMEMBERED:
-            forgotten, _ = self._epochs.popitem(last=False)
-            del self._plans[forgotten]
+        shown = {self._observed[pe].epoch for pe in self._health.counted_on()}  # somebody late may still be at one
+        for forgotten in [number for number in self._epochs if number not in shown][:-_EPOCHS_REMEMBERED]:
+            del self._epochs[forgotten], self._plans[forgotten]
 
     def _free(self, epoch: Reconfiguration) -> None:
         """Work out how long what this epoch needs may still be held by PEs that are not counted on."""

@@ -3,7 +3,8 @@
     following   LEASEs of the highest term come; what the manager holds (phase, latched faults), whom it counts on and
                 what it activates is taken down as if it were one's own (`memory`), and planned upon by nobody
     orphaned    no LEASE came within T_lease, *and* more than half of the PEs that the manager counted on last, each
-                heard within T_lease, say that they hear none either: the manager is gone, and not just this wire
+                heard within T_lease (of its own bus, where that beats more slowly), say that they hear none either:
+                the manager is gone, and not just this wire
     behind      LEASEs come, of a lower term than one that is known to have been used, and some PE says that it hears
                 none: it has heard the higher one and refuses these, and would do so for ever. For `_LEARNS_LEASES`
                 times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
@@ -35,6 +36,7 @@ from heronry_manager.exclusion import Exclusion
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.memory import TermBegun
 from heronry_manager.overheard import Overheard
+from heronry_manager.topology import uplink_bus
 from heronry_manager.turn import Turn
 from heronry_wire.management import (
     LEASE_PERIODS,
@@ -66,6 +68,9 @@ class Following:
         """`patience_ns` is how long a manager that was never heard is waited for; `on_board` as for `Overheard`."""
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._recent_ns = {
+            pe: max(self._lease_ns, LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
+        }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._overheard = Overheard(spec, turn, on_board)
         self._counted_on: frozenset[str] = frozenset()
@@ -148,7 +153,7 @@ class Following:
 
     def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
         now_ns = self._turn.now_ns
-        return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._lease_ns}
+        return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
 
     def next_deadline_ns(self) -> int | None:
         """When it may come to be orphaned without a word from anybody."""

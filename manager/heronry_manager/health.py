@@ -132,6 +132,10 @@ class Health:
         """Why a PE is not counted on; None where it is, or may still be starting."""
         return self._records[pe].cause
 
+    def incarnation(self, pe: str) -> int | None:
+        """Incarnation that a PE has told last; None before its first page 0."""
+        return self._records[pe].incarnation
+
     def losses(self, pe: str) -> int:
         """How often a PE was lost since it was last forgiven."""
         return self._records[pe].losses
@@ -239,7 +243,7 @@ class Health:
     def forgive(self, pe: str) -> bool:
         """The operator lets a PE in again, after the shortest hold-down; tells whether anything kept it out."""
         record = self._records[pe]
-        kept_out = record.barred or (record.standing in (Standing.DOWN, Standing.RETURNING) and record.losses > 1)
+        kept_out = record.barred or self.is_quarantined(pe)
         record.barred, record.losses = False, 0
         return kept_out
 

@@ -31,6 +31,7 @@ which goes with the process, sees to that.
 import fcntl
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -71,7 +72,7 @@ def recovered(data: bytes) -> tuple[Memory, str | None]:
             numbers = numbers.after(record)
         elif record is not None and number < first_missing:
             facts = facts.after(record)
-    memory = Memory(numbers.term, numbers.reserved, facts.runs, facts.phase, facts.latched, facts.quarantined)
+    memory = replace(facts, term=numbers.term, reserved=numbers.reserved)
     match contents.get(0):
         case ["journal", int(), str(), str(digest)]:
             return memory, digest

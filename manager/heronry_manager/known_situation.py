@@ -22,15 +22,15 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation, survivors
 from heronry_manager.health import Health, HealthChange
-from heronry_manager.latched_faults import OPERATOR_CODE, LatchedFault, LatchedFaults
+from heronry_manager.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
 from heronry_manager.lost_channels import LostChannels
-from heronry_manager.memory import Cleared, Latched, PhaseEntered, Released
+from heronry_manager.memory import Asked, Cleared, Latched, PhaseEntered, Released
 from heronry_manager.mission_phase import MissionPhase
 from heronry_manager.radio_links import RadioLinks
 from heronry_manager.restarts_told import RestartsTold
 from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
-from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
 
 ANNOUNCED_EVERY = 5
 """Beats from one thing that the manager who reigns tells in turn to the next."""
@@ -60,6 +60,7 @@ class KnownSituation:
         self._spec, self._turn, self._health = spec, turn, health
         self._take, self._replan, self._limited, self._stopped = take, replan, limited, stopped
         self._mission = MissionPhase(spec)
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
         self.channels = LostChannels(spec, turn)
@@ -106,6 +107,7 @@ class KnownSituation:
         """Take up what was known before a restart."""
         memory, now_ns = self._turn.memory, self._turn.now_ns
         self._mission.current = memory.phase or self._mission.current
+        self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.asked.items()})
         for one in memory.latched.values():
             self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
             kind, _, name = one.element.partition(":")
@@ -134,14 +136,25 @@ class KnownSituation:
         """A PE asks for a phase; tells whether that was heard."""
         if not self._health.is_counted_on(pe) or not self._mission.knows(request.index):
             return False
-        phase = self._mission.requested(pe, request.index, request.detail)
-        if phase is not None:
-            self.enter(phase, pe)
+        if self._request_obeyed(pe, request.detail) and self._mission.allows(request.index, request.detail):
+            self.enter(list(self._spec.phases)[request.index], pe)
+        return True
+
+    def _request_obeyed(self, pe: str, detail: int) -> bool:
+        """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
+        incarnation = self._health.incarnation(pe)
+        if incarnation is None or not self._mission.obeyed(pe, incarnation, detail):
+            return False
+        self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
         return True
 
     def overheard(self, manager: int, told: Control) -> None:
-        """Another manager reigns, and has said what it holds, or what is cleared."""
+        """Another manager reigns, and has said what it holds, what is cleared, or which request it has obeyed."""
         by = f"manager {manager}"
+        if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
+            if told.node in self._pe_of_node:
+                self._request_obeyed(self._pe_of_node[told.node], told.b)
+            return
         if told.operation is Operation.HOLDS and told.a == ElementKind.PHASE:
             if self._mission.knows(told.b) and list(self._spec.phases)[told.b] != self.phase:
                 self.enter(list(self._spec.phases)[told.b], by)
@@ -150,7 +163,7 @@ class KnownSituation:
         element = None if kind is None else self.failed.element(kind, told.b)
         if element is not None and told.operation is Operation.HOLDS:
             self._untold[element] = 0
-            self.latch(LatchedFault(element, by, "HOLDS", 0, self._turn.now_ns))
+            self.latch(LatchedFault(element, by, HELD_CODE, 0, self._turn.now_ns))
         elif element is not None and told.operation is Operation.CLEAR:
             self.clear(element, by)
 
@@ -163,15 +176,13 @@ class KnownSituation:
             if self._untold[element] > longest:
                 self.clear(element, f"manager {manager}")
 
-    def lost(self, pe: str) -> None:
-        """A PE is counted on no more."""
-        self._mission.forget(pe)
-
     def latch(self, fault: LatchedFault) -> None:
         """An element has failed, as somebody says."""
-        if not self.failed.latch(fault):
+        is_news = fault.element not in self.failed.elements
+        if self.failed.latch(fault):
+            self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
+        if not is_news:
             return
-        self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
         self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
         cause = f"{fault.element} failed, reported by {fault.by}"
         kind, _, name = fault.element.partition(":")

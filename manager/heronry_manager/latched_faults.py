@@ -2,7 +2,8 @@
 
     well      nobody has said anything
     latched   a PE has reported it, or the operator has said so: it counts as down, whoever says so again and however
-              often. Only the operator's word ends that (`clear`)
+              often. Only the operator's word ends that (`clear`). What a PE reports of an element that the operator
+              has failed takes the place of his word: that PE may have stopped it
 
 Lost: a PE repeats its report until it is acknowledged. Late: a report that comes after the operator has cleared the
 element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged: it takes the element out
@@ -15,6 +16,8 @@ from heronry_dg.model import Spec
 from heronry_wire.management import ElementKind
 
 OPERATOR_CODE = "OPERATOR"  # of a fault that no PE has reported: what it names goes on until it is planned around
+HELD_CODE = "HOLDS"  # of one that another manager holds: it does not say who has reported it
+_OF_NO_PE = (OPERATOR_CODE, HELD_CODE)
 _KINDS = {kind.name.lower(): kind for kind in ElementKind}
 
 
@@ -62,10 +65,12 @@ class LatchedFaults:
         return (_KINDS[kind], names.index(name)) if name in names else None
 
     def latch(self, fault: LatchedFault) -> bool:
-        """Latch a fault; tells whether it is news."""
-        news = fault.element not in self._failed
-        self._failed.setdefault(fault.element, fault)
-        return news
+        """Latch a fault; tells whether it is kept: it is news, or says more than the operator's word."""
+        before = self._failed.get(fault.element)
+        if before is not None and (before.code != OPERATOR_CODE or fault.code in _OF_NO_PE):
+            return False
+        self._failed[fault.element] = fault
+        return True
 
     def clear(self, element: str) -> LatchedFault | None:
         """The operator takes an element for well; gives what was latched, if anything."""

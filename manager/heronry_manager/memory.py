@@ -8,8 +8,9 @@ Two kinds of things are remembered:
     numbers   the last term, and for every kind of number that must never be used twice (epochs, counters) the last one
               *reserved*: numbers are taken in blocks, so that the disk is asked once in a block. They are on disk
               before the first frame that uses them, and whatever else is lost, they only rise
-    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase,
-              latched faults (those the operator ordered among them), and who is quarantined. They are written down
+    facts     what runs (epoch, digest, and the configuration as a row of `configuration_code`), the mission phase and
+              the last request of each PE for one, latched faults (those the operator ordered among them), and who is
+              quarantined. They are written down
               after the command: the PEs are the truth, and a fact too old costs an epoch
 
 A restart forgets how long ago a fault was latched, and the losses of PEs that are counted on.
@@ -55,6 +56,15 @@ class PhaseEntered:
 
 
 @dataclass(frozen=True, slots=True)
+class Asked:
+    """A PE's request for a phase was obeyed: which one of this incarnation."""
+
+    pe: str
+    incarnation: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
 class Latched:
     """An element counts as failed until it is cleared."""
 
@@ -86,7 +96,7 @@ class Released:
     pe: str
 
 
-Record = TermBegun | Reserved | Runs | PhaseEntered | Latched | Cleared | Quarantined | Released
+Record = TermBegun | Reserved | Runs | PhaseEntered | Asked | Latched | Cleared | Quarantined | Released
 _NUMBERS = (TermBegun, Reserved)
 
 
@@ -105,6 +115,7 @@ class Memory:
     phase: str | None = None  # None: nobody has entered any
     latched: Mapping[str, Latched] = field(default_factory=dict)  # by element, the oldest first
     quarantined: Mapping[str, int] = field(default_factory=dict)  # losses, by PE
+    asked: Mapping[str, Asked] = field(default_factory=dict)  # by PE, its last request
 
     def after(self, record: Record) -> "Memory":
         """Give the memory that this record makes of it."""
@@ -117,6 +128,8 @@ class Memory:
                 return replace(self, runs=record)
             case PhaseEntered(phase):
                 return replace(self, phase=phase)
+            case Asked(pe):
+                return replace(self, asked={**self.asked, pe: record})
             case Latched(element):
                 return replace(self, latched={**self.latched, element: record})
             case Cleared(element):
@@ -132,6 +145,7 @@ class Memory:
         records += [Reserved(kind, last) for kind, last in self.reserved.items()]
         records += [self.runs] if self.runs is not None else []
         records += [PhaseEntered(self.phase)] if self.phase is not None else []
+        records += self.asked.values()
         records += self.latched.values()
         return records + [Quarantined(pe, losses) for pe, losses in self.quarantined.items()]
 
@@ -154,6 +168,8 @@ def as_json(record: Record) -> list[str | int]:
             return ["runs", epoch, digest, row]
         case PhaseEntered(phase):
             return ["phase", phase]
+        case Asked(pe, incarnation, number):
+            return ["asked", pe, incarnation, number]
         case Latched(element, by, code, detail):
             return ["latched", element, by, code, detail]
         case Cleared(element):
@@ -171,10 +187,18 @@ def from_json(content: object) -> Record | None:
             return TermBegun(term)
         case ["reserved", str(kind), int(last)]:
             return Reserved(kind, last)
+        case _:
+            return _fact(content)
+
+
+def _fact(content: object) -> Record | None:
+    match content:
         case ["runs", int(epoch), int(digest), str(row)] if epoch != NO_EPOCH:
             return Runs(epoch, digest, row)
         case ["phase", str(phase)]:
             return PhaseEntered(phase)
+        case ["asked", str(pe), int(incarnation), int(number)]:
+            return Asked(pe, incarnation, number)
         case ["latched", str(element), str(by), str(code), int(detail)]:
             return Latched(element, by, code, detail)
         case ["cleared", str(element)]:

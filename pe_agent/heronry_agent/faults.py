@@ -8,7 +8,8 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
                     have healed the element in the meantime. What has been told of an element stays told until CONTROL
                     clears it; then it is told anew as soon as it is found, and an EMCY with code 0 takes it back.
     phase request   one at most: a newer one takes its place. Its number, in the detail, is what is acknowledged, so
-                    that an answer to an older request ends nothing
+                    that an answer to an older request ends nothing. Made again it has the same one: who knows of it
+                    has obeyed it
 
 A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
 it may have been given up since, and that has to be heard, too. A module that was stopped
@@ -52,6 +53,7 @@ class Faults:
         self._quiet_until_ns: dict[_Key, int] = {}
         self._told: dict[tuple[int, int], tuple[_Key, Emergency]] = {}  # by kind and index
         self._requests = self._events = 0
+        self._request: Emergency | None = None  # the last one
         self.changes = 0  # how often something became pending, or was no more
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
@@ -98,8 +100,17 @@ class Faults:
         self.withdraw_request()
         self._requests = (self._requests + 1) % REQUEST_NUMBERS
         detail = self._requests | (FORWARD_ONLY if forward_only else 0)
-        emergency = Emergency(FaultCode.PHASE_REQUEST, _NO_ERROR, ElementKind.PHASE, index, detail)
-        return self._pend((FaultCode.PHASE_REQUEST, ElementKind.PHASE, index), emergency, now_ns)
+        self._request = Emergency(FaultCode.PHASE_REQUEST, _NO_ERROR, ElementKind.PHASE, index, detail)
+        return self._pend_request(self._request, now_ns)
+
+    def repeat_request(self, now_ns: int) -> list[Frame]:
+        """Somebody else has to know what was asked for last: what to send now. From now on it only leads on."""
+        if self._request is None:
+            return []
+        return self._pend_request(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
+
+    def _pend_request(self, request: Emergency, now_ns: int) -> list[Frame]:
+        return self._pend((request.code, request.kind, request.index), request, now_ns)
 
     def withdraw_request(self) -> None:
         """Ask for no phase any more."""

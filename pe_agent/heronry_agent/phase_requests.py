@@ -11,8 +11,8 @@ A break is a value on the other side, or none for three periods. Of several rule
 in the spec's order is asked for. A rule only ever leads on, to a later phase of the spec; a module may ask for any.
 
 A module that asks for the same phase in every step asks once. What it asked for last stands until it asks for another,
-or stops; the last standing request of this PE is made again when a new term begins, then leading on alone, because that
-manager may know nothing of it.
+or stops; the last standing request of this PE is made again when a new term begins, under its number and leading on
+alone, because that manager may know nothing of it. One that does know has obeyed it.
 
 What if: a request is lost, late, doubled or forged is `faults`' and the manager's matter. A module that starts here,
 because another PE has failed, begins with every rule armed: one that holds fires again, and as it only leads on, that
@@ -69,7 +69,7 @@ class PhaseRequests:
         self._index, self._faults = index, faults
         self._watches: dict[int, dict[str, list[_Watch]]] = {}  # by module and variable
         self._asked: dict[int, int] = {}  # phase that each module asked for last
-        self._standing: tuple[int, int] | None = None  # module and phase of the last request of this PE
+        self._standing: int | None = None  # module that made the last request of this PE
 
     def started(self, module: int, mode: int) -> None:
         """A module starts: watch what it gives."""
@@ -85,7 +85,7 @@ class PhaseRequests:
         """A module stops: what it asked for is asked for no more."""
         self._watches.pop(module, None)
         self._asked.pop(module, None)
-        if self._standing is not None and self._standing[0] == module:
+        if self._standing == module:
             self._standing = None
             self._faults.withdraw_request()
 
@@ -108,8 +108,8 @@ class PhaseRequests:
         """A new term has begun: what to send now. What nobody has acknowledged is asked for as it was."""
         if self._standing is None or self._faults.is_asking:
             return []
-        return self._faults.request_phase(self._standing[1], now_ns, forward_only=True)
+        return self._faults.repeat_request(now_ns)
 
     def _request(self, module: int, phase: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
-        self._standing = (module, phase)
+        self._standing = module
         return self._faults.request_phase(phase, now_ns, forward_only=forward_only)

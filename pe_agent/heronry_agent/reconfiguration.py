@@ -13,11 +13,14 @@ A module whose mode changes is stopped at BREAK and started at GO, built anew un
 mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
 branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it.
 
-A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. One that
+A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where
+the operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it
+begins again in this one (`forgive`). One that
 *rests*, because no manager is heard, starts again where this configuration is named again (`without_manager`), or where
 a new one wants it.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from heronry_agent.staging import UNCONFIGURED, Configured
@@ -109,6 +112,13 @@ class Reconfiguration:
             return False
         self.failed.add(module)
         return True
+
+    def forgive(self, modules: Iterable[int]) -> Moves:
+        """Let modules that have failed run again, as far as the present step goes."""
+        self.failed -= set(modules)
+        start = self._startable() if self.step >= Step.GO else ()
+        self.live.update(start)
+        return Moves(start=start)
 
     def validate(self) -> None:
         """Check that the parts agree; raises InvariantError."""

@@ -226,10 +226,19 @@ class RunningModules:
         self._tell(self.faults.clear(kind, index))
 
     def new_reign(self) -> None:
-        """Another term has begun: what is still asked for, and who has stopped here, that manager may not know."""
-        self._tell(self.phase_requests.new_reign(self._turn.now_ns))
+        """Another term has begun: what is still asked for, and who has stopped here, that manager may not know.
+
+        What was cleared, and has not been given anew before that reign ended, begins again.
+        """
+        now_ns = self._turn.now_ns
+        self._tell(self.phase_requests.new_reign(now_ns))
+        cleared = []
         for module in sorted(self._reconfiguration.failed):
-            self._tell(self.faults.tell_again(ElementKind.MODULE, module, self._turn.now_ns))
+            told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
+            self._tell(told)
+            cleared += [] if told else [module]
+        if cleared:
+            self.carry_out(self._reconfiguration.forgive(cleared), None)
 
     def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
         """Read another PE's echo: device and value."""

@@ -529,21 +529,39 @@ def test_a_request_counts_once_it_is_acknowledged_and_once_for_each_number() -> 
     assert check.current == "glide"
 
 
-@pytest.mark.parametrize("how", ["lost", "restarted", "another term"])
-def test_a_request_counts_anew_from_who_is_lost_or_starts_anew_and_in_another_term(how: str) -> None:
+def test_a_request_counts_anew_from_who_starts_anew() -> None:
     check, begun = phases()
     check.started(92, 1)
-    requests(check, "glide", 1)
+    requests(check, "glide", 2)
     check.ordered(S, "ascent", 1)
-    if how == "lost":
-        check.lost(92)
-    elif how == "restarted":
-        check.started(92, 1)
-        check.started(92, 2)
-    else:
-        check.commanded(S, Control(2, 0, Operation.HOLDS, ElementKind.MODULE, 1))
+    check.started(92, 1)
+    requests(check, "glide", 1)
+    assert begun == ["glide", "ascent"]
+    check.started(92, 2)
     requests(check, "glide", 1)
     assert begun == ["glide", "ascent", "glide"]
+
+
+@pytest.mark.parametrize("of_two", [False, True])
+def test_in_another_term_a_request_counts_again_only_where_that_reign_may_not_know_of_it(of_two: bool) -> None:
+    check, _ = phases(of_two=of_two)
+    requests(check, "glide", 1)
+    check.ordered(S, "ascent", 1)
+    assert tells(check, 2 * S, "ascent", term=2) == []
+    requests(check, "glide", FORWARD_ONLY | 1)
+    assert check.current == "ascent"
+    assert bool(tells(check, 3 * S, "glide", term=2)) is not of_two
+
+
+def test_a_phase_may_be_told_before_the_request_for_it_is_acknowledged() -> None:
+    check, begun = phases()
+    check.ordered(S, "glide", 1)
+    index = list(big_blue().phases).index
+    check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index("ascent"), FORWARD_ONLY | 1))
+    assert tells(check, 2 * S, "ascent") == ["ascent is told in term 1, and asked for was glide"]
+    check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index("landing"), 2))
+    assert tells(check, 3 * S, "landing") == []
+    assert begun == ["glide", "landing"]
 
 
 def test_a_new_reign_goes_on_in_the_phase_that_was_or_is_requested() -> None:

@@ -170,7 +170,7 @@ def what_stopped_by_itself_is_started_by_another_epoch() -> None:
 
 
 def a_phase_is_entered_by_whoever_may() -> None:
-    """Each request is acknowledged each time and obeyed once; one that only leads on does not lead back."""
+    """Each request is acknowledged each time and obeyed once, in its order; one that only leads on does not lead back."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     pe = next(iter(manager.pes))
@@ -193,9 +193,11 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(ask(pe, 0, 1), [], "after the same number again")
     equal(ask(pe, 1, 2), [], "after a request for the present phase")
     equal(ask(pe, 0, FORWARD_ONLY | 3), [], "after a request that leads back, and may not")
-    equal(ask(other, 0, 1), [phases[0]], "after the first request of another PE")
-    equal(ask(pe, 1, FORWARD_ONLY | 4), [phases[1]], "after one that leads on")
-    equal(ask(pe, len(phases), 5), [], "after a request for a phase that there is not")
+    equal(ask(other, 0, 4), [phases[0]], "after the first request of another PE")
+    equal(ask(pe, 1, FORWARD_ONLY | 5), [phases[1]], "after one that leads on")
+    equal(ask(pe, 0, 2), [], "after one that was made before that")
+    equal(ask(pe, 1, 5), [], "after the same one, asked for in another way")
+    equal(ask(pe, len(phases), 6), [], "after a request for a phase that there is not")
     equal(manager.asked()[-1].phase, phases[1], "phase that is planned for")
     reply = manager.obey(EnterPhase(phases[1]))
     demand(reply.done and "already" in reply.sentence, "the present phase is entered")
@@ -206,11 +208,11 @@ def a_phase_is_entered_by_whoever_may() -> None:
     manager.pes[pe].beat()
     manager.run(5)
     began_ns = manager.now_ns
-    manager.emergency(pe, _PHASE, 1, 4, FaultCode.PHASE_REQUEST)
+    manager.emergency(pe, _PHASE, 1, 1, FaultCode.PHASE_REQUEST)
     manager.run(5)
     equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [], "acknowledgements to who is not counted on")
     manager.run(400)
-    equal(ask(pe, 1, FORWARD_ONLY | 4), [phases[1]], "after a restarted PE begins to count anew")
+    equal(ask(pe, 1, FORWARD_ONLY | 1), [phases[1]], "after a restarted PE begins to count anew")
     equal(node, manager.pes[pe].node, "node")
 
 

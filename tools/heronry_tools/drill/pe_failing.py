@@ -347,7 +347,7 @@ def a_new_term_is_told_what_has_stopped() -> None:
     pe.lease = Lease(7, _EPOCH, Step.GO_ALL, _DIGEST)
     began_ns = pe.run(25)
     told = {(said.code, said.index, said.detail) for _, said in pe.emergencies(began_ns)}
-    wanted = {(FaultCode.MODULE_EXCEPTION, GAUGE, 0), (FaultCode.PHASE_REQUEST, 2, FORWARD_ONLY | 2)}
+    wanted = {(FaultCode.MODULE_EXCEPTION, GAUGE, 0), (FaultCode.PHASE_REQUEST, 2, FORWARD_ONLY | 1)}
     equal(told, wanted, "EMCYs in a new term")
 
 
@@ -383,10 +383,10 @@ def a_request_is_made_once() -> None:
 
 
 def a_request_that_nobody_heard_goes_on() -> None:
-    """Over new terms, as it was made; once it is acknowledged, the next term is asked to lead on only."""
+    """Over new terms, as it was made; once it is acknowledged, the next term is asked to lead on only, by its number."""
     pe = _flying()
     puppets.PULLED["helper"] = puppets.asking("climb")
-    for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 2)})):
+    for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 1)})):
         pe.run(50)
         pe.term, pe.lease = term, Lease(term, _EPOCH, Step.GO_ALL, _DIGEST)
         pe.run(21)

@@ -1,20 +1,29 @@
 """The mission phase, judged from orders and frames: it is what was asked for last, and nothing else is told.
 
 Asked for is what the operator has ordered and the manager obeyed, and what a PE has requested (EMCY, PHASE_REQUEST)
-once the manager that reigns has acknowledged it. A request carries a number: acknowledged twice it counts once, until
-its PE is lost or starts anew, or another term begins. One that only leads on never leads back. Told is what HOLDS
-names.
+once the manager that reigns has acknowledged it, or tells that phase. A request carries a number: acknowledged twice it
+counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
+back. Told is what HOLDS names.
 
 A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
-phase as it was, or one that is still requested; else also one that was left before.
+phase as it was, or one that is still requested; else also one that was left before, and one that was acknowledged
+before may count again, if that reign tells so.
 """
 
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.management import FORWARD_ONLY, LEASE_PERIODS, Control, ElementKind, Emergency, Operation
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    LEASE_PERIODS,
+    REQUEST_NUMBERS,
+    Control,
+    ElementKind,
+    Emergency,
+    Operation,
+)
 
 
 class PhaseCheck:
@@ -30,6 +39,8 @@ class PhaseCheck:
         self._left: dict[str | None, int] = {}  # phases that were, and when they ended
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
         self._acknowledged: dict[int, int] = {}  # number of the last request by node
+        self._known_term: dict[int, int] = {}  # in which it was acknowledged
+        self._again: set[str] = set()  # phases that a reign may enter which knows of no such request
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
         self._may_forget = self._is_apart = False
@@ -56,17 +67,13 @@ class PhaseCheck:
         """A PE has told its incarnation: a new one counts its requests anew."""
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
-            self.lost(node)
-
-    def lost(self, node: int) -> None:
-        """A PE is not counted on."""
-        self._acknowledged.pop(node, None)
+            self._acknowledged.pop(node, None)
 
     def commanded(self, t_ns: int, message: Control) -> None:
         """The manager that reigns acknowledges a request, or tells the phase."""
         if message.term > self._heard_term:
             self._heard_term = message.term
-            self._acknowledged.clear()
+            self._again.clear()
         if message.a != ElementKind.PHASE:
             return
         if message.operation is Operation.ACKNOWLEDGE:
@@ -76,16 +83,38 @@ class PhaseCheck:
 
     def _acknowledge(self, t_ns: int, node: int, number: int) -> None:
         index = self._requested.pop((node, number), None)
-        if index is None or self._acknowledged.get(node) == number:
+        if index is None:
             return
-        self._acknowledged[node] = number
-        if number & FORWARD_ONLY and self.current is not None and index < self._names.index(self.current):
+        if self._is_known(node, number):
+            if self._may_forget and self._heard_term > self._known_term[node]:
+                self._again.add(self._names[index])
             return
-        self._enter(t_ns, self._names[index])
+        self._acknowledged[node], self._known_term[node] = number & ~FORWARD_ONLY, self._heard_term
+        if not self._leads_back(index, number):
+            self._enter(t_ns, self._names[index])
+
+    def _is_known(self, node: int, number: int) -> bool:
+        """Tell whether a request, or a later one, was acknowledged before."""
+        last = self._acknowledged.get(node)
+        behind = 0 if last is None else (last - (number & ~FORWARD_ONLY)) % REQUEST_NUMBERS
+        return last is not None and behind < REQUEST_NUMBERS // 2
+
+    def _leads_back(self, index: int, number: int) -> bool:
+        """Tell whether a request may not be obeyed, since it only leads on."""
+        return bool(number & FORWARD_ONLY) and self.current is not None and index < self._names.index(self.current)
+
+    def _is_wanted(self, phase: str) -> bool:
+        """Tell whether somebody waits for an answer who may be obeyed with this phase."""
+        index = self._names.index(phase)
+        asked = (key for key, wanted in self._requested.items() if wanted == index)
+        return any(not self._is_known(*key) and not self._leads_back(index, key[1]) for key in asked)
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
         is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
+            return
+        if phase in self._again or self._is_wanted(phase):
+            self._enter(t_ns, phase)
             return
         if not is_new and not self._is_apart:
             left_ns = self._left.get(phase)

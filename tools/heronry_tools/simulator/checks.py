@@ -319,8 +319,6 @@ class Checks:
                 self._service.reigned(sent.end_ns)
             self._losses.alive(sent.end_ns, message)
             self._service.alive(sent.end_ns, self._losses.counted_on)
-            for pe in self._spec.pes.keys() - self._losses.counted_on:
-                self.phases.lost(self._spec.pes[pe].node_id)
 
     def _link(self, sent: Sent) -> None:
         if sent.bus == self._bus:

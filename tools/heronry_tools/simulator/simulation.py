@@ -214,8 +214,8 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
 
-        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted from the
-        second look on: until then it may be what a controller has kept that was off.
+        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted from
+        the second look on: until then it may be what a controller has kept that was off.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
