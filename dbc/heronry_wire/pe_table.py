@@ -95,6 +95,7 @@ class SourceEntry:
     variable: str
     identifier: int
     period_ns: int  # the longest over the modes that give it: a slice does not say in which one its producer runs
+    movable: bool = False  # its module may run beyond this PE and on its side of it: what is forwarded up is exclusive
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +147,9 @@ class PeTable:
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
     contingencies: str = ""  # what is on board (`contingency_block`), in base64
+    command_period_ns: int = (
+        0  # slowest heartbeat on the way from the manager: so often LEASE comes (0: as the uplink's)
+    )
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""

@@ -14,7 +14,7 @@ from heronry_dg.expendable import expendable
 from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
 from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
 from heronry_dg.traffic import criticality_ranks, identifiers
-from heronry_manager.topology import radios, uplink_bus
+from heronry_manager.topology import command_period_ns, radios, uplink_bus
 from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
 from heronry_wire.pe_table import (
     FORMAT,
@@ -77,7 +77,13 @@ class Compiler:
                 if pe in hosts_when_all_is_up(spec, module)
             ),
             sources=tuple(
-                SourceEntry(module, variable, self._identifiers[module, variable], self._period_ns(module, variable))
+                SourceEntry(
+                    module,
+                    variable,
+                    self._identifiers[module, variable],
+                    self._period_ns(module, variable),
+                    self._is_on_both_sides(pe, module),
+                )
                 for module, variable in self._source_index
             ),
             variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
@@ -85,6 +91,7 @@ class Compiler:
             module_names=tuple(spec.modules),
             phases=tuple(_phase_entry(phase) for phase in spec.phases.values()),
             flight_critical=tuple(_flight_critical(spec)),
+            command_period_ns=command_period_ns(spec, pe),
         )
 
     def configuration(self, configuration: Configuration) -> CompiledConfiguration:
@@ -96,6 +103,13 @@ class Compiler:
             digest=configuration_digest(self._spec.digest, slices),
             slice_digests={node: slice_digest(self._spec.digest, body) for node, body in slices.items()},
         )
+
+    def _is_on_both_sides(self, pe: str, module: str) -> bool:
+        """Tell whether a module may run beyond a PE, seen from the manager, and also where that PE reports."""
+        uplink = uplink_bus(self._spec, pe)
+        hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
+        ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}
+        return uplink in ways and len(ways) > 1
 
     def _period_ns(self, module: str, variable: str) -> int:
         """Longest period of a source, over the modes that give it."""

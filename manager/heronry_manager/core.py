@@ -575,7 +575,7 @@ class ManagerCore:
                 if change.change is Change.REBOOTED:
                     self._exclusion.rebooted(pe)
                 elif change.change is Change.LOST:
-                    self._exclusion.declared_down(pe)
+                    self._exclusion.declared_down(pe, now_ns if last is None else last)
                 self._turn.emit("pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
                 if self._health.is_quarantined(pe):
                     self._turn.keep(Quarantined(pe, self._health.losses(pe)))

@@ -22,14 +22,14 @@ nothing, is then a fault like any other.
 The numbers of epochs are `numbering`'s to give. What is activated or adopted is remembered over a restart.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement, score
 from heronry_dg.plan import Plan, make_plan
-from heronry_dg.situation import Situation
+from heronry_dg.situation import Situation, survivors
 from heronry_dg.transition import Transitions
 from heronry_manager.compilation import CompiledConfiguration, Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
@@ -238,7 +238,8 @@ class Deployment:
         if any(self._needs_new(pe, current) for pe in late):
             return False
         for pe in late:
-            current.admit(self._participant(pe, current.contingency), self._turn.now_ns)
+            reached = survivors(self._spec, plan.now).pe_cpu_millis
+            current.admit(self._participant(pe, current.contingency, reached), self._turn.now_ns)
         self._plans[current.epoch] = plan
         return True
 
@@ -367,13 +368,14 @@ class Deployment:
         self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
     ) -> Reconfiguration:
         number = 0 if self._on_board is None else self._on_board.number(plan.configuration)
+        reached = survivors(self._spec, plan.now).pe_cpu_millis
         return Reconfiguration(
             term=self._turn.term,
             epoch=epoch,
             configuration=plan.configuration,
             compiled=compiled,
             placed=self._exclusion.tokens(plan.configuration),
-            participants=[self._participant(pe, number) for pe in self._health.counted_on()],
+            participants=[self._participant(pe, number, reached) for pe in self._health.counted_on()],
             bitrate=self._bitrate,
             started_ns=self._turn.now_ns,
             causes=causes,
@@ -381,7 +383,8 @@ class Deployment:
             contingency=number,
         )
 
-    def _participant(self, pe: str, contingency: int) -> Participant:
+    def _participant(self, pe: str, contingency: int, reached: Container[str]) -> Participant:
+        """One who takes part. Nobody waits for who is not `reached`: beyond a dead gateway a slow beat may go on."""
         seen = self._observed[pe]
         known = self._epochs.get(seen.epoch)
         node = self._spec.pes[pe].node_id
@@ -390,7 +393,7 @@ class Deployment:
             pe=pe,
             node=node,
             period_ns=self._health.period_ns(pe),
-            awaited=pe in self._wired,
+            awaited=pe in self._wired and pe in reached,
             runs_digest=runs,
             on_board=self._on_board is not None and self._on_board.holds(pe, contingency),
         )

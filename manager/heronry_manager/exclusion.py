@@ -6,8 +6,11 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
     gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
              is found running what another manager gave it
     keeps    only those, once it has reported that epoch (it is BROKEN or further)
-    loses    all of them as a new incarnation; those of modules once it is declared down for its silence; any other
-             T_lease after the last ALIVE that named it: by then it has stopped by itself
+    loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
+             lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
+             gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
+             been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
+             the last ALIVE that named it: by then it has stopped by itself
 
 T_lease is counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
 of its steps was a pause or a jump of its clock, and it cannot tell which. So all beyond that period proves nothing.
@@ -21,7 +24,7 @@ from collections.abc import Iterable, Mapping
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import hosts_when_all_is_up
-from heronry_manager.topology import uplink_bus
+from heronry_manager.topology import command_period_ns, uplink_bus
 from heronry_wire.management import LEASE_PERIODS
 
 
@@ -35,6 +38,10 @@ class Exclusion:
         }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._last_named_ns: dict[str, int] = {}
+        self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
+        self._unsent_ns: dict[
+            str, int
+        ] = {}  # from when on a PE that was declared down sends nothing exclusive any more
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
@@ -61,10 +68,12 @@ class Exclusion:
         """ALIVE has just named these PEs."""
         for pe in pes:
             self._last_named_ns[pe] = now_ns
+            self._unsent_ns.pop(pe, None)
 
     def slept(self, unknown_ns: int) -> None:
         """By the clock so much time has passed in which this manager did not run: perhaps it has not."""
         self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
+        self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
     def activated(self, placed: Mapping[str, set[str]]) -> None:
         """The first ACTIVATE of a configuration with these tokens is about to go out."""
@@ -79,9 +88,9 @@ class Exclusion:
         """A PE returned as a new incarnation, or says that it runs nothing."""
         self._holds[pe] = set()
 
-    def declared_down(self, pe: str) -> None:
-        """A PE was declared down for its silence: the identifiers of its modules are free."""
-        self._holds[pe] = {token for token in self._holds[pe] if _is_demux(token)}
+    def declared_down(self, pe: str, heard_ns: int) -> None:
+        """A PE was declared down for its silence, and was heard last then: the identifiers of its modules get free."""
+        self._unsent_ns[pe] = heard_ns + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
         """A PE runs what this manager did not give it: it may hold whatever could be placed there."""
@@ -104,11 +113,14 @@ class Exclusion:
     ) -> int | None:
         ends = []
         for pe in self._holds.keys() - set(counted_on):
-            until_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns[pe]
-            if until_ns <= now_ns:
+            lease_ends_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns[pe]
+            unsent_ns = self._unsent_ns.get(pe, lease_ends_ns)
+            if lease_ends_ns <= now_ns:
                 self._holds[pe] = set()
-            elif any(_is_demux(token) is demux for token in self._rivals(pe, placed)):
-                ends.append(until_ns)
+            elif unsent_ns <= now_ns:
+                self._holds[pe] = {token for token in self._holds[pe] if _is_demux(token)}
+            if any(_is_demux(token) is demux for token in self._rivals(pe, placed)):
+                ends.append(lease_ends_ns if demux else min(lease_ends_ns, unsent_ns))
         return max(ends, default=None)
 
     def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:

@@ -13,9 +13,9 @@ return at once. So does a PE that says it is UNCONFIGURED although it was given 
 A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
 been counted on for a minute, or by the operator (`forgive`).
 
-A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the bus on
-which it reports, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it is
-failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
+A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the slowest
+bus on the way to it, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it
+is failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
 left, it is the manager that is not heard; then nobody is failed for it, and what runs goes on.
 
 A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
@@ -35,7 +35,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from heronry_dg.model import Spec
-from heronry_manager.topology import uplink_bus
+from heronry_manager.topology import command_period_ns, uplink_bus
 from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.sansio import NEVER_NS
 
@@ -82,6 +82,7 @@ class _Record:
     name: str
     period_ns: int
     misses: int
+    command_period_ns: int  # in which LEASE comes to it
     standing: Standing = Standing.WAITING
     heard_ns: int | None = None
     incarnation: int | None = None
@@ -104,7 +105,7 @@ class _Record:
         return self.spoke_ns + self.period_ns * self.misses + self.period_ns // 4
 
     def is_deaf(self, now_ns: int) -> bool:
-        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.period_ns
+        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.command_period_ns
 
     def is_held_down(self, now_ns: int) -> bool:
         return self.deaf_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
@@ -122,7 +123,7 @@ class Health:
         self._records = {}
         for pe in spec.pes.values():
             bus = spec.buses[uplink_bus(spec, pe.name)]
-            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses)
+            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses, command_period_ns(spec, pe.name))
 
     def standing(self, pe: str) -> Standing:
         """Where a PE stands now."""

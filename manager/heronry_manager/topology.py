@@ -34,6 +34,19 @@ def uplink_bus(spec: Spec, pe: str) -> str:
     return buses[0]
 
 
+def command_period_ns(spec: Spec, pe: str) -> int:
+    """Slowest heartbeat period on the way from the manager's bus to a PE: so often LEASE and ALIVE come there.
+
+    Of a PE without any way to the manager, that of its own buses counts.
+    """
+    way = {spec.manager.bus, uplink_bus(spec, pe)}
+    everything = survivors(spec, Situation())
+    for other in spec.pes.values():
+        if spec.manager.bus in other.buses:
+            way |= set(everything.route(pe, other.name) or ())
+    return max(spec.buses[bus].heartbeat_ns for bus in way)
+
+
 def reached_by_wire(spec: Spec) -> frozenset[str]:
     """PEs that have no radio between themselves and the manager's bus."""
     radios = frozenset(f"bus:{bus.name}" for bus in spec.buses.values() if bus.kind == "wireless")

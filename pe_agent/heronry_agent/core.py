@@ -90,13 +90,14 @@ class AgentCore:
         turn = self._turn = Turn(now_ns)
         self.lease_ns = index.lease_ns  # T_lease
         self.clashed = False  # another node has spoken under an identifier of this one
-        self.reign = Reign(index.lease_ns)
+        self.reign = Reign(index.leased_ns)
         self.permission = Permission(index.lease_ns)
         self.reconfiguration = Reconfiguration(index)
         self.staging = Staging(SliceReader(index, missing_images), table.ports[index.uplink].heartbeat_ns // 2)
         self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
         self._without_manager = WithoutManager(turn, self.reign, self.reconfiguration, self.modules)
         self._gateway = Gateway(index)
+        self.permission.revoked = self._take_back
         self._secret = secret
         self._echo_ids = ECHO_NODES.keys() if followed is None else _echo_ids(table, followed)
         authenticity = self.authenticity = self._make_authenticity(secret)
@@ -385,7 +386,12 @@ class AgentCore:
         self._forward(event)
 
     def _forward(self, event: Received) -> None:
-        self._turn.out += self._gateway.data(event.port, event.frame)
+        turn = self._turn
+        turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self.permission.identifiers_until_ns)
+
+    def _take_back(self) -> None:
+        """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
+        self._turn.withdraw(self._index.identifiers(self.modules.exclusive_sources) | self._gateway.contested_ids)
 
     def _from_beyond(self, event: Received) -> None:
         self._turn.out += self._gateway.up(event.port, event.frame)

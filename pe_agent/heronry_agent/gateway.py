@@ -4,7 +4,9 @@
                             else once in the heartbeat period of the far bus; SLICE only toward its node
     up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and what
                             gateways there report
-    data                    what the slice says: a source, from the node it names, to the ports it names
+    data                    what the slice says: a source, from the node it names, to the ports it names. Where its
+                            module may also run on this side, sending it up is an exclusive output of this PE (rule 6):
+                            who counts it as down counts all beyond as down, and may have started that module here
 
 What goes to a radio away from the manager goes through `radio_port`, which knows its bandwidth.
 
@@ -14,7 +16,7 @@ has a gateway that forwards nothing.
 Lost: what was not forwarded comes again with the next LEASE or retry. A forged frame passes as a true one would.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from heronry_agent.table_index import TableIndex
 from heronry_wire.frame import Frame
@@ -45,7 +47,9 @@ class Gateway:
             tuple[int, Command], tuple[bytes, int]
         ] = {}  # what was said last on a far port, and when it is due again
         self._table = index.table
+        self._contested = index.contested
         self._data: dict[int, tuple[int, int]] = {}
+        self.contested_ids: frozenset[int] = frozenset()  # identifiers that are exclusive here, of what is forwarded up
 
     @property
     def rising_ids(self) -> set[int]:
@@ -54,7 +58,12 @@ class Gateway:
 
     def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
         """Follow a new slice."""
-        self._data = {self._table.sources[source].identifier: entry for source, entry in forward.items()}
+        sources = self._table.sources
+        self._data = {sources[source].identifier: entry for source, entry in forward.items()}
+        up = 1 << self._uplink
+        self.contested_ids = frozenset(
+            sources[source].identifier for source in self._contested & forward.keys() if forward[source][1] & up
+        )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
         """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
@@ -72,13 +81,17 @@ class Gateway:
         """Forward what a node beyond says of itself."""
         return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
 
-    def data(self, port: int, frame: Frame) -> list[Send]:
-        """Forward a datum that the slice names."""
+    def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
+        """Forward a datum that the slice names; `exclusive_until_ns` tells until when exclusive ones may go up."""
         entry = self._data.get(frame.can_id)
         if entry is None or not frame.data or frame.data[0] != entry[0]:
             return []
         mask = entry[1] & ~(1 << port)
-        return [Send(to, frame) for to in range(len(self._ports)) if mask >> to & 1]
+        if frame.can_id not in self.contested_ids:
+            return [Send(to, frame) for to in range(len(self._ports)) if mask >> to & 1]
+        until_ns, up = exclusive_until_ns(now_ns), 1 << self._uplink
+        others = [Send(to, frame) for to in self._far if mask >> to & 1]
+        return others if until_ns is None or not mask & up else [*others, Send(self._uplink, frame, until_ns)]
 
     @property
     def data_ids(self) -> frozenset[int]:

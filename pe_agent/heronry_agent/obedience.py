@@ -199,6 +199,12 @@ class Obedience:
         return None
 
     def _withdraw(self, before: Slice, after: Slice) -> None:
-        """Take back the data that this PE has not sent yet and no longer is the one to send."""
-        gone = {*before.publish, *before.forward} - {*after.publish, *after.forward}
+        """Take back the data that this PE has not sent yet and no longer is the one to send, or of another producer."""
+        made_by, wanted_of = _producers(before), _producers(after)
+        gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
         self.turn.withdraw(self.index.identifiers(gone))
+
+
+def _producers(sends: Slice) -> dict[int, int | None]:
+    """Give whose each source is that a PE sends; None: its own."""
+    return dict.fromkeys(sends.publish) | {source: node for source, (node, _) in sends.forward.items()}

@@ -71,7 +71,6 @@ class RunningModules:
         self._index = index
         self._reconfiguration = reconfiguration
         self._permission = permission
-        permission.revoked = self._take_back
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
@@ -104,6 +103,11 @@ class RunningModules:
             source: tuple(port for port in self._index.ports if mask >> port & 1)
             for source, mask in wanted.publish.items()
         }
+
+    @property
+    def exclusive_sources(self) -> frozenset[int]:
+        """Sources that this PE publishes, and that another one might."""
+        return self._index.movable.intersection(self._publish)
 
     @property
     def next_ns(self) -> int:
@@ -345,11 +349,6 @@ class RunningModules:
                 return
         self._publisher.sent(frame)
         self._turn.out += [Send(port, frame, until_ns) for port in ports]
-
-    def _take_back(self) -> None:
-        """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
-        movable = self._index.movable.intersection(self._publish)
-        self._turn.withdraw(self._index.identifiers(movable))
 
     def _echo(self, frame: Frame) -> None:
         self._turn.out.append(Send(self._index.uplink, frame))

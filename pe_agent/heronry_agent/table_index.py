@@ -25,12 +25,14 @@ class TableIndex:
         self.ports = range(len(table.ports))
         self.uplink = table.uplink
         self.lease_ns = LEASE_PERIODS * table.ports[table.uplink].heartbeat_ns
+        self.leased_ns = max(self.lease_ns, LEASE_PERIODS * table.command_period_ns)  # for how long one LEASE is a sign
         self.stand_back_ns = _stand_back_ns(table.ports[table.uplink])
         self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
         self.leaf_counts = table.leaf_counts()
         self.source_of = {(s.module, s.variable): index for index, s in enumerate(table.sources)}
         movable = {module.name for module in table.modules if module.movable}
         self.movable = frozenset(i for i, source in enumerate(table.sources) if source.module in movable)
+        self.contested = frozenset(i for i, source in enumerate(table.sources) if source.movable)
         self.types = tuple(_data_type(table, source.variable) for source in table.sources)
         self.elements = _elements(table)
         self.critical = frozenset(self.elements[name] for name in table.flight_critical if name in self.elements)

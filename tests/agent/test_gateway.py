@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from agent.one_pe import (
+    BEAT_NS,
     DEMAND,
     FAR,
     FLYING,
@@ -38,6 +39,7 @@ from heronry_wire.management import (
     SliceHead,
     Step,
 )
+from heronry_wire.sansio import Withdraw
 
 UPLINK, RADIO = 0, 1
 
@@ -174,3 +176,54 @@ def test_an_uplink_need_not_be_the_first_port() -> None:
     lease = command_frame(Lease(1, 7, Step.BREAK, 1007))
     assert pe.hear(lease, 0) == []
     assert forwarded(pe.hear(lease, 1), lease, 0)
+
+
+# A datum from beyond whose module may also run on this side of the gateway is exclusive there (rule 6).
+
+CONTESTED_TABLE = replace(
+    GATEWAY_TABLE, sources=(replace(GATEWAY_TABLE.sources[RATE], movable=True), *GATEWAY_TABLE.sources[1:])
+)
+FROM_BEYOND = Slice(forward={RATE: (FAR, 0b01)})
+
+
+def datum_from_beyond(pe: OnePe) -> list[Action]:
+    return pe.hear(rate_frame(1.0, node=FAR), RADIO)
+
+
+def test_what_may_run_on_this_side_too_is_sent_up_only_while_others_are_heard_there() -> None:
+    for table, is_exclusive in ((CONTESTED_TABLE, True), (GATEWAY_TABLE, False)):
+        pe = OnePe(table)
+        pe.configure(FROM_BEYOND, 7)
+        pe.command(Alive(1, 0, frozenset({NODE, FAR, NEIGHBOUR})))
+        (frame,) = sent(datum_from_beyond(pe), RATE_ID, UPLINK)
+        assert frame.data[0] == FAR
+        pe.pass_time(60 * MS)
+        assert bool(sent(datum_from_beyond(pe), RATE_ID, UPLINK)) is not is_exclusive
+        pe.hear(neighbour_state(7, 1007))
+        assert bool(sent(datum_from_beyond(pe), RATE_ID, UPLINK)) is not is_exclusive  # in doubt
+        pe.command(Alive(1, 1, frozenset({NODE, FAR, NEIGHBOUR})))
+        assert sent(datum_from_beyond(pe), RATE_ID, UPLINK)
+
+
+def test_what_waits_of_it_is_withdrawn_when_nobody_counts_on_the_gateway_any_more() -> None:
+    pe = OnePe(CONTESTED_TABLE)
+    pe.configure(FROM_BEYOND, 7)
+    pe.command(Alive(1, 0, frozenset({NODE, FAR})))
+    told = pe.command(Alive(1, 1, frozenset({NEIGHBOUR})))
+    assert Withdraw(frozenset({RATE_ID})) in told
+    assert not sent(datum_from_beyond(pe), RATE_ID, UPLINK)
+
+
+def test_what_is_sent_down_is_nobody_elses() -> None:
+    pe = OnePe(CONTESTED_TABLE)
+    pe.configure(Slice(forward={RATE: (NEIGHBOUR, 0b10)}), 7)
+    pe.command(Alive(1, 0, frozenset({NODE, FAR})))
+    assert not [one for one in pe.command(Alive(1, 1, frozenset({NEIGHBOUR}))) if isinstance(one, Withdraw)]
+
+
+def test_a_manager_that_beats_slowly_is_heard_for_as_long_as_its_lease_lasts() -> None:
+    for period_ns, hears in ((0, False), (5 * BEAT_NS, True)):
+        pe = OnePe(replace(GATEWAY_TABLE, command_period_ns=period_ns))
+        pe.command(Lease(1, 7, Step.GO, 1007))
+        pe.pass_time(6 * BEAT_NS)
+        assert pe.core.reign.hears_lease(pe.now_ns) is hears

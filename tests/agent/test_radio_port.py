@@ -199,3 +199,15 @@ def test_a_frame_that_leaves_after_it_was_given_up_changes_nothing() -> None:
     pe.give(Left(RADIO, 500 * MS))
     assert len(pe.by_radio) == count
     assert pe.core.next_deadline_ns() > pe.now_ns
+
+
+def test_what_waits_of_a_producer_does_not_reach_the_radio_when_the_new_one_is_beyond_it() -> None:
+    pe = Gateway(frame_ns=None)
+    pe.configure(FORWARDS, 7)
+    pe.hear(rate_frame(1.0), UPLINK)
+    pe.configure(Slice(forward={RATE: (FAR, 0b01)}), 8)
+    handed = len(pe.by_radio)
+    pe.frame_ns = AT_ONCE
+    pe.leaves_ns = pe.now_ns
+    pe.wait(5 * PERIOD_NS)
+    assert RATE_ID not in {one.frame.can_id for one in pe.by_radio[handed:]}

@@ -6,6 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +18,7 @@ from heronry_dg.situation import Situation, hosts_when_all_is_up, situation, sur
 from heronry_dg.traffic import hops, identifiers
 from heronry_manager.compilation import Compiler
 from heronry_manager.planner.exact import plan
+from heronry_manager.topology import command_period_ns
 from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.management import SLICE_BYTES_PER_FRAME
 from heronry_wire.pe_table import PeTable
@@ -338,6 +340,23 @@ def test_what_is_exclusive_or_silent_is_marked() -> None:
     assert marks["ground_display"] == (False, False, False), "it drives an actuator"
     assert marks["gps_driver"] == (False, False, False), "it serves no function by itself"
     assert marks["image_archive"] == (False, False, True)
+
+
+BOTH_SIDES = Path(__file__).parent.parent / "scenarios" / "both_sides.dg.yaml"
+
+
+def test_what_may_run_on_both_sides_of_a_gateway_is_marked_in_its_table() -> None:
+    spec = load(BOTH_SIDES)
+    marked = {pe: {s.module for s in Compiler(spec).table(pe).sources if s.movable} for pe in spec.pes}
+    assert marked == {"front": set(), "rear": set(), "gateway": {"low_quality_altitude"}, "wing": set()}
+
+
+def test_commands_come_as_often_as_the_slowest_bus_on_the_way_beats() -> None:
+    text = BOTH_SIDES.read_text().replace("can0: {bitrate: 500000}", "can0: {bitrate: 500000, heartbeat_ms: 50}")
+    spec = loads(text, "slow.dg.yaml")
+    assert {pe: command_period_ns(spec, pe) for pe in spec.pes} == dict.fromkeys(spec.pes, 50_000_000)
+    assert Compiler(spec).table("wing").command_period_ns == 50_000_000
+    assert command_period_ns(shipped("big_blue"), "ground") == 200_000_000
 
 
 @pytest.mark.parametrize("name", shipped_spec_names())

@@ -68,7 +68,7 @@ def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Excl
     activate(exclusion, with_servo(1, "tail_pe"))
     left = ["sensor_pe", "control_pe"]
     exclusion.named(PES, 60 * MS)
-    exclusion.declared_down("tail_pe")
+    exclusion.declared_down("tail_pe", 0)
     placed = exclusion.tokens(with_servo(2, "control_pe"))
     assert exclusion.must_break(placed, left) == set()
     assert exclusion.demux_free_ns(placed, left, 65 * MS) == 160 * MS
@@ -79,14 +79,14 @@ def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_lease(exclusion: 
     activate(exclusion, with_servo(1, "tail_pe"))
     exclusion.named(PES, 0)
     exclusion.slept(70 * MS)
-    exclusion.declared_down("tail_pe")
+    exclusion.declared_down("tail_pe", 0)
     placed = exclusion.tokens(with_servo(2, "control_pe"))
     assert exclusion.demux_free_ns(placed, ["sensor_pe", "control_pe"], 100 * MS) == 170 * MS
 
 
 def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
-    exclusion.declared_down("control_pe")
+    exclusion.declared_down("control_pe", 0)
     placed = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe"))
     assert exclusion.identifiers_free_ns(placed, ["sensor_pe", "tail_pe"], 65 * MS) is None
 
@@ -137,3 +137,19 @@ def test_a_pe_beyond_the_radio_has_a_lease_of_its_own_slower_bus() -> None:
     elsewhere = exclusion.tokens(Configuration({"guidance": Running("nav", "route")}))
     # given up although it speaks: five of its own heartbeat periods of 200 ms, not of the manager's 20 ms
     assert exclusion.identifiers_free_ns(elsewhere, ["nav"], 100 * MS) == 1000 * MS
+
+
+def test_identifiers_of_who_was_declared_down_early_wait_for_three_periods_and_a_quarter() -> None:
+    text = Path("dg_specs/elevator_and_chute.dg.yaml").read_text()
+    found = Exclusion(loads(text.replace("bitrate: 1000000", "bitrate: 1000000, misses: 1"), "early.dg.yaml"))
+    activate(found, with_servo(1, "tail_pe", control_on="control_pe"))
+    placed, left = found.tokens(with_servo(1, "tail_pe", control_on="sensor_pe")), ["sensor_pe", "tail_pe"]
+    found.named(PES, 20 * MS)
+    found.declared_down("control_pe", 10 * MS)
+    assert found.identifiers_free_ns(placed, left, 74 * MS) == 75 * MS
+    found.named(["control_pe"], 74 * MS)  # it is back, and fails again: nothing is known of its silence
+    assert found.identifiers_free_ns(placed, left, 76 * MS) == 174 * MS
+    found.declared_down("control_pe", 20 * MS)
+    found.slept(30 * MS)
+    assert found.identifiers_free_ns(placed, left, 100 * MS) == 115 * MS
+    assert found.identifiers_free_ns(placed, left, 115 * MS) is None

@@ -170,7 +170,7 @@ def what_stopped_by_itself_is_started_by_another_epoch() -> None:
 
 
 def a_phase_is_entered_by_whoever_may() -> None:
-    """Each request is acknowledged each time and obeyed once, in its order; one that only leads on does not lead back."""
+    """A request is acknowledged each time and obeyed once, in its order; one that only leads on does not lead back."""
     manager = ManagerUnderTest(example("phases")).flies()
     phases = list(manager.spec.phases)
     pe = next(iter(manager.pes))

@@ -383,7 +383,7 @@ def a_request_is_made_once() -> None:
 
 
 def a_request_that_nobody_heard_goes_on() -> None:
-    """Over new terms, as it was made; once it is acknowledged, the next term is asked to lead on only, by its number."""
+    """Over new terms, as it was made; once it is acknowledged, the next term is asked under its number to lead on."""
     pe = _flying()
     puppets.PULLED["helper"] = puppets.asking("climb")
     for term, is_heard, wanted in ((7, False, {(0, 1)}), (9, True, set()), (11, False, {(0, FORWARD_ONLY | 1)})):

@@ -225,8 +225,9 @@ def a_table_of_any_length_is_fetched_by_blocks() -> None:
         client = Client(PeUnderTest(replace(TABLE, spec=TABLE.spec + "x" * more)))
         wanted = client.pe.table.to_json().encode()
         client.hears(f"a4 {_TABLE} 7f", f"c6 {_TABLE} {len(wanted).to_bytes(4, 'little').hex()}")
-        found, answers = b"", client.asks("a3", 100)
-        while answers and answers[-1][0] & 0xC0 != 0xC0:
+        found, is_last, answers = b"", False, client.asks("a3", 100)
+        while answers and not is_last:
+            is_last = answers[-1][0] & 0x80 != 0
             numbers = [data[0] & 0x7F for data in answers]
             equal(numbers, list(range(1, len(answers) + 1)), "numbers of a block")
             found += b"".join(data[1:] for data in answers)
