@@ -142,7 +142,7 @@ def test_a_module_that_raises_begins_again_twice_and_is_then_given_up() -> None:
     assert {SERVO_1, MONITOR} <= pe.running.keys()
 
 
-def test_a_new_reign_is_told_who_has_stopped_and_not_who_was_cleared() -> None:
+def test_a_new_reign_is_told_who_has_stopped_and_who_was_cleared_begins_again_in_it() -> None:
     pe = flying(restarts=0)
     pe.raising.add(CONTROL)
     fly(pe, 100 * MS)
@@ -150,7 +150,23 @@ def test_a_new_reign_is_told_who_has_stopped_and_not_who_was_cleared() -> None:
     assert pe.codes(fly(pe, 100 * MS)) == []
     assert pe.codes(pe.command(Lease(2, 7, Step.GO_ALL, 1007))) == [("MODULE_EXCEPTION", CONTROL, 0)]
     pe.command(Control(2, NODE, Operation.CLEAR, ElementKind.MODULE, CONTROL))
+    pe.raising.clear()
+    assert CONTROL not in pe.running
     assert pe.codes(pe.command(Lease(3, 7, Step.GO_ALL, 1007))) == []
+    assert CONTROL in pe.running
+
+
+def test_who_was_cleared_and_waits_for_go_begins_with_it() -> None:
+    pe = flying(restarts=0)
+    pe.configure(FLYING, 8, step=Step.BREAK)
+    pe.raising.add(CONTROL)
+    fly(pe, 100 * MS)
+    pe.command(Control(1, NODE, Operation.CLEAR, ElementKind.MODULE, CONTROL))
+    pe.raising.clear()
+    pe.command(Lease(2, 8, Step.BREAK, 1008))
+    assert CONTROL not in pe.running
+    pe.command(Lease(2, 8, Step.GO_ALL, 1008))
+    assert CONTROL in pe.running
 
 
 def test_an_acknowledged_restart_is_told_no_more_and_leaves_no_error() -> None:

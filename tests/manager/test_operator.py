@@ -288,3 +288,59 @@ def test_who_only_advises_unlocks_nothing() -> None:
     (reply,) = core.step(6 * BEAT_NS, OperatorSaid(1, UnlockPe("pe:left")))
     assert isinstance(reply, Reply)
     assert (reply.done, reply.sentence) == (False, "this manager only advises: say it to the one that reigns")
+
+
+def test_what_its_pe_gives_up_after_the_operator_has_failed_it_runs_again_with_a_new_epoch(manager: OneManager) -> None:
+    module = list(manager.spec.modules).index("control")
+    say(manager, FailElement("module:control"))
+    manager.report("middle", Emergency(FaultCode.MODULE_EXCEPTION, 0x81, ElementKind.MODULE, module, 0))
+    assert manager.memory.latched["module:control"].by == "middle"
+    say(manager, FailElement("module:control"))
+    assert manager.memory.latched["module:control"].by == "middle"
+    epoch, _ = manager.prepared()
+    assert say(manager, ClearElement("module:control")).done
+    manager.answer()
+    assert manager.prepared()[0] != epoch
+
+
+# Requests for a phase, over losses and reigns
+
+
+def test_a_request_counts_once_though_its_pe_was_lost_before_it_was_answered(manager: OneManager) -> None:
+    manager.report("left", request(2, 1))
+    state = manager.running["left"]
+    manager.die("left")
+    manager.pass_time(5 * BEAT_NS)
+    say(manager, EnterPhase("climb"))
+    manager.running["left"] = state
+    manager.beat("left")
+    manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
+    manager.report("left", request(2, 1))
+    assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
+
+
+def test_of_two_requests_the_later_one_counts_in_whatever_order_they_come(manager: OneManager) -> None:
+    manager.report("left", request(2, 2))
+    manager.report("left", request(1, 1))
+    assert status(manager)["phase"] == "land"
+    assert len(manager.answers()) == 2
+
+
+def test_the_phase_is_told_before_the_request_for_it_is_acknowledged(manager: OneManager) -> None:
+    manager.pass_time(10 * BEAT_NS)
+    manager.commands.clear()
+    manager.report("left", request(2, 1))
+    told = [(one.operation, one.b) for one in manager.said(Control)]
+    assert told == [(Operation.HOLDS, 2), (Operation.ACKNOWLEDGE, 1)]
+
+
+def test_a_restarted_manager_knows_which_request_was_obeyed(manager: OneManager) -> None:
+    manager.report("left", request(2, 1))
+    say(manager, EnterPhase("climb"))
+    again = OneManager(manager.spec, memory=manager.memory)
+    again.running = dict(manager.running)
+    again.start(fly=False)
+    again.report("left", request(2, FORWARD_ONLY | 1))
+    assert again.of("phase_changed") == []
+    again.report("left", request(1, 2))
+    assert again.last("phase_changed")["phase"] == "glide"

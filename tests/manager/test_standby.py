@@ -1,8 +1,10 @@
 """A manager that stands by: what makes it take over, and what it knows then."""
 
+from pathlib import Path
+
 import pytest
 
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_dg.situation import Situation
 from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
@@ -20,6 +22,7 @@ from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (
+    FORWARD_ONLY,
     Activate,
     Alive,
     Control,
@@ -36,6 +39,7 @@ from heronry_wire.management import (
     StatePage0,
     Step,
 )
+from heronry_wire.sansio import Tick
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")
@@ -438,3 +442,56 @@ class TestOverheard:
             overheard.take(SliceBody(100, 7, 1, body))
         overheard.take(Activate(1, 7, Step.GO_ALL, compiled.digest))
         assert turn.memory.runs is None
+
+
+def test_what_it_has_heard_acknowledged_was_obeyed_and_the_operators_word_since_stands(pair: Pair) -> None:
+    wish = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, 1)
+    pair.primary.report("left", wish)
+    pair.primary.give(OperatorSaid(1, EnterPhase("climb")))
+    pair.fly(10 * BEAT_NS)
+    to_nobody = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
+    pair.standby.hear(Frame(management_id(126, Command.CONTROL), to_nobody.encode()))
+    pair.orphan(*PHASES.pes)
+    assert pair.standby.last("taken_over")["phase"] == "climb"
+    pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1))
+    assert pair.standby.core.status()["phase"] == "climb"
+    pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 2, 2))
+    assert pair.standby.core.status()["phase"] == "land"
+
+
+def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
+    spec = load(Path(__file__).parent.parent / "scenarios" / "slow_far_bus.dg.yaml")
+    manager = OneManager(spec, node=127)
+    manager.core = ManagerCore(spec, 127, NOTHING, manager.now_ns, standby=True)
+    manager.hear(Frame(management_id(126, Command.LEASE), Lease(1, 1, Step.GO_ALL, 7).encode()))
+    nodes = frozenset(pe.node_id for pe in spec.pes.values())
+    manager.hear(Frame(management_id(126, Command.ALIVE), Alive(1, 0, nodes).encode()))
+    for pe in ("f1", "f2", "f3"):
+        manager.hear(Frame(manager.state_id(pe), StatePage0(PeState.ACTIVE, PeFlags(0), 1, 1, 0, 7).encode()))
+    manager.now_ns += 2_000 * MS
+    manager.give(Tick())
+    assert manager.last("taken_over")["before"] == 1
+
+
+def test_without_a_term_left_it_stops_and_says_so() -> None:
+    manager = standing_by()
+    manager.hear(Frame(management_id(126, Command.LEASE), Lease(4095, 0, Step.PREPARED, 0).encode()))
+    manager.pass_time(LEASE_NS + MS)
+    for pe in PHASES.pes:
+        manager.live(pe)
+    assert manager.of("taken_over") == []
+    (reason,) = manager.stops
+    assert "there is no term after 4095" in reason
+    assert manager.core.next_deadline_ns() is None
+
+
+def test_nor_does_one_begin_a_reign_that_has_listened() -> None:
+    manager = OneManager(memory=Memory(term=4094))
+    manager.start()
+    manager.running.clear()
+    manager.pass_time(200 * MS)  # everybody is silent, and so is it then
+    for pe in manager.spec.pes:
+        manager.live(pe)
+    manager.pass_time(300 * MS)
+    (reason,) = manager.stops
+    assert "there is no term after 4095" in reason
