@@ -526,7 +526,7 @@ class ManagerCore:
             return
         self._turn.keep(TermBegun(term))
         self._deployment.numbers.begin(term)
-        self._exclusion.named(self._spec.pes, now_ns)
+        self._exclusion.begun(now_ns)
         self._beacon = Beacon(self._node, self._bus.heartbeat_ns, now_ns)
 
     def _beat(self) -> None:

@@ -64,6 +64,10 @@ class Exclusion:
             tokens.add(f"module:{module}")
         return tokens
 
+    def begun(self, now_ns: int) -> None:
+        """A reign begins: who it does not hear may have been named by another one until now."""
+        self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
+
     def named(self, pes: Iterable[str], now_ns: int) -> None:
         """ALIVE has just named these PEs."""
         for pe in pes:
