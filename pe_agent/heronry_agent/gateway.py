@@ -62,7 +62,7 @@ class Gateway:
         self._data = {sources[source].identifier: entry for source, entry in forward.items()}
         up = 1 << self._uplink
         self.contested_ids = frozenset(
-            sources[source].identifier for source in self._contested & forward.keys() if forward[source][1] & up
+            sources[source].identifier for source in self._contested.intersection(forward) if forward[source][1] & up
         )
 
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
