@@ -14,6 +14,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.scenario.judgement import holds_since
 from heronry_tools.scenario.script import read_script
 from heronry_tools.scenario.trace import golden_file
+from heronry_tools.simulator.bounds import read_share, written_share
 from heronry_wire.sansio import InvariantError
 
 DEMUX = Path("dg_specs/examples/demux_actuators.dg.yaml").absolute()
@@ -286,6 +287,18 @@ def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
 def test_a_scenario_begins_with_its_reason_and_its_spec(text: str, sentence: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=sentence):
         read_script(written(tmp_path, "", head=text))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.1234567, 1e-05, 0.0])
+def test_whatever_loss_a_flight_takes_a_scenario_file_takes_too(share: float, tmp_path: Path) -> None:
+    file = written(tmp_path, f"loss {written_share(share)}\nend 1s\n")
+    assert read_script(file).loss == share
+
+
+@given(st.floats(0, 0.5))
+def test_a_share_is_written_in_decimals_and_read_again_to_the_bit(share: float) -> None:
+    assert set(written_share(share)) <= set("0123456789.-")
+    assert read_share(written_share(share)) == share
 
 
 def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -226,8 +226,9 @@ def test_a_spec_with_a_space_in_its_path_is_shrunk_and_replayed(
     assert "is reported" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("loss", ["0.01", "0.00001"])
 def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
-    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    loss: str, raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = [
@@ -236,7 +237,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "--seconds",
         "2",
         "--loss",
-        "0.01",
+        loss,
         "--foreseen",
         "1",
         "--act",
@@ -245,7 +246,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
     assert main([*words, "--shrink"]) == 1
     (file,) = tmp_path.glob("*.scenario")
     lines = file.read_text().splitlines()
-    assert "loss 0.01" in lines
+    assert f"loss {loss}" in lines
     assert "contingencies 1" in lines
     assert "at 0.5s pause pe:tail_pe for 0.01s" in lines
     assert main(["scenario", str(file)]) == 1

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
+from heronry_tools.simulator.bounds import read_share, written_share
 from heronry_tools.spec_argument import add_spec_argument, load_spec, spec_path
 
 if TYPE_CHECKING:
@@ -221,7 +222,11 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     scenario = least.scenario
     why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
     named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
-    lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
+    lines = [
+        f"spec {named}",
+        f"seed {scenario.seed}",
+        *([f"loss {written_share(scenario.loss)}"] if scenario.loss else []),
+    ]
     lines += ["keyed"] if scenario.keyed else []
     lines += ["standby"] if scenario.standby else []
     lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
@@ -297,7 +302,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
-    return shlex.join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
+    return shlex.join(words + (["--loss", written_share(scenario.loss)] if scenario.loss else []))
 
 
 def whole_number(text: str) -> int:
@@ -331,7 +336,7 @@ def seconds(text: str) -> float:
 
 def share(text: str) -> float:
     """Read a probability."""
-    probability = float(text)
-    if not 0 <= probability <= 0.5:
+    probability = read_share(text)
+    if probability is None:
         raise argparse.ArgumentTypeError(f"{text} is no share that a bus survives; write 0 to 0.5")
     return probability

@@ -45,6 +45,7 @@ from heronry_dg.situation import UnknownElementError, checked_element, checked_p
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.act import KINDS, MANAGERS, Act, read_act
+from heronry_tools.simulator.bounds import read_share
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
 ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
@@ -56,7 +57,6 @@ ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] =
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
-_SHARE = re.compile(r"0\.[0-4]\d{0,5}", re.ASCII)
 _EXPECTATION = re.compile(
     r"(?P<subject>\S+) (?P<state>[a-z]+)( by (?P<by>\S+))? (within (?P<time>\S+)|(?P<throughout>throughout))"
 )
@@ -202,8 +202,8 @@ class _Reader:
                 self._refuse("the first line names the spec; write for example 'spec big_blue' above this one")
             case ["seed", number] if number.isdecimal():
                 self.seed = int(number)
-            case ["loss", share] if _SHARE.fullmatch(share):
-                self.loss = float(share)
+            case ["loss", text] if (share := read_share(text)) is not None:
+                self.loss = share
             case ["at", time, *deed] if deed:
                 self._deed(self._ns(time), deed)
             case ["expect", *expectation] if expectation:
@@ -212,8 +212,8 @@ class _Reader:
                 self.end_ns = self._not_before(self._ns(time))
             case _ if self.deeds or not self._prepared(words):
                 self._refuse(
-                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
+                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE' "
+                    "(0 to 0.5), 'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
                     "(before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 
