@@ -264,6 +264,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 loss bus:can0 for 0.1 level 5000"], "loss has a level from 1 to 1000: frames are destroyed"),
         (["--act", "1 pause pe:tail_pe for 0.1 level 3"], "pause has no level; leave it out"),
         (["--act", "1 pause device:gps"], "pause cannot strike device:gps"),
+        (["--act", "1 manager_crash standby"], "there is one manager; name it 'manager', or add --standby for two"),
         (["--kind", "explode"], "there is no such fault"),
         (["--acts", "nowhere.acts"], "name a file with one act a line"),
     ],

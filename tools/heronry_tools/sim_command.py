@@ -178,7 +178,7 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
     from heronry_tools.demo.script import read_script  # noqa: PLC0415
-    from heronry_tools.simulator.act import MANAGER, Act, read_act  # noqa: PLC0415
+    from heronry_tools.simulator.act import MANAGER, Act, is_one_of_two, read_act  # noqa: PLC0415
 
     texts = list(arguments.act)
     if arguments.acts is not None:
@@ -191,6 +191,9 @@ def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...
             raise UserError(f"--acts {arguments.acts}: it has no act; write one a line, or leave it out")
         texts += told
     acts = [read_act(spec, text) for text in texts]
+    absent = [act for act in acts if is_one_of_two(act.target)]
+    if absent and not arguments.standby:
+        raise UserError(f"'{absent[0]}': there is one manager; name it 'manager', or add --standby for two")
     script = read_script(spec, arguments.kill, arguments.restore)
     for position, act in enumerate(script):
         if act.what == "kill":

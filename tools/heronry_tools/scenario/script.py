@@ -44,7 +44,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import KINDS, MANAGERS, Act, read_act
+from heronry_tools.simulator.act import KINDS, MANAGERS, Act, is_one_of_two, read_act
 from heronry_tools.simulator.bounds import read_share
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
@@ -246,6 +246,8 @@ class _Reader:
     def _deed(self, at_ns: int, words: list[str]) -> None:
         self._not_before(at_ns)
         text = " ".join(words)
+        if not self.has_standby and words[0] != "phase" and any(map(is_one_of_two, words[1:2])):
+            self._refuse(f"'{text}': there is one manager; name it 'manager', or write 'standby' above for two")
         match words:
             case ["kill" | "restore" as what, target]:
                 deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
