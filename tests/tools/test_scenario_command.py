@@ -190,6 +190,19 @@ def test_decisions_are_kept_and_another_decision_is_a_difference(
     assert golden_file(file).read_text() == kept
 
 
+def test_a_golden_trace_that_is_no_text_is_refused_before_anything_flies_and_can_be_made_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, HOLDS)
+    golden_file(file).write_bytes(b"\xff\xfe")
+    assert main(["scenario", "tests/scenarios/a_processor_dies.scenario", str(file)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.endswith(f"{golden_file(file)}: it is not text in UTF-8; --rewrite makes it anew\n")
+    assert main(["scenario", str(file), "--rewrite"]) == 0
+    assert "tail_a is lost" in golden_file(file).read_text()
+
+
 def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, FAILS)
     assert main(["scenario", str(file), "--junit", str(tmp_path / "none" / "results.xml")]) == 2

@@ -99,16 +99,19 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
     from dataclasses import replace  # noqa: PLC0415
 
     from heronry_tools.scenario import in_simulator, live  # noqa: PLC0415
-    from heronry_tools.scenario.trace import keep  # noqa: PLC0415
+    from heronry_tools.scenario.trace import keep, kept  # noqa: PLC0415
 
-    for script in scripts:
-        live.check(script) if _is_live(arguments) else None
+    for script in scripts:  # before the first one flies
+        if _is_live(arguments):
+            live.check(script)
+        elif not arguments.rewrite:
+            kept(script.file)
     for script in scripts:
         show_line(f"flying {script.file}")
         if _is_live(arguments):
             yield live.fly(script, arguments)
             continue
-        flown = in_simulator.fly(script)
+        flown = in_simulator.fly(script, is_compared=not arguments.rewrite)
         if arguments.rewrite and flown.trace:
             keep(script.file, flown.trace)
             flown = replace(flown, differences=())
