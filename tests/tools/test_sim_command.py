@@ -1,16 +1,29 @@
 """`heronry sim` as its user meets it: what it prints, what it exits with, and the command that replays a flight."""
 
 import json
+import os
 import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
+from heronry_tools.errors import UserError
+from heronry_tools.simulator.campaign import fly_all
 from heronry_tools.simulator.protocol_state import STATES
 
 ESTIMATOR = "  state_estimator: {"
+
+
+def die(_spec: Spec, number: int) -> None:
+    """A flight of which its process dies."""
+    os.kill(os.getpid(), number)
 
 
 @pytest.fixture
@@ -173,6 +186,41 @@ def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reac
     lines = alone.splitlines()
     assert lines[-1] == "3 flights, 0 failed"
     assert any(line.startswith("strikes in state") and line.split()[3:] == list(STATES) for line in lines)
+
+
+def members(group: int) -> int:
+    """How many processes of a group run."""
+    found = subprocess.run(["ps", "-eo", "pgid=,stat="], check=True, capture_output=True, text=True).stdout
+    return sum(line.split()[0] == str(group) and "Z" not in line for line in found.splitlines())
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [os.kill, os.killpg])
+@pytest.mark.parametrize("there", [2, 4])  # a first process is being started, or all are; the others import
+def test_a_campaign_that_is_ended_ends_at_once_and_leaves_nothing_behind(
+    there: int, end: Callable[[int, int], None], number: signal.Signals
+) -> None:
+    words = ["sim", "elevator_and_chute", "--runs", "100", "--seconds", "60", "--jobs", "2"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "heronry_tools.cli", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        while members(process.pid) < there:
+            assert process.poll() is None, "it ended before it could be told to"
+        end(process.pid, number)
+        told = process.communicate(timeout=20)
+    assert (process.returncode, told) == (128 + number, ("", ""))
+    assert members(process.pid) == 0
+
+
+def test_who_flies_and_dies_is_one_sentence() -> None:
+    flown = fly_all(shipped_spec_path("elevator_and_chute"), [signal.SIGKILL] * 3, 2, die)
+    with pytest.raises(UserError, match="give the same command again"):
+        list(flown)
 
 
 def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
