@@ -290,6 +290,20 @@ def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
     assert sentence in told
 
 
+def test_a_semicolon_separates_what_else_stands_on_lines_of_its_own(tmp_path: Path) -> None:
+    body = (
+        "seed 4; at 1s kill pe:tail_a; expect epoch new within 150ms; # and\nexpect manager heard throughout; end 2s\n"
+    )
+    script = read_script(written(tmp_path, body))
+    assert [(deed.line, deed.text) for deed in script.deeds] == [(4, "kill pe:tail_a")]
+    assert [(one.line, one.text) for one in script.expectations] == [
+        (4, "epoch new within 150ms"),
+        (5, "manager heard throughout"),
+    ]
+    with pytest.raises(UserError, match=r"some.scenario:4: 'soon' is no time"):
+        read_script(written(tmp_path, "at 1s kill pe:tail_a; at soon restore pe:tail_a\nend 2s\n"))
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -14,6 +14,8 @@
     expect function:elevator served within 200ms
     end 8s
 
+What stands on lines of its own may stand on one, with ';' between.
+
 Times are seconds from the moment at which the first configuration runs. What is done:
 
     kill|restore pe:NAME|manager|primary|standby
@@ -157,9 +159,10 @@ class _Reader:
             if line.startswith("#"):
                 self._comment(line)
                 continue
-            words = line.partition("#")[0].split()
-            if words:
-                self._line(words)
+            for part in line.partition("#")[0].split(";"):
+                words = part.split()
+                if words:
+                    self._line(words)
         return self._finished()
 
     def _finished(self) -> Script:
