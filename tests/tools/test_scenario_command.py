@@ -253,6 +253,8 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
         ("at 1s phase landing", 4, "no phase is named 'landing'"),
         ("at 1s fail device:gps", 4, "no device is named 'gps'"),
         ("at 1s pause bus:can0", 4, "pause cannot strike bus:can0"),
+        ("at 90000s kill pe:tail_a", 4, "'90000s' is longer than a flight may be; write 86400s or less"),
+        ("at 1s pause pe:tail_a for 100000s", 4, "'100000s' is longer than a flight may be"),
         ("at 1s pause pe:tail_a for ever", 4, "'ever' is no time"),
         ("at 2s kill pe:tail_a\nat 1s kill pe:tail_b", 5, "1s is before 2s; write lines in order of time"),
         ("at 2s kill pe:tail_a\nend 1s", 5, "1s is before 2s"),
@@ -311,6 +313,7 @@ def test_a_semicolon_separates_what_else_stands_on_lines_of_its_own(tmp_path: Pa
         ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
         ("# Why.\nseed 1\n", "the first line names the spec"),
         ("# Why.\n", "it names no spec"),
+        ("", "some.scenario:1: nobody knows why it exists"),
         ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),
     ],
 )

@@ -90,11 +90,31 @@ def test_a_manager_is_killed_as_it_is_told(capsys: pytest.CaptureFixture[str]) -
     assert [hit["kind"] for hit in flight["hits"]] == ["manager_crash"]
 
 
+@pytest.mark.parametrize("seat", ["primary", "standby"])
+def test_either_of_two_managers_is_killed(seat: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--standby", "--kill", f"{seat}@0.5", "--kill", "pe:tail_pe@0.7", "--seconds", "1", "--json"]
+    assert main(["sim", "elevator_and_chute", *words]) == 0
+    acts = json.loads(capsys.readouterr().out)["acts"]
+    assert acts == [f"0.5 manager_crash {seat}", "0.7 crash pe:tail_pe"]
+
+
 def test_a_file_without_acts_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "none.acts"
     file.write_text("# 1 crash pe:tail_pe\n\n")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
     assert capsys.readouterr().err == f"heronry: --acts {file}: it has no act; write one a line, or leave it out\n"
+    file.write_bytes(b"\xff\xfe")
+    assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
+    assert "it is not text in UTF-8; name a file with one act a line" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bin"
+    file.write_text("some")
+    assert main(["sim", str(file)]) == 2
+    assert f"{file}: its name does not end as that of a spec does" in capsys.readouterr().err
 
 
 def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,7 +175,8 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
         (["--loss", "0.9"], "0 to 0.5"),
         (["--runs", "-2"], "0 or more"),
         (["--runs", "0"], "1 or more"),
-        (["--seed", "x"], "invalid whole_number value"),
+        (["--seed", "x"], "x is no whole number; write 0 or more"),
+        (["--seconds", "x"], "x is no time to fly; write 0 to 86400 seconds"),
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused(
@@ -314,7 +335,11 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 pause device:gps"], "pause cannot strike device:gps"),
         (["--act", "1 manager_crash standby"], "there is one manager; name it 'manager', or add --standby for two"),
         (["--kind", "explode"], "there is no such fault"),
-        (["--acts", "nowhere.acts"], "name a file with one act a line"),
+        (["--act", "90000 crash pe:tail_pe"], "is longer than a flight may be; let it be over after 86400 seconds"),
+        (["--act", "1 crash pe:tail_pe for 100000"], "is longer than a flight may be"),
+        (["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@90000"], "is longer than a flight may be"),
+        (["--kill", "primary@4"], "there is one manager; name it 'manager', or add --standby for two"),
+        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one act a line"),
     ],
 )
 def test_an_act_that_makes_no_sense_is_refused_in_a_sentence(

@@ -47,7 +47,7 @@ from heronry_dg.situation import UnknownElementError, checked_element, checked_p
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.errors import UserError
 from heronry_tools.simulator.act import KINDS, MANAGERS, Act, is_one_of_two, read_act
-from heronry_tools.simulator.bounds import read_share
+from heronry_tools.simulator.bounds import LONGEST_S, read_share
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
 ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
@@ -351,7 +351,10 @@ class _Reader:
         if match is None:
             self._refuse(f"'{text}' is no time; write it as 2.5s or 80ms")
         whole, _, fraction = match["number"].partition(".")
-        return (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
+        ns = (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
+        if ns > LONGEST_S * _NS["s"]:
+            self._refuse(f"'{text}' is longer than a flight may be; write {LONGEST_S}s or less")
+        return ns
 
     def _not_before(self, at_ns: int) -> int:
         last_ns = self.deeds[-1].at_ns if self.deeds else 0
@@ -379,7 +382,7 @@ class _Reader:
             self._refuse(str(error))
 
     def _refuse(self, sentence: str) -> NoReturn:
-        raise UserError(f"{self.file}:{self.number}: {sentence}")
+        raise UserError(f"{self.file}:{max(self.number, 1)}: {sentence}")  # also where there is no line at all
 
 
 def _plain_seconds(ns: int) -> str:

@@ -1,10 +1,12 @@
-"""How bad the buses of a flight may be: what `--loss` takes, a scenario file takes too, and as it is written there.
+"""How long a flight may last and how bad its buses may be: what an option takes, a scenario file takes too.
 
-A bus on which more than half of all frames are destroyed carries nothing that could be judged.
+A day is longer than anybody waits for. A bus on which more than half of all frames are destroyed carries nothing that
+could be judged.
 """
 
 from decimal import Decimal
 
+LONGEST_S = 86_400
 _WORST_SHARE = 0.5
 
 
