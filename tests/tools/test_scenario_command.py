@@ -190,6 +190,13 @@ def test_decisions_are_kept_and_another_decision_is_a_difference(
     assert golden_file(file).read_text() == kept
 
 
+def test_of_a_flight_that_fails_no_trace_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, FAILS)
+    assert main(["scenario", str(file), "--rewrite"]) == 1
+    assert capsys.readouterr().err == f"heronry: {golden_file(file)} is left as it was, since the flight fails\n"
+    assert not golden_file(file).exists()
+
+
 def test_a_golden_trace_that_is_no_text_is_refused_before_anything_flies_and_can_be_made_anew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ cannot be read, or what it does cannot be done there.
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,7 +57,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
     parser.add_argument("--json", action="store_true", help="one JSON object a file")
     parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
-    parser.add_argument("--rewrite", action="store_true", help="make FILE.golden anew (simulator only)")
+    parser.add_argument(
+        "--rewrite", action="store_true", help="make FILE.golden anew, where the flight holds (simulator only)"
+    )
     parser.add_argument(
         "--patience",
         metavar="N",
@@ -99,7 +102,7 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
     from dataclasses import replace  # noqa: PLC0415
 
     from heronry_tools.scenario import in_simulator, live  # noqa: PLC0415
-    from heronry_tools.scenario.trace import keep, kept  # noqa: PLC0415
+    from heronry_tools.scenario.trace import golden_file, keep, kept  # noqa: PLC0415
 
     for script in scripts:  # before the first one flies
         if _is_live(arguments):
@@ -112,9 +115,12 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
             yield live.fly(script, arguments)
             continue
         flown = in_simulator.fly(script, is_compared=not arguments.rewrite)
-        if arguments.rewrite and flown.trace:
+        if arguments.rewrite and flown.holds:
             keep(script.file, flown.trace)
             flown = replace(flown, differences=())
+        elif arguments.rewrite:
+            show_line("")
+            print(f"heronry: {golden_file(script.file)} is left as it was, since the flight fails", file=sys.stderr)
         yield flown
 
 
