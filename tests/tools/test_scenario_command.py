@@ -216,7 +216,8 @@ def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys
     told = capsys.readouterr()
     assert (told.out, "make it first" in told.err) == ("", True)
     assert main(["scenario", str(file), "--junit", str(tmp_path)]) == 2
-    assert "name a file that can be written" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", f"heronry: {tmp_path} is a folder; name another file\n")
 
 
 def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_besides(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
+from heronry_tools.whole_file import expect_writable, write_whole
 
 if TYPE_CHECKING:
     from heronry_tools.scenario.flown import Flown
@@ -79,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
     if arguments.patience is not None and not _is_live(arguments):
         raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
-    if arguments.junit is not None and not arguments.junit.parent.is_dir():
-        raise UserError(f"--junit {arguments.junit}: there is no folder {arguments.junit.parent}; make it first")
+    if arguments.junit is not None:
+        expect_writable(arguments.junit)
     scripts = [read_script(file) for file in arguments.files]
     flights = []
     for flown in _flown(arguments, scripts):
@@ -88,10 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         flights.append(flown)
         print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
     if arguments.junit is not None:
-        try:
-            arguments.junit.write_text(junit(flights), encoding="utf-8")
-        except OSError as error:
-            raise UserError(f"--junit {arguments.junit}: {error.strerror}; name a file that can be written") from None
+        write_whole(arguments.junit, junit(flights).encode())
     failed = sum(not flown.holds for flown in flights)
     if len(flights) > 1 and not arguments.json:
         print(f"{len(flights)} scenarios, {failed} failed")
