@@ -6,16 +6,19 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.campaign import fly_all
+from heronry_tools.simulator.act import KINDS
+from heronry_tools.simulator.campaign import Coverage, fly_all
 from heronry_tools.simulator.protocol_state import STATES
 
 ESTIMATOR = "  state_estimator: {"
@@ -132,6 +135,15 @@ def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.Capture
         assert program == "heronry"
         assert main([*words, "--json"]) == 0
         assert json.loads(capsys.readouterr().out) == flight
+
+
+def test_the_columns_of_the_table_stand_below_each_other() -> None:
+    coverage = Coverage(load(shipped_spec_path("elevator_and_chute")), of_two=True)
+    coverage.entered += Counter(STATES)
+    head, *rows = coverage.table()
+    kinds = [row for row in rows if row.split()[0] in KINDS]
+    assert any(row.startswith("manager_clock_jump ") for row in kinds)
+    assert {len(row) for row in kinds} == {len(head)}
 
 
 def test_what_is_foreseen_is_there_sooner_and_called_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:

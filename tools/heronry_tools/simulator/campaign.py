@@ -25,6 +25,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ENOUGH = 30
+_HEAD_WIDTH = max(map(len, KINDS))
 _POLITENESS = 10
 _COLLECTED_AFTER = 100_000  # objects that were made and are still there
 _SPECS: list[Spec] = []  # the one of a worker process
@@ -119,7 +120,7 @@ class Coverage:
 
 
 def _row(head: str, columns: Sequence[object]) -> str:
-    return f"{head:16}" + "".join(f"{column!s:>11}" for column in columns)
+    return f"{head:{_HEAD_WIDTH}}" + "".join(f"{column!s:>11}" for column in columns)
 
 
 def _begin(spec_file: Path) -> None:
