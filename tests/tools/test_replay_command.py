@@ -85,6 +85,9 @@ def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureF
     file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
     code, document = replayed(capsys, file)
     assert (code, document["reigns"][0]["differences"]) == (0, 0)
+    (reign,), page = document["reigns"], Path("docs/operator.md").read_text()
+    words = {*document, *reign, *(key for entry in reign["entries"] for key in entry)}
+    assert sorted(key for key in words if f"`{key}`" not in page) == []
 
 
 def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -77,7 +77,10 @@ def test_each_expectation_is_judged_by_what_was_heard(
 ) -> None:
     file = written(tmp_path, f"at 1s kill pe:tail_a\nexpect {expectation}\nend 2s\n")
     assert main(["scenario", str(file), "--json"]) == (0 if holds else 1)
-    (told,) = json.loads(capsys.readouterr().out)["expectations"]
+    document = json.loads(capsys.readouterr().out)
+    (told,) = document["expectations"]
+    page = Path("docs/scenarios.md").read_text()
+    assert [key for key in (*document, *told) if f"`{key}`" not in page] == []
     assert (told["expected"], told["holds"], told["line"], told["from_ns"]) == (expectation, holds, 5, 10**9)
     assert seen in told["seen"]
 

@@ -124,6 +124,8 @@ def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.Capture
     assert main(["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1", "--loss", "0.01", "--json"]) == 0
     *flights, whole = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert (whole["flights"], whole["failed"]) == (3, 0)
+    page = Path("docs/simulator.md").read_text().partition("## For programs")[2].partition("## How fast")[0]
+    assert [key for key in (*flights[0], *whole, *whole["coverage"]) if f"`{key}`" not in page] == []
     assert sum(cell["count"] for cell in whole["coverage"]["cells"]) == sum(
         hit["count"] for flight in flights for hit in flight["hits"]
     )

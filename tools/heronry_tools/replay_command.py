@@ -25,6 +25,8 @@ buses (as 'heronry demo --record' writes it) is told apart by the names of its c
 Not on the bus, and so not replayed: the operator's words, and what this spec did not say then. A recording must begin
 before the manager does.
 
+Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
+
 examples:
   heronry demo big_blue --kill pe:nav@3 --for 8 --record flight.log
   heronry replay flight.log big_blue

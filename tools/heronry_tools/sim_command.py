@@ -34,7 +34,7 @@ are virtual and count from the moment at which the first configuration runs. A s
 a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
 (--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then somebody forges commands.
 
-What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
+What is judged, and no core is asked: nothing exclusive ever has two drivers, one epoch is one configuration, and a
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
 everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
 
@@ -46,6 +46,9 @@ power goes while it writes, that cannot hear or be heard, that is started twice,
 between them, with PEs on either side; a PE with an old table; and, in flights that have a key, somebody who has none
 and forges, replays, reorders and truncates commands. Then is judged, too: one manager reigns in a term, no PE goes back
 to an older one, every command obeyed was authentic and fresh, and the journal holds what is so.
+
+Exit codes: 0 all is well; 1 something was violated, or an act that was given has not struck; 2 the input cannot be
+used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
   heronry sim big_blue                              one flight, with what seed 0 draws
