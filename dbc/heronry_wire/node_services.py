@@ -5,10 +5,10 @@ What it decides: which channel, direction and service a frame is, and which byte
 node-ID of the one that answers. Channel c has the identifiers 128 + 2c (c = 0..35) or 2000 + 2(c - 100)
 (c = 100..115) for requests, and the next one for answers. Channel 110 is CANopen's (LSS) and is never used here.
 
-States: none. Every node of this project answers IDS on channel 0 and nothing else; the other services are known
-so that tools can ask other people's units, and show what is said. A lost answer is asked for again by who wants
-it; V1.7 gives 100 ms. To a broadcast every node answers: in this project node n waits (n - 92) ms, so that the
-answers do not all start at once.
+States: none. Every node of this project answers IDS on channel 0; a PE answers TIS and STS there as well, and takes
+NSS. The other services are known so that tools can ask other people's units, and show what is said. A lost answer is
+asked for again by who wants it; V1.7 gives 100 ms. To a broadcast every node answers: in this project node n waits
+(n - 92) ms, so that the answers do not all start at once.
 
 Blocks (DDS writes, DUS reads) are a start with the number of messages, data messages numbered from 0, and a
 checksum that names the last number. Where V1.7 is silent (number of the first message, what the sum is over)

@@ -29,4 +29,6 @@ def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str
     with pytest.raises(SystemExit) as ended:
         main(["nothing_is_named_so"])
     assert ended.value.code == 2
-    assert "no drill is named so" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "no drill is named so; name one of these files, or a drill in it: pe_speaking, pe_obeying, " in told
+    assert "." not in told.partition("in it:")[2]

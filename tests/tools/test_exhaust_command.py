@@ -98,6 +98,10 @@ def test_what_there_is_can_be_counted(capsys: pytest.CaptureFixture[str]) -> Non
     *counts, whole = capsys.readouterr().out.splitlines()
     assert [line.split(maxsplit=1)[1] for line in counts] == stories(load(PHASES))
     assert whole == f"{sum(int(line.split()[0]) for line in counts):7} flights"
+    assert main(["exhaust", str(PHASES), "--count", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [f"{count:7} {story}" for story, count in told["stories"].items()] == counts
+    assert f"{told['flights']:7} flights" == whole
 
 
 def test_a_sample_of_singles_and_pairs_leaves_everything_in_order(capsys: pytest.CaptureFixture[str]) -> None:

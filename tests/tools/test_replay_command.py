@@ -85,6 +85,9 @@ def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureF
     file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
     code, document = replayed(capsys, file)
     assert (code, document["reigns"][0]["differences"]) == (0, 0)
+    (reign,), page = document["reigns"], Path("docs/operator.md").read_text()
+    words = {*document, *reign, *(key for entry in reign["entries"] for key in entry)}
+    assert sorted(key for key in words if f"`{key}`" not in page) == []
 
 
 def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -115,6 +118,26 @@ def test_a_loss_that_the_recording_does_not_show_is_a_difference(
     assert {entry["taken"] for entry in document["reigns"][0]["entries"] if "taken" in entry} >= {"recorded"}
     assert main(["replay", str(file), SPEC]) == 1
     assert "NOT REPLAYED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("contingencies", "told"),
+    [
+        (None, "is no configuration of demux_actuators: is it the right spec?"),
+        (1, "is no plan of demux_actuators that was made ahead: are spec and --contingencies the right ones?"),
+    ],
+)
+def test_a_recording_of_another_spec_is_told_as_such(
+    contingencies: int | None, told: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    simulation = Simulation(elevator_and_chute(), keep_trace=True, contingencies=contingencies)
+    simulation.run_for(1_000 * MS)
+    file = recorded(simulation, tmp_path / "flight.log")
+    assert main(["replay", str(file), "dg_specs/examples/demux_actuators.dg.yaml"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert sum("DIFFERS: epoch 1 (" in line and line.endswith(told) for line in lines) == 1
+    assert main(["replay", str(file), SPEC]) == 0
+    assert "DIFFERS" not in capsys.readouterr().out
 
 
 # Flights with a key

@@ -14,6 +14,7 @@ from heronry_tools.errors import UserError
 from heronry_tools.scenario.judgement import holds_since
 from heronry_tools.scenario.script import read_script
 from heronry_tools.scenario.trace import golden_file
+from heronry_tools.simulator.bounds import read_share, written_share
 from heronry_wire.sansio import InvariantError
 
 DEMUX = Path("dg_specs/examples/demux_actuators.dg.yaml").absolute()
@@ -76,7 +77,10 @@ def test_each_expectation_is_judged_by_what_was_heard(
 ) -> None:
     file = written(tmp_path, f"at 1s kill pe:tail_a\nexpect {expectation}\nend 2s\n")
     assert main(["scenario", str(file), "--json"]) == (0 if holds else 1)
-    (told,) = json.loads(capsys.readouterr().out)["expectations"]
+    document = json.loads(capsys.readouterr().out)
+    (told,) = document["expectations"]
+    page = Path("docs/scenarios.md").read_text()
+    assert [key for key in (*document, *told) if f"`{key}`" not in page] == []
     assert (told["expected"], told["holds"], told["line"], told["from_ns"]) == (expectation, holds, 5, 10**9)
     assert seen in told["seen"]
 
@@ -189,13 +193,34 @@ def test_decisions_are_kept_and_another_decision_is_a_difference(
     assert golden_file(file).read_text() == kept
 
 
+def test_of_a_flight_that_fails_no_trace_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, FAILS)
+    assert main(["scenario", str(file), "--rewrite"]) == 1
+    assert capsys.readouterr().err == f"heronry: {golden_file(file)} is left as it was, since the flight fails\n"
+    assert not golden_file(file).exists()
+
+
+def test_a_golden_trace_that_is_no_text_is_refused_before_anything_flies_and_can_be_made_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, HOLDS)
+    golden_file(file).write_bytes(b"\xff\xfe")
+    assert main(["scenario", "tests/scenarios/a_processor_dies.scenario", str(file)]) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.endswith(f"{golden_file(file)}: it is not text in UTF-8; --rewrite makes it anew\n")
+    assert main(["scenario", str(file), "--rewrite"]) == 0
+    assert "tail_a is lost" in golden_file(file).read_text()
+
+
 def test_where_no_junit_can_be_written_that_is_said_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = written(tmp_path, FAILS)
     assert main(["scenario", str(file), "--junit", str(tmp_path / "none" / "results.xml")]) == 2
     told = capsys.readouterr()
     assert (told.out, "make it first" in told.err) == ("", True)
     assert main(["scenario", str(file), "--junit", str(tmp_path)]) == 2
-    assert "name a file that can be written" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert (told.out, told.err) == ("", f"heronry: {tmp_path} is a folder; name another file\n")
 
 
 def test_junit_has_a_case_for_each_expectation_and_for_all_that_is_judged_besides(
@@ -233,9 +258,14 @@ def test_a_fault_that_does_not_strike_as_it_is_written_fails(
         ("at 1s kill pe:flight\nat 2s kill pe:flight", 5, "pe:flight does not run then"),
         ("without pe:tail_a\nat 1s kill pe:tail_a", 5, "pe:tail_a does not run then"),
         ("at 1s restore manager", 4, "manager runs then"),
+        ("at 1s kill standby", 4, "'kill standby': there is one manager; name it 'manager', or write 'standby' above"),
+        ("at 1s kill manager\nat 2s restore primary", 5, "there is one manager"),
+        ("at 1s manager_crash standby for 1s", 4, "there is one manager"),
         ("at 1s phase landing", 4, "no phase is named 'landing'"),
         ("at 1s fail device:gps", 4, "no device is named 'gps'"),
         ("at 1s pause bus:can0", 4, "pause cannot strike bus:can0"),
+        ("at 90000s kill pe:tail_a", 4, "'90000s' is longer than a flight may be; write 86400s or less"),
+        ("at 1s pause pe:tail_a for 100000s", 4, "'100000s' is longer than a flight may be"),
         ("at 1s pause pe:tail_a for ever", 4, "'ever' is no time"),
         ("at 2s kill pe:tail_a\nat 1s kill pe:tail_b", 5, "1s is before 2s; write lines in order of time"),
         ("at 2s kill pe:tail_a\nend 1s", 5, "1s is before 2s"),
@@ -273,6 +303,20 @@ def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
     assert sentence in told
 
 
+def test_a_semicolon_separates_what_else_stands_on_lines_of_its_own(tmp_path: Path) -> None:
+    body = (
+        "seed 4; at 1s kill pe:tail_a; expect epoch new within 150ms; # and\nexpect manager heard throughout; end 2s\n"
+    )
+    script = read_script(written(tmp_path, body))
+    assert [(deed.line, deed.text) for deed in script.deeds] == [(4, "kill pe:tail_a")]
+    assert [(one.line, one.text) for one in script.expectations] == [
+        (4, "epoch new within 150ms"),
+        (5, "manager heard throughout"),
+    ]
+    with pytest.raises(UserError, match=r"some.scenario:4: 'soon' is no time"):
+        read_script(written(tmp_path, "at 1s kill pe:tail_a; at soon restore pe:tail_a\nend 2s\n"))
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -280,12 +324,25 @@ def test_what_cannot_be_read_is_said_with_its_line_and_remedy(
         ("#\nspec big_blue\nexpect epoch unchanged\nend 1s\n", "nobody knows why it exists"),
         ("# Why.\nseed 1\n", "the first line names the spec"),
         ("# Why.\n", "it names no spec"),
+        ("", "some.scenario:1: nobody knows why it exists"),
         ("# Why.\nspec big_blu\n", "neither a file nor a shipped spec"),
     ],
 )
 def test_a_scenario_begins_with_its_reason_and_its_spec(text: str, sentence: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=sentence):
         read_script(written(tmp_path, "", head=text))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.1234567, 1e-05, 0.0])
+def test_whatever_loss_a_flight_takes_a_scenario_file_takes_too(share: float, tmp_path: Path) -> None:
+    file = written(tmp_path, f"loss {written_share(share)}\nend 1s\n")
+    assert read_script(file).loss == share
+
+
+@given(st.floats(0, 0.5))
+def test_a_share_is_written_in_decimals_and_read_again_to_the_bit(share: float) -> None:
+    assert set(written_share(share)) <= set("0123456789.-")
+    assert read_share(written_share(share)) == share
 
 
 def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,16 +1,32 @@
 """`heronry sim` as its user meets it: what it prints, what it exits with, and the command that replays a flight."""
 
 import json
+import os
 import shlex
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
+from heronry_tools.errors import UserError
+from heronry_tools.simulator.act import KINDS
+from heronry_tools.simulator.campaign import Coverage, fly_all
 from heronry_tools.simulator.protocol_state import STATES
 
 ESTIMATOR = "  state_estimator: {"
+
+
+def die(_spec: Spec, number: int) -> None:
+    """A flight of which its process dies."""
+    os.kill(os.getpid(), number)
 
 
 @pytest.fixture
@@ -77,17 +93,39 @@ def test_a_manager_is_killed_as_it_is_told(capsys: pytest.CaptureFixture[str]) -
     assert [hit["kind"] for hit in flight["hits"]] == ["manager_crash"]
 
 
+@pytest.mark.parametrize("seat", ["primary", "standby"])
+def test_either_of_two_managers_is_killed(seat: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--standby", "--kill", f"{seat}@0.5", "--kill", "pe:tail_pe@0.7", "--seconds", "1", "--json"]
+    assert main(["sim", "elevator_and_chute", *words]) == 0
+    acts = json.loads(capsys.readouterr().out)["acts"]
+    assert acts == [f"0.5 manager_crash {seat}", "0.7 crash pe:tail_pe"]
+
+
 def test_a_file_without_acts_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "none.acts"
     file.write_text("# 1 crash pe:tail_pe\n\n")
     assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
     assert capsys.readouterr().err == f"heronry: --acts {file}: it has no act; write one a line, or leave it out\n"
+    file.write_bytes(b"\xff\xfe")
+    assert main(["sim", "elevator_and_chute", "--acts", str(file)]) == 2
+    assert "it is not text in UTF-8; name a file with one act a line" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_spec_is_told_from_one_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bin"
+    file.write_text("some")
+    assert main(["sim", str(file)]) == 2
+    assert f"{file}: its name does not end as that of a spec does" in capsys.readouterr().err
 
 
 def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sim", "elevator_and_chute", "--runs", "3", "--seconds", "1", "--loss", "0.01", "--json"]) == 0
     *flights, whole = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert (whole["flights"], whole["failed"]) == (3, 0)
+    page = Path("docs/simulator.md").read_text().partition("## For programs")[2].partition("## How fast")[0]
+    assert [key for key in (*flights[0], *whole, *whole["coverage"]) if f"`{key}`" not in page] == []
     assert sum(cell["count"] for cell in whole["coverage"]["cells"]) == sum(
         hit["count"] for flight in flights for hit in flight["hits"]
     )
@@ -99,6 +137,15 @@ def test_each_seed_draws_its_own_losses_and_replays_alone(capsys: pytest.Capture
         assert program == "heronry"
         assert main([*words, "--json"]) == 0
         assert json.loads(capsys.readouterr().out) == flight
+
+
+def test_the_columns_of_the_table_stand_below_each_other() -> None:
+    coverage = Coverage(load(shipped_spec_path("elevator_and_chute")), of_two=True)
+    coverage.entered += Counter(STATES)
+    head, *rows = coverage.table()
+    kinds = [row for row in rows if row.split()[0] in KINDS]
+    assert any(row.startswith("manager_clock_jump ") for row in kinds)
+    assert {len(row) for row in kinds} == {len(head)}
 
 
 def test_what_is_foreseen_is_there_sooner_and_called_by_its_number(capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,7 +189,8 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
         (["--loss", "0.9"], "0 to 0.5"),
         (["--runs", "-2"], "0 or more"),
         (["--runs", "0"], "1 or more"),
-        (["--seed", "x"], "invalid whole_number value"),
+        (["--seed", "x"], "x is no whole number; write 0 or more"),
+        (["--seconds", "x"], "x is no time to fly; write 0 to 86400 seconds"),
     ],
 )
 def test_a_number_that_makes_no_sense_is_refused(
@@ -173,6 +221,41 @@ def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reac
     lines = alone.splitlines()
     assert lines[-1] == "3 flights, 0 failed"
     assert any(line.startswith("strikes in state") and line.split()[3:] == list(STATES) for line in lines)
+
+
+def members(group: int) -> int:
+    """How many processes of a group run."""
+    found = subprocess.run(["ps", "-eo", "pgid=,stat="], check=True, capture_output=True, text=True).stdout
+    return sum(line.split()[0] == str(group) and "Z" not in line for line in found.splitlines())
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("end", [os.kill, os.killpg])
+@pytest.mark.parametrize("there", [2, 4])  # a first process is being started, or all are; the others import
+def test_a_campaign_that_is_ended_ends_at_once_and_leaves_nothing_behind(
+    there: int, end: Callable[[int, int], None], number: signal.Signals
+) -> None:
+    words = ["sim", "elevator_and_chute", "--runs", "100", "--seconds", "60", "--jobs", "2"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "heronry_tools.cli", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        while members(process.pid) < there:
+            assert process.poll() is None, "it ended before it could be told to"
+        end(process.pid, number)
+        told = process.communicate(timeout=20)
+    assert (process.returncode, told) == (128 + number, ("", ""))
+    assert members(process.pid) == 0
+
+
+def test_who_flies_and_dies_is_one_sentence() -> None:
+    flown = fly_all(shipped_spec_path("elevator_and_chute"), [signal.SIGKILL] * 3, 2, die)
+    with pytest.raises(UserError, match="give the same command again"):
+        list(flown)
 
 
 def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
@@ -226,8 +309,9 @@ def test_a_spec_with_a_space_in_its_path_is_shrunk_and_replayed(
     assert "is reported" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("loss", ["0.01", "0.00001"])
 def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
-    raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    loss: str, raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = [
@@ -236,7 +320,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         "--seconds",
         "2",
         "--loss",
-        "0.01",
+        loss,
         "--foreseen",
         "1",
         "--act",
@@ -245,7 +329,7 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
     assert main([*words, "--shrink"]) == 1
     (file,) = tmp_path.glob("*.scenario")
     lines = file.read_text().splitlines()
-    assert "loss 0.01" in lines
+    assert f"loss {loss}" in lines
     assert "contingencies 1" in lines
     assert "at 0.5s pause pe:tail_pe for 0.01s" in lines
     assert main(["scenario", str(file)]) == 1
@@ -263,8 +347,13 @@ def test_a_shrunk_flight_on_noisy_buses_stays_noisy(
         (["--act", "1 loss bus:can0 for 0.1 level 5000"], "loss has a level from 1 to 1000: frames are destroyed"),
         (["--act", "1 pause pe:tail_pe for 0.1 level 3"], "pause has no level; leave it out"),
         (["--act", "1 pause device:gps"], "pause cannot strike device:gps"),
+        (["--act", "1 manager_crash standby"], "there is one manager; name it 'manager', or add --standby for two"),
         (["--kind", "explode"], "there is no such fault"),
-        (["--acts", "nowhere.acts"], "name a file with one act a line"),
+        (["--act", "90000 crash pe:tail_pe"], "is longer than a flight may be; let it be over after 86400 seconds"),
+        (["--act", "1 crash pe:tail_pe for 100000"], "is longer than a flight may be"),
+        (["--kill", "pe:tail_pe@1", "--restore", "pe:tail_pe@90000"], "is longer than a flight may be"),
+        (["--kill", "primary@4"], "there is one manager; name it 'manager', or add --standby for two"),
+        (["--acts", "nowhere.acts"], "nowhere.acts: No such file or directory; name a file with one act a line"),
     ],
 )
 def test_an_act_that_makes_no_sense_is_refused_in_a_sentence(

@@ -1,6 +1,9 @@
 """The judges of a simulated run see what they are for, and nothing else."""
 
+import ast
+from collections import defaultdict
 from dataclasses import replace
+from pathlib import Path
 
 from heronry_agent.module import Datum, Value
 from heronry_dg.configuration import Configuration
@@ -378,3 +381,30 @@ def test_pes_in_different_epochs_or_on_their_way_are_not_settled() -> None:
     stories = [violation.story for violation in checks.unsettled(WELL, 1)]
     assert "tail_pe is BROKEN in epoch 2" in stories
     assert "the healthy PEs are in epochs [1, 2]" in stories
+
+
+# Words, and what follows from a spec; a disk is read as its manager reads it.
+JUDGES_KNOW = {
+    "heronry_agent.module": {"check_freshness"},
+    "heronry_manager.journal": {"check_journal"},
+    "heronry_manager.memory": {"check_journal"},
+    "heronry_manager.topology": {
+        "check_authenticity",
+        "check_configurations",
+        "check_liveness",
+        "check_radio",
+        "check_service",
+    },
+}
+
+
+def test_judges_share_no_more_with_what_they_judge_than_is_said_here() -> None:
+    import_of = defaultdict(set)
+    for file in Path("tools/heronry_tools/simulator").glob("check_*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                if name.startswith(("heronry_agent", "heronry_manager")):
+                    import_of[name].add(file.stem)
+    assert import_of == JUDGES_KNOW

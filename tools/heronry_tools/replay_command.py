@@ -25,6 +25,8 @@ buses (as 'heronry demo --record' writes it) is told apart by the names of its c
 Not on the bus, and so not replayed: the operator's words, and what this spec did not say then. A recording must begin
 before the manager does.
 
+Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
+
 examples:
   heronry demo big_blue --kill pe:nav@3 --for 8 --record flight.log
   heronry replay flight.log big_blue
@@ -58,6 +60,7 @@ def add_parsers(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay every reign of the recording; returns the exit code."""
     from heronry_tools.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
+    from heronry_tools.replay.another_spec import of_another_spec  # noqa: PLC0415
     from heronry_tools.replay.comparison import compared  # noqa: PLC0415
     from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns  # noqa: PLC0415
     from heronry_tools.replay.rerun import Planners, Rerun  # noqa: PLC0415
@@ -83,6 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     for reign in found:
         rerun = Rerun(planners, reign)
         rerun.run()
+        why = of_another_spec(spec, reign, planners.ahead.tables.values())
+        rerun.remarks += [] if why is None else [why]
         comparisons.append(compared(reign, rerun))
     if arguments.json:
         print(json.dumps(_document(spec.name, no_frames, comparisons), indent=2))

@@ -6,12 +6,14 @@ cannot be read, or what it does cannot be done there.
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
+from heronry_tools.whole_file import expect_writable, write_whole
 
 if TYPE_CHECKING:
     from heronry_tools.scenario.flown import Flown
@@ -56,7 +58,9 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
     parser.add_argument("--json", action="store_true", help="one JSON object a file")
     parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
-    parser.add_argument("--rewrite", action="store_true", help="make FILE.golden anew (simulator only)")
+    parser.add_argument(
+        "--rewrite", action="store_true", help="make FILE.golden anew, where the flight holds (simulator only)"
+    )
     parser.add_argument(
         "--patience",
         metavar="N",
@@ -76,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
     if arguments.patience is not None and not _is_live(arguments):
         raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
-    if arguments.junit is not None and not arguments.junit.parent.is_dir():
-        raise UserError(f"--junit {arguments.junit}: there is no folder {arguments.junit.parent}; make it first")
+    if arguments.junit is not None:
+        expect_writable(arguments.junit)
     scripts = [read_script(file) for file in arguments.files]
     flights = []
     for flown in _flown(arguments, scripts):
@@ -85,10 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         flights.append(flown)
         print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
     if arguments.junit is not None:
-        try:
-            arguments.junit.write_text(junit(flights), encoding="utf-8")
-        except OSError as error:
-            raise UserError(f"--junit {arguments.junit}: {error.strerror}; name a file that can be written") from None
+        write_whole(arguments.junit, junit(flights).encode())
     failed = sum(not flown.holds for flown in flights)
     if len(flights) > 1 and not arguments.json:
         print(f"{len(flights)} scenarios, {failed} failed")
@@ -99,19 +100,25 @@ def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["
     from dataclasses import replace  # noqa: PLC0415
 
     from heronry_tools.scenario import in_simulator, live  # noqa: PLC0415
-    from heronry_tools.scenario.trace import keep  # noqa: PLC0415
+    from heronry_tools.scenario.trace import golden_file, keep, kept  # noqa: PLC0415
 
-    for script in scripts:
-        live.check(script) if _is_live(arguments) else None
+    for script in scripts:  # before the first one flies
+        if _is_live(arguments):
+            live.check(script)
+        elif not arguments.rewrite:
+            kept(script.file)
     for script in scripts:
         show_line(f"flying {script.file}")
         if _is_live(arguments):
             yield live.fly(script, arguments)
             continue
-        flown = in_simulator.fly(script)
-        if arguments.rewrite and flown.trace:
+        flown = in_simulator.fly(script, is_compared=not arguments.rewrite)
+        if arguments.rewrite and flown.holds:
             keep(script.file, flown.trace)
             flown = replace(flown, differences=())
+        elif arguments.rewrite:
+            show_line("")
+            print(f"heronry: {golden_file(script.file)} is left as it was, since the flight fails", file=sys.stderr)
         yield flown
 
 

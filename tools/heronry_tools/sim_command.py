@@ -1,8 +1,7 @@
 """`heronry sim`: fly a spec in the simulator, disturb it, and judge what came of it.
 
 Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or an act that was
-given has not struck; 2 the input cannot
-be used.
+given has not struck; 2 the input cannot be used.
 """
 
 import argparse
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from heronry_tools.errors import UserError
 from heronry_tools.progress import show_line
+from heronry_tools.simulator.bounds import LONGEST_S, read_share, written_share
 from heronry_tools.spec_argument import add_spec_argument, load_spec, spec_path
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ are virtual and count from the moment at which the first configuration runs. A s
 a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
 (--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then somebody forges commands.
 
-What is judged, from the frames alone: nothing exclusive ever has two drivers, one epoch is one configuration, and a
+What is judged, and no core is asked: nothing exclusive ever has two drivers, one epoch is one configuration, and a
 legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
 everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
 
@@ -46,6 +46,9 @@ power goes while it writes, that cannot hear or be heard, that is started twice,
 between them, with PEs on either side; a PE with an old table; and, in flights that have a key, somebody who has none
 and forges, replays, reorders and truncates commands. Then is judged, too: one manager reigns in a term, no PE goes back
 to an older one, every command obeyed was authentic and fresh, and the journal holds what is so.
+
+Exit codes: 0 all is well; 1 something was violated, or an act that was given has not struck; 2 the input cannot be
+used; 130 and 143 ended by Ctrl-C and by SIGTERM.
 
 examples:
   heronry sim big_blue                              one flight, with what seed 0 draws
@@ -83,7 +86,13 @@ def add_parsers(subparsers: Any) -> None:
     parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw acts of this kind alone")
     parser.add_argument("--act", action="append", default=[], metavar="ACT", help="do this, and nothing that is drawn")
     parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one act a line")
-    parser.add_argument("--kill", action="append", default=[], metavar="pe:NAME@S", help="kill a PE then")
+    parser.add_argument(
+        "--kill",
+        action="append",
+        default=[],
+        metavar="pe:NAME@S",
+        help="kill a PE then, or a manager: manager, primary or standby",
+    )
     parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
     parser.add_argument("--standby", action="store_true", help="two managers, and what can befall two: see below")
     parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
@@ -177,27 +186,41 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
 
 def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
     from heronry_tools.demo.script import read_script  # noqa: PLC0415
-    from heronry_tools.simulator.act import MANAGER, Act, read_act  # noqa: PLC0415
+    from heronry_tools.simulator.act import MANAGER, Act, is_one_of_two, read_act  # noqa: PLC0415
 
-    texts = list(arguments.act)
+    seats = {text: text.partition("@") for text in arguments.kill if is_one_of_two(text.partition("@")[0])}
+    texts = [*arguments.act, *(f"{at} manager_crash {seat}" for seat, _, at in seats.values())]
     if arguments.acts is not None:
-        try:
-            lines = arguments.acts.read_text().splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            raise UserError(f"--acts {arguments.acts}: {error}; name a file with one act a line") from None
-        told = [line for line in lines if line.strip() and not line.startswith("#")]
-        if not told:
-            raise UserError(f"--acts {arguments.acts}: it has no act; write one a line, or leave it out")
-        texts += told
+        texts += _lines_of(arguments.acts)
     acts = [read_act(spec, text) for text in texts]
-    script = read_script(spec, arguments.kill, arguments.restore)
+    absent = [act for act in acts if is_one_of_two(act.target)]
+    if absent and not arguments.standby:
+        raise UserError(f"'{absent[0]}': there is one manager; name it 'manager', or add --standby for two")
+    script = read_script(spec, [text for text in arguments.kill if text not in seats], arguments.restore)
     for position, act in enumerate(script):
         if act.what == "kill":
             ends = [later.at_s for later in script[position + 1 :] if later.pe == act.pe][:1]
             lasts_ms = max(1, round(1000 * (ends[0] - act.at_s))) if ends else 0
             kind, target = ("manager_crash", MANAGER) if act.pe == MANAGER else ("crash", f"pe:{act.pe}")
             acts.append(Act(round(1000 * act.at_s), kind, target, lasts_ms))
+    endless = [act for act in acts if act.over_ms > 1000 * LONGEST_S]
+    if endless:
+        raise UserError(f"'{endless[0]}' is longer than a flight may be; let it be over after {LONGEST_S} seconds")
     return tuple(sorted(acts))
+
+
+def _lines_of(file: Path) -> list[str]:
+    """Acts of a file; raises UserError."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise UserError(f"--acts {file}: {error.strerror}; name a file with one act a line") from None
+    except UnicodeDecodeError:
+        raise UserError(f"--acts {file}: it is not text in UTF-8; name a file with one act a line") from None
+    told = [line for line in lines if line.strip() and not line.startswith("#")]
+    if not told:
+        raise UserError(f"--acts {file}: it has no act; write one a line, or leave it out")
+    return told
 
 
 def _is_wrong(outcome: "Outcome") -> bool:
@@ -221,7 +244,11 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     scenario = least.scenario
     why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
     named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
-    lines = [f"spec {named}", f"seed {scenario.seed}", *([f"loss {scenario.loss:g}"] if scenario.loss else [])]
+    lines = [
+        f"spec {named}",
+        f"seed {scenario.seed}",
+        *([f"loss {written_share(scenario.loss)}"] if scenario.loss else []),
+    ]
     lines += ["keyed"] if scenario.keyed else []
     lines += ["standby"] if scenario.standby else []
     lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
@@ -297,12 +324,15 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
-    return shlex.join(words + (["--loss", f"{scenario.loss:g}"] if scenario.loss else []))
+    return shlex.join(words + (["--loss", written_share(scenario.loss)] if scenario.loss else []))
 
 
 def whole_number(text: str) -> int:
-    """Read a count; argparse tells the name of this function to the user."""
-    number = int(text)
+    """Read a count."""
+    try:
+        number = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number; write 0 or more") from None
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
     return number
@@ -323,15 +353,18 @@ def processors(text: str) -> int:
 
 def seconds(text: str) -> float:
     """Read a duration."""
-    duration = float(text)
-    if not 0 <= duration <= 86_400:
-        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to 86400 seconds")
+    try:
+        duration = float(text)
+    except ValueError:
+        duration = math.nan
+    if not 0 <= duration <= LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {LONGEST_S} seconds")
     return duration
 
 
 def share(text: str) -> float:
     """Read a probability."""
-    probability = float(text)
-    if not 0 <= probability <= 0.5:
+    probability = read_share(text)
+    if probability is None:
         raise argparse.ArgumentTypeError(f"{text} is no share that a bus survives; write 0 to 0.5")
     return probability

@@ -40,6 +40,8 @@ def spec_path(text: str) -> Path:
         from heronry_dg.shipped import shipped_spec_path  # noqa: PLC0415
 
         return shipped_spec_path(text)
+    if Path(text).exists():
+        raise UserError(f"{text}: its name does not end as that of a spec does; write a path to a *.dg.yaml")
     raise UserError(
         f"'{text}' is neither a file nor a shipped spec ({', '.join(SHIPPED)}); write a path to a *.dg.yaml"
     )

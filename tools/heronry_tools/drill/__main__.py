@@ -26,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = parser.parse_args(argv).words
     chosen = [name for name in DRILLS if not words or any(word in name for word in words)]
     if not chosen:
-        parser.error(f"no drill is named so; there is {', '.join(DRILLS)}")
+        files = dict.fromkeys(name.partition(".")[0] for name in DRILLS)
+        parser.error(f"no drill is named so; name one of these files, or a drill in it: {', '.join(files)}")
     wrong = {name: story for name in chosen if (story := drilled(name)[0]) is not None}
     for name, story in wrong.items():
         print(f"{name}: {story}")

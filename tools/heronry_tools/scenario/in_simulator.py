@@ -59,8 +59,11 @@ class _Flight(Simulation):
             raise UserError(f"'{deed.text}': {reply.sentence}")
 
 
-def fly(script: Script) -> Flown:
-    """Fly a script; raises UserError where something cannot be done at its time."""
+def fly(script: Script, *, is_compared: bool = True) -> Flown:
+    """Fly a script; raises UserError where something cannot be done at its time.
+
+    is_compared: with its golden trace, if there is one; not where that is to be made anew.
+    """
     flight = _Flight(script)
     heard = Observations(script.spec)
     flight.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
@@ -81,7 +84,7 @@ def fly(script: Script) -> Flown:
         tuple(judgement.verdict(one) for one in script.expectations),
         tuple(violations),
         lines,
-        differences(script.file, lines) if lines else None,
+        differences(script.file, lines) if lines and is_compared else None,
         flight.digest(),
     )
 

@@ -14,6 +14,8 @@
     expect function:elevator served within 200ms
     end 8s
 
+What stands on lines of its own may stand on one, with ';' between.
+
 Times are seconds from the moment at which the first configuration runs. What is done:
 
     kill|restore pe:NAME|manager|primary|standby
@@ -44,7 +46,8 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
 from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import KINDS, MANAGERS, Act, read_act
+from heronry_tools.simulator.act import KINDS, MANAGERS, Act, is_one_of_two, read_act
+from heronry_tools.simulator.bounds import LONGEST_S, read_share
 from heronry_tools.spec_argument import load_spec, named_function, spec_path
 
 ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
@@ -56,7 +59,6 @@ ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] =
 
 _NS = {"ms": 1_000_000, "s": 1_000_000_000}
 _TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
-_SHARE = re.compile(r"0\.[0-4]\d{0,5}", re.ASCII)
 _EXPECTATION = re.compile(
     r"(?P<subject>\S+) (?P<state>[a-z]+)( by (?P<by>\S+))? (within (?P<time>\S+)|(?P<throughout>throughout))"
 )
@@ -157,9 +159,10 @@ class _Reader:
             if line.startswith("#"):
                 self._comment(line)
                 continue
-            words = line.partition("#")[0].split()
-            if words:
-                self._line(words)
+            for part in line.partition("#")[0].split(";"):
+                words = part.split()
+                if words:
+                    self._line(words)
         return self._finished()
 
     def _finished(self) -> Script:
@@ -202,8 +205,8 @@ class _Reader:
                 self._refuse("the first line names the spec; write for example 'spec big_blue' above this one")
             case ["seed", number] if number.isdecimal():
                 self.seed = int(number)
-            case ["loss", share] if _SHARE.fullmatch(share):
-                self.loss = float(share)
+            case ["loss", text] if (share := read_share(text)) is not None:
+                self.loss = share
             case ["at", time, *deed] if deed:
                 self._deed(self._ns(time), deed)
             case ["expect", *expectation] if expectation:
@@ -212,8 +215,8 @@ class _Reader:
                 self.end_ns = self._not_before(self._ns(time))
             case _ if self.deeds or not self._prepared(words):
                 self._refuse(
-                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE', "
-                    "'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
+                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE' "
+                    "(0 to 0.5), 'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
                     "(before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
                 )
 
@@ -246,6 +249,8 @@ class _Reader:
     def _deed(self, at_ns: int, words: list[str]) -> None:
         self._not_before(at_ns)
         text = " ".join(words)
+        if not self.has_standby and words[0] != "phase" and any(map(is_one_of_two, words[1:2])):
+            self._refuse(f"'{text}': there is one manager; name it 'manager', or write 'standby' above for two")
         match words:
             case ["kill" | "restore" as what, target]:
                 deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
@@ -346,7 +351,10 @@ class _Reader:
         if match is None:
             self._refuse(f"'{text}' is no time; write it as 2.5s or 80ms")
         whole, _, fraction = match["number"].partition(".")
-        return (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
+        ns = (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
+        if ns > LONGEST_S * _NS["s"]:
+            self._refuse(f"'{text}' is longer than a flight may be; write {LONGEST_S}s or less")
+        return ns
 
     def _not_before(self, at_ns: int) -> int:
         last_ns = self.deeds[-1].at_ns if self.deeds else 0
@@ -374,7 +382,7 @@ class _Reader:
             self._refuse(str(error))
 
     def _refuse(self, sentence: str) -> NoReturn:
-        raise UserError(f"{self.file}:{self.number}: {sentence}")
+        raise UserError(f"{self.file}:{max(self.number, 1)}: {sentence}")  # also where there is no line at all
 
 
 def _plain_seconds(ns: int) -> str:

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from heronry_tools.errors import UserError
+
 _LINES: Mapping[str, str] = {
     "manager_started": "manager {node} starts, term {term}",
     "second_manager": "manager {node} reigns too, term {term}",
@@ -70,13 +72,24 @@ def golden_file(file: Path) -> Path:
     return file.with_name(f"{file.name}.golden")
 
 
-def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
-    """Lines of a diff between a scenario's golden trace and this one; None where none is kept."""
+def kept(file: Path) -> list[str] | None:
+    """Lines of a scenario's golden trace; None where none is kept. Raises UserError."""
     golden = golden_file(file)
     if not golden.exists():
         return None
-    kept = golden.read_text(encoding="utf-8").splitlines()
-    return tuple(difflib.unified_diff(kept, list(trace), golden.name, "this flight", n=1, lineterm=""))
+    try:
+        return golden.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise UserError(f"{golden}: it is not text in UTF-8; --rewrite makes it anew") from None
+
+
+def differences(file: Path, trace: Iterable[str]) -> tuple[str, ...] | None:
+    """Lines of a diff between a scenario's golden trace and this one; None where none is kept. Raises UserError."""
+    before = kept(file)
+    if before is None:
+        return None
+    name = golden_file(file).name
+    return tuple(difflib.unified_diff(before, list(trace), name, "this flight", n=1, lineterm=""))
 
 
 def keep(file: Path, trace: Iterable[str]) -> None:

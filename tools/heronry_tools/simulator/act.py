@@ -293,6 +293,11 @@ def over_s(acts: Iterable[Act]) -> float:
     return max((act.over_ms for act in acts), default=0) / 1000
 
 
+def is_one_of_two(target: str) -> bool:
+    """Tell whether a target names one of two managers, and nobody where there is but one."""
+    return MANAGERS.get(target) is not None
+
+
 def drawn_kinds(spec: Spec, *, of_two: bool, keyed: bool = False) -> list[str]:
     """What chaos draws from that was not asked for a kind: what has something to strike.
 

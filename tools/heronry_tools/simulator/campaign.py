@@ -9,16 +9,15 @@ Processes share nothing: each loads the spec once, and keeps the plans it has ma
 
 import gc
 import os
-import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, drawn_kinds
+from heronry_tools.simulator.processes import held_back, processes
 from heronry_tools.simulator.protocol_state import ORPHANED, STATES
 from heronry_tools.simulator.scenario import Outcome
 
@@ -26,21 +25,27 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 ENOUGH = 30
+_HEAD_WIDTH = max(map(len, KINDS))
 _POLITENESS = 10
 _COLLECTED_AFTER = 100_000  # objects that were made and are still there
 _SPECS: list[Spec] = []  # the one of a worker process
 
 
 def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
-    """Fly on that many processors, at most one a flight, each by `fly`; what is not waited for any more is stopped."""
+    """Fly on that many processors, at most one a flight, each by `fly`; what is not waited for any more is stopped.
+
+    SIGTERM then ends the program as Ctrl-C does, with 143. Raises UserError where a process of ours has died.
+    """
     jobs = min(jobs, len(flights))
     if jobs <= 1:
         spec = load(spec_file)
         collect_seldom()
         yield from (fly(spec, flight) for flight in flights)
         return
-    with get_context("spawn").Pool(jobs, _begin, (spec_file,)) as pool:
-        yield from pool.imap(_Flier(fly), flights)
+    with processes(jobs, _begin, spec_file) as executor:
+        with held_back():
+            flown = executor.map(_Flier(fly), flights)
+        yield from flown
 
 
 def collect_seldom() -> None:
@@ -115,12 +120,11 @@ class Coverage:
 
 
 def _row(head: str, columns: Sequence[object]) -> str:
-    return f"{head:16}" + "".join(f"{column!s:>11}" for column in columns)
+    return f"{head:{_HEAD_WIDTH}}" + "".join(f"{column!s:>11}" for column in columns)
 
 
 def _begin(spec_file: Path) -> None:
-    """Start a worker: it is stopped by its parent and not by the keyboard, and stands back."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Start a worker, which stands back."""
     os.nice(_POLITENESS)
     _SPECS.append(load(spec_file))
     collect_seldom()
