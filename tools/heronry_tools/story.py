@@ -44,6 +44,7 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "hears_nobody": ("a manager hears nobody any more: it says nothing until it does", "bad"),
     "stepped_down": ("a manager steps down: manager {node} reigns with the higher term {term}", "plain"),
     "adopted": ("epoch {epoch} runs already: it is adopted as it is", "good"),
+    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it advises nothing", "bad"),
 }
 
 
