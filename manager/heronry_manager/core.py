@@ -27,7 +27,9 @@ was started by mistake: whoever hears the other one first gives way.
 A mission phase that is asked for, and an element that the operator fails or clears, change the situation like a fault.
 
 With `advise` it says nothing on the bus, ever: it plans as if it reigned, tells what it would do (`advice`), and takes
-it for done where the PEs are seen to do just that. It may sit beside a manager that reigns.
+it for done where the PEs are seen to do just that. It may sit beside a manager that reigns: then it takes in what that
+one holds and activates, as a standby does (`following`), and listens for longer at its start, since facts are told in
+turn. Where PEs run what it has not overheard, and would not plan either, it says so, and advises nothing.
 
 A fault while an epoch is being prepared abandons its number. A fault after the first ACTIVATE leaves the epoch standing
 (LEASE goes on repeating its step) until the next one is ready to take its place. A manager that was paused finds frames
@@ -52,7 +54,7 @@ from heronry_manager.beacon import Beacon
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.deployment import Deployment
 from heronry_manager.exclusion import Exclusion
-from heronry_manager.following import Following
+from heronry_manager.following import LEARNS_LEASES, Following
 from heronry_manager.health import Change, Health, HealthChange, Standing
 from heronry_manager.known_situation import KnownSituation
 from heronry_manager.memory import Memory, Quarantined, Released, TermBegun
@@ -164,7 +166,7 @@ class ManagerCore:
         self._identification = IdentificationService(node)
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
-        followed = tuple(Command) if standby else (Command.LEASE,)
+        followed = tuple(Command) if standby or advise else (Command.LEASE,)
         if key is not None:
             followed = tuple({*followed, Command.CONTROL, Command.TAG})
         self._manager_ids = {
@@ -368,7 +370,7 @@ class ManagerCore:
                 self._following.state(pe, page)
                 cause = self._deployment.observe(pe, page)
                 if self._advise:
-                    self._deployment.follow()
+                    self._follow()
                 else:
                     self._fail_if(pe, cause)
                 proven = None if self._authenticity is None else self._authenticity.take_emergency(pe)
@@ -391,6 +393,8 @@ class ManagerCore:
         if not self.reigns:  # it will be said again until somebody acknowledges it
             return
         is_request = emergency.kind is ElementKind.PHASE
+        if is_request and self._advise and self._following.hears_lease():
+            return  # whoever reigns tells what comes of it
         heard = self._situation.requested(pe, emergency) if is_request else self._situation.reported(pe, emergency)
         if heard:
             if is_request:  # who acknowledges what nobody else knows, and dies, has silenced it for good
@@ -408,7 +412,11 @@ class ManagerCore:
             self._following.heard(node, message)
             if before is None and self._following.node is not None:
                 self._turn.emit("standing_by", node=node, term=self._following.term)
-        elif isinstance(message, Lease) and not self._advise:
+        elif self._advise:
+            if self._reign is Reign.LISTENING and self._following.node is None and isinstance(message, Lease):
+                self._listen_until_ns = self._turn.now_ns + LEARNS_LEASES * self.lease_ns
+            self._following.heard(node, message)
+        elif isinstance(message, Lease):
             self._on_lease(node, message)
 
     def _on_lease(self, node: int, lease: Lease) -> None:
@@ -629,6 +637,7 @@ class ManagerCore:
             health=self._health,
             situation=self._situation,
             deployment=self._deployment,
+            unknown_epoch=None if self._reign is Reign.STANDBY else self._unknown_epoch(),
             authenticity=self._authenticity,
         )
 
@@ -671,11 +680,29 @@ class ManagerCore:
 
     def _ask_for_plan(self) -> None:
         first, self._reign = self._reign is Reign.STARTING, Reign.REIGNING
-        if first and self._deployment.adopts_remembered(self._situation.now()) and self._may_stay():
+        runs = self._following.runs if self._advise else self._turn.memory.runs
+        if first and self._deployment.adopts_remembered(self._situation.now(), runs):
+            self._weigh()
+        else:
+            self._planning.ask(self._situation.now(), self._deployment.running)
+
+    def _follow(self) -> None:
+        """When advising: see what another manager has brought about, and what is to be said of it."""
+        if self._reign is Reign.REIGNING and self._deployment.follow(self._situation.now(), self._following.runs):
+            self._planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
+            self._weigh()
+
+    def _unknown_epoch(self) -> int | None:
+        """Epoch that runs, where this manager does not know what that is."""
+        return self._deployment.unknown_epoch(self._following.leased_epoch())
+
+    def _weigh(self) -> None:
+        """It has become known what runs: where that may stay, a better plan is asked for at leisure."""
+        if self._may_stay() and not self._planning.waiting:
             self._planning.causes.clear()
             self._settle()
-            return
-        self._planning.ask(self._situation.now(), self._deployment.running)
+        else:
+            self._planning.ask(self._situation.now(), self._deployment.running)
 
     def _may_stay(self) -> bool:
         """Tell whether what runs can go on as it is: it is legal now, and nobody waits to be taken in."""
@@ -702,12 +729,14 @@ class ManagerCore:
             self._settle()
             return
         self._planning.takes(answer)
+        if self._advise:
+            self._following.planned(answer.plan)
         if self._runs_already(answer.plan):
             self._planning.causes.clear()
             self._turn.emit("plan_unchanged", request=answer.request)
             self._settle()
         elif self._advise:
-            self._deployment.advise(answer.plan)
+            self._deployment.advise(answer.plan, self._unknown_epoch(), self._following.runs)
             self._planning.causes.clear()
         else:
             self._deployment.prepare(answer.plan, self._planning.causes)

@@ -50,6 +50,7 @@ from heronry_wire.management import (
     StatePage1,
     Step,
     is_newer,
+    newest_epoch,
 )
 from heronry_wire.sansio import require
 
@@ -124,6 +125,12 @@ class Deployment:
     def plan(self) -> Plan | None:
         """Plan of the current epoch."""
         return self._plans[self.current.epoch] if self.current is not None else None
+
+    def unknown_epoch(self, leased: int) -> int | None:
+        """Newest epoch that PEs are seen to run, or that another manager has `leased`, where none is known to run."""
+        if self.current is not None:
+            return None
+        return newest_epoch((leased, *(seen.epoch for seen in self._observed.values()))) or None
 
     def seen(self, pe: str) -> Observed:
         """What a PE said last that it runs."""
@@ -258,13 +265,12 @@ class Deployment:
         self._adopt(seen[0].epoch, plan, compiled)
         return True
 
-    def adopts_remembered(self, now: Situation) -> bool:
-        """Take over what is remembered to run, where it does; tells whether it does.
+    def adopts_remembered(self, now: Situation, runs: Runs | None) -> bool:
+        """Take over what is remembered to run, or was overheard, where it does; tells whether it does.
 
         PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults. What
         radios could carry when it was planned is not remembered: it passes for a plan for what they carry `now`.
         """
-        runs = self._turn.memory.runs
         if runs is None:
             return False
         configuration = self._code.decode(bytes.fromhex(runs.row))
@@ -310,10 +316,17 @@ class Deployment:
             bytes=sum(len(body) for body in compiled.slices.values()),
         )
 
-    def advise(self, plan: Plan) -> None:
-        """Tell what deploying this plan would change, and do nothing."""
-        before = self.current.configuration.modules if self.current is not None else {}
+    def advise(self, plan: Plan, unknown: int | None, overheard: Runs | None) -> None:
+        """Tell what deploying this plan would change, and do nothing; say so where an `unknown` epoch runs.
+
+        Of one that was overheard, and that does not run everywhere yet, nothing is said: `follow` will see it.
+        """
         self._advised = plan, self._compiler.configuration(plan.configuration).digest
+        if unknown is not None:
+            if overheard is None or overheard.epoch != unknown:
+                self._turn.emit("unknown_epoch", epoch=unknown)
+            return
+        before = self.current.configuration.modules if self.current is not None else {}
         after = plan.configuration.modules
         self._turn.emit(
             "advice",
@@ -323,13 +336,24 @@ class Deployment:
             stopped=sorted(before.keys() - after.keys()),
         )
 
-    def follow(self) -> None:
-        """See what another manager does, when advising: what was advised, or something that is not known here."""
-        digests = {self._observed[pe].digest for pe in self._health.counted_on()}
-        if self.current is not None and self.current.compiled.digest not in digests:
+    def follow(self, now: Situation, overheard: Runs | None) -> bool:
+        """See what another manager does, when advising; tells whether it has just become known what runs.
+
+        That is what was advised or overheard; as long as it is anything else, nothing is known to run.
+        """
+        seen = {(self._observed[pe].epoch, self._observed[pe].digest) for pe in self._health.counted_on()}
+        if self.current is not None and (self.current.epoch, self.current.compiled.digest) not in seen:
             self.current = None
-        if self._advised is not None and digests == {self._advised[1]} and self.adopts(self._advised[0]):
-            self._advised = None
+            self._stopped.clear()
+        if self.current is not None:
+            return False
+        if self._advised is not None and {digest for _, digest in seen} == {self._advised[1]}:
+            plan, _ = self._advised
+            if self.adopts(plan):
+                self._advised = None
+                return True
+        is_seen = overheard is not None and (overheard.epoch, overheard.digest) in seen
+        return is_seen and self.adopts_remembered(now, overheard)
 
     def abandon(self, reason: str) -> None:
         """Give up what is being prepared, if anything is: the situation is another now."""

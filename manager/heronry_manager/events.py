@@ -34,6 +34,7 @@ KINDS: Mapping[str, str] = {
     "phase_changed": "phase, before, by: the operator, a module or a phase's rule wants another mission phase",
     "adopted": "epoch, digest: the PEs run already what would be planned; this reign takes it over as it is",
     "advice": "plan, moved, started, stopped: what a manager that only advises would do",
+    "unknown_epoch": "epoch: the PEs run it, and who only advises does not know what it is, nor what would be changed",
     "plan_requested": "request, down, limits, phase, causes",
     "plan_ready": "request, plan, decide_ns: the plan as 'heronry plan --json' prints it",
     "plan_failed": "request, reason: the present configuration goes on",

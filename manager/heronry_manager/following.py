@@ -6,7 +6,7 @@
                 heard within T_lease (of its own bus, where that beats more slowly), say that they hear none either:
                 the manager is gone, and not just this wire
     behind      LEASEs come, of a lower term than one that is known to have been used, and some PE says that it hears
-                none: it has heard the higher one and refuses these, and would do so for ever. For `_LEARNS_LEASES`
+                none: it has heard the higher one and refuses these, and would do so for ever. For `LEARNS_LEASES`
                 times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
 
 Where no manager was ever heard, the start-up window is waited for, and the PEs that are heard are asked.
@@ -23,6 +23,9 @@ manager's silence make it take over, and then the true manager ends or stands by
 one that was heard before nothing is believed, for as long as that one speaks. Who makes PEs refuse a reign that is
 behind loses nothing but that reign, to a manager that they obey.
 
+Who only advises follows in the same way, beside a manager that reigns: it takes over nothing, and plans upon what it
+learns.
+
 With a key LEASE, ALIVE and CONTROL count when they are proven, a state when it is believed; slices need no proof, since
 the digest in LEASE vouches for them. By that digest the states of PEs are read, too.
 """
@@ -31,15 +34,17 @@ from collections import OrderedDict
 from collections.abc import Mapping
 
 from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.exclusion import Exclusion
 from heronry_manager.known_situation import KnownSituation
-from heronry_manager.memory import TermBegun
+from heronry_manager.memory import Runs, TermBegun
 from heronry_manager.overheard import Overheard
 from heronry_manager.topology import uplink_bus
 from heronry_manager.turn import Turn
 from heronry_wire.management import (
     LEASE_PERIODS,
+    NO_EPOCH,
     Alive,
     Control,
     Lease,
@@ -49,7 +54,8 @@ from heronry_wire.management import (
 )
 
 _DIGESTS_KEPT = 4
-_LEARNS_LEASES = 10  # so many facts are told again meanwhile (`announcing`)
+LEARNS_LEASES = 10
+"""T_leases in which what another manager holds is learnt: so many facts are told meanwhile (`announcing`)."""
 
 
 class Following:
@@ -116,6 +122,23 @@ class Following:
         if len(self._digests) > _DIGESTS_KEPT:
             self._digests.popitem(last=False)
 
+    @property
+    def runs(self) -> Runs | None:
+        """What is known to run: what was activated last and could be put together, or was remembered."""
+        return self._overheard.runs
+
+    def planned(self, plan: Plan) -> None:
+        """A plan was made here: slices that are the same need not be overheard."""
+        self._overheard.know(plan.configuration)
+
+    def hears_lease(self) -> bool:
+        """Tell whether a LEASE came within T_lease."""
+        return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
+
+    def leased_epoch(self) -> int:
+        """Epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
+
     def digest_of(self, epoch: int) -> int | None:
         """Digest of an epoch of the manager that reigns, or has reigned; None of one that is not known."""
         return self._digests.get(epoch)
@@ -128,7 +151,7 @@ class Following:
     def is_orphaned(self) -> bool:
         """Tell whether the PEs have no manager any more, or one that some of them refuse."""
         now_ns = self._turn.now_ns
-        if self._behind_ns is not None and now_ns - self._behind_ns >= _LEARNS_LEASES * self._lease_ns:
+        if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
             return False in self._heard().values()
         if now_ns < self._orphaned_ns:
             return False

@@ -10,7 +10,8 @@ That the manager's own bus has failed is no part of a plan, whoever says so: it 
 stop everything that flies.
 
 Who stands by hears what is latched in turn (`announcing`), and what is cleared once. What it has not been told again
-for three turns is latched no more: a CLEAR that was lost costs some beats.
+for three turns is latched no more: a CLEAR that was lost costs some beats. So does who advises beside it, but for what
+the operator has told this manager himself: that he only supposes, and it stays until somebody says something new of it.
 
 All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
 """
@@ -67,6 +68,7 @@ class KnownSituation:
         self._restarts = RestartsTold(spec, turn)
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
+        self._told_phase: int | None = None  # by another manager, last
         self._remember()
 
     @property
@@ -156,8 +158,10 @@ class KnownSituation:
                 self._request_obeyed(self._pe_of_node[told.node], told.b)
             return
         if told.operation is Operation.HOLDS and told.a == ElementKind.PHASE:
-            if self._mission.knows(told.b) and list(self._spec.phases)[told.b] != self.phase:
-                self.enter(list(self._spec.phases)[told.b], by)
+            if self._mission.knows(told.b) and told.b != self._told_phase:
+                self._told_phase, phase = told.b, list(self._spec.phases)[told.b]
+                if phase != self.phase:
+                    self.enter(phase, by)
             return
         kind = ElementKind(told.a) if told.a in _KINDS else None
         element = None if kind is None else self.failed.element(kind, told.b)
@@ -169,7 +173,8 @@ class KnownSituation:
 
     def overheard_beat(self, manager: int) -> None:
         """Another manager reigns, and has told something if it was its turn: what it does not hold is cleared."""
-        elements = self.failed.elements
+        supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
+        elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
         longest = _TURNS * ANNOUNCED_EVERY * (1 + len(elements))  # the phase has its turn, too
         for element in sorted(elements):

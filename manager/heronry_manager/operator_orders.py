@@ -9,6 +9,8 @@
     unlock pe:NAME   with a key: NMT and SDO may write on this one PE for UNLOCK_S seconds. The order is not repeated:
                      lost, it has to be given again
 
+To a manager that only advises all but the last is a supposition: it tells what it would do then.
+
 An order is answered when it is understood, not when it has been carried out: the plan and the epoch follow, and the
 status tells. Said twice, the second one changes nothing. Who may say it is for whoever delivers it to decide.
 """
@@ -26,6 +28,7 @@ from heronry_wire.management import Control, Operation
 OPERATOR = "the operator"
 UNLOCK_S = 30
 _EVERYBODY = 0
+_ONLY_ADVISES = "this manager only advises: say it to the one that reigns"
 
 
 class OperatorOrders:
@@ -56,7 +59,7 @@ class OperatorOrders:
         if phase == before:
             return f"the phase is {phase} already"
         self._situation.enter(phase, OPERATOR)
-        return f"the phase is {phase} from now on, it was {before}; a plan for it is on its way"
+        return f"the phase is {phase} from now on, it was {before}; {self._what_follows('a plan for it is on its way')}"
 
     def _fail(self, number: int, element: str) -> Reply:
         if element == self._situation.own_bus:
@@ -68,7 +71,8 @@ class OperatorOrders:
         if element in self._situation.failed.elements:
             return Reply(number, True, f"{element} counts as failed already")
         self._situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
-        return Reply(number, True, f"{element} counts as failed until it is cleared; a plan without it is on its way")
+        follows = self._what_follows("a plan without it is on its way")
+        return Reply(number, True, f"{element} counts as failed until it is cleared; {follows}")
 
     def _clear(self, number: int, element: str) -> Reply:
         if not self._situation.clear(element, OPERATOR):
@@ -77,8 +81,11 @@ class OperatorOrders:
         place = self._situation.failed.place(element)
         if place is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place))
-        waits = "; it joins after its hold-down" if element.startswith("pe:") else "; a plan with it is on its way"
-        return Reply(number, True, f"{element} is taken for well again{waits}")
+        waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
+        return Reply(number, True, f"{element} is taken for well again; {self._what_follows(waits)}")
+
+    def _what_follows(self, where_it_commands: str) -> str:
+        return _ONLY_ADVISES if self._turn.silent else where_it_commands
 
     def _unlock(self, number: int, element: str) -> Reply:
         pe = self._spec.pes.get(element.removeprefix("pe:"))
@@ -87,6 +94,6 @@ class OperatorOrders:
         if not self._has_key:
             return Reply(number, False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
         if self._turn.silent:
-            return Reply(number, False, "this manager only advises: say it to the one that reigns")
+            return Reply(number, False, _ONLY_ADVISES)
         self._turn.send(Command.CONTROL, Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S))
         return Reply(number, True, f"NMT and SDO may write on {element} for {UNLOCK_S} s")

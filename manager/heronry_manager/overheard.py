@@ -47,8 +47,9 @@ class Overheard:
         self._prepared: Prepare | None = None
         self._heads: dict[int, SliceHead] = {}
         self._bodies: dict[int, dict[int, bytes]] = {}
-        if turn.memory.runs is not None:
-            self._know(self._code.decode(bytes.fromhex(turn.memory.runs.row)))
+        self.runs = turn.memory.runs
+        if self.runs is not None:
+            self.know(self._code.decode(bytes.fromhex(self.runs.row)))
 
     def take(self, message: ManagementMessage) -> None:
         """Take a command of the manager that reigns."""
@@ -84,12 +85,12 @@ class Overheard:
             self._known.popitem(last=False)
 
     def _activated(self, epoch: int, digest: int) -> None:
-        runs = self._turn.memory.runs
-        if runs is not None and (runs.epoch, runs.digest) == (epoch, digest):
+        if self.runs is not None and (self.runs.epoch, self.runs.digest) == (epoch, digest):
             return
         configuration = self._called(digest) or self._put_together()
-        if configuration is not None and self._know(configuration) == digest:
-            self._turn.keep(Runs(epoch, digest, self._code.encode(configuration).hex()))
+        if configuration is not None and self.know(configuration) == digest:
+            self.runs = Runs(epoch, digest, self._code.encode(configuration).hex())
+            self._turn.keep(self.runs)
 
     def _called(self, digest: int) -> Configuration | None:
         """The configuration that PREPARE has called by its number, if it is that one here, too."""
@@ -107,7 +108,7 @@ class Overheard:
         except (SliceError, LookupError):
             return None
 
-    def _know(self, configuration: Configuration) -> int:
+    def know(self, configuration: Configuration) -> int:
         """Know every slice of a configuration; gives its digest."""
         compiled = self._compiler.configuration(configuration)
         for node, body in compiled.slices.items():

@@ -6,13 +6,16 @@ A pure function of the parts of the core. The document is versioned; a later ver
     manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
                     or null)
     next            epoch that is being prepared, or null
+    unknown_epoch   newest epoch that PEs run, where this manager does not know what that is: then `epoch` is null; else
+                    this is, and so it is where the manager stands by
     pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
                     (null without a key; else is_believed, refused_states, and refused_commands as it says)
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
     channels        of replicated buses, by name (can0.1): who hears nothing on it
-    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch)
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch;
+                    where that is not known, served, mode and value are null)
     buses           by name: bits_per_s and load, as planned
     unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
 """
@@ -39,6 +42,7 @@ def status(
     health: Health,
     situation: KnownSituation,
     deployment: Deployment,
+    unknown_epoch: int | None,
     authenticity: Authenticity | None = None,
 ) -> dict[str, Any]:
     """Build the document; `manager` is what the core says of itself."""
@@ -52,6 +56,7 @@ def status(
         "epoch": None if current is None else current.epoch,
         "stage": None if current is None else current.stage.value,
         "next": None if deployment.next is None else deployment.next.epoch,
+        "unknown_epoch": unknown_epoch,
         "pes": {pe: _pe(pe, now_ns, health, deployment, authenticity) for pe in spec.pes},
         "latched": [
             {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
@@ -59,7 +64,7 @@ def status(
         ],
         "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
         "channels": situation.channels.lost_by(),
-        "functions": {f.name: _function(f, phase, plan) for f in spec.functions.values()},
+        "functions": {f.name: _function(f, phase, plan, unknown_epoch) for f in spec.functions.values()},
         "buses": {} if plan is None else plan.document()["buses"],
         "unwatched": list(_unwatched(spec, plan)),
     }
@@ -94,16 +99,19 @@ def _link(record: LinkRecord) -> dict[str, Any]:
     }
 
 
-def _function(function: Function, phase: str | None, plan: Plan | None) -> dict[str, Any]:
+def _function(function: Function, phase: str | None, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
     report = plan.functions[function.name] if plan is not None else None
+    known, why_not = True, "nothing runs yet"
+    if unknown_epoch is not None:
+        known, why_not = False, f"epoch {unknown_epoch} runs, which this manager does not know"
     return {
         "wanted": function.priority_in(phase) > 0,
         "criticality": function.criticality_in(phase),
         "priority": function.priority_in(phase),
-        "served": report is not None and report.served,
+        "served": (report is not None and report.served) if known else None,
         "mode": None if report is None else report.mode,
-        "value": 0 if report is None else report.value,
-        "why_not": "nothing runs yet" if report is None else report.why_not,
+        "value": (0 if report is None else report.value) if known else None,
+        "why_not": why_not if report is None else report.why_not,
     }
 
 

@@ -1,13 +1,39 @@
 """A manager that only advises: it hears and plans like any other, and commands nothing."""
 
+from typing import Any
+
 import pytest
 
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
 from heronry_manager.memory import NOTHING
+from heronry_manager.planner.exact import plan
+from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
-from heronry_wire.management import ElementKind, Emergency, FaultCode, Lease, PeFlags, PeState, Reason, StatePage1, Step
-from manager.one_manager import MS, OneManager
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    ManagementMessage,
+    Operation,
+    PeFlags,
+    PeState,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    StatePage1,
+    Step,
+)
+from manager.one_manager import BEAT_NS, MS, OneManager
+from manager.test_standby import PHASES
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
 
@@ -47,6 +73,8 @@ def test_a_manager_that_reigns_beside_it_is_no_rival(advisor: OneManager) -> Non
     lease = Lease(9, 0, Step.PREPARED, 0)
     advisor.hear(Frame(management_id(127, Command.LEASE), lease.encode()))
     advisor.start(fly=False)
+    assert advisor.requests == []  # what that one holds is told in turn
+    advisor.pass_time(1000 * MS)
     assert advisor.stops == []
     assert advisor.requests
 
@@ -63,3 +91,156 @@ def test_what_another_manager_does_otherwise_is_nobodys_fault(advisor: OneManage
     advisor.report("left", LEFT_SERVO_FAILED)
     assert advisor.requests[-1].running is None
     assert advisor.frames == []
+
+
+# Beside a manager that reigns, in flight
+
+
+class Beside:
+    """One that only advises, started while 127 reigns in term 2 and its PEs run an epoch; time passes by `fly`."""
+
+    def __init__(self) -> None:
+        self.one = OneManager(PHASES)
+        self.one.core = ManagerCore(PHASES, 126, NOTHING, self.one.now_ns, advise=True)
+        self.lease = Lease(2, 0, Step.PREPARED, 0)
+        self.holds: list[tuple[ElementKind, int]] = []
+        self._beats = 0
+
+    def say(self, *messages: ManagementMessage) -> None:
+        for message in messages:
+            command = next(c for c, kinds in _SAID_AS.items() if isinstance(message, kinds))
+            self.one.hear(Frame(management_id(127, command), message.encode()))
+
+    def run(self, found: Plan | None, epoch: int) -> None:
+        """Let all PEs run a plan, or something that nobody has heard of, and the manager say so."""
+        digest = 0x99 if found is None else self.one.compiler.configuration(found.configuration).digest
+        self.lease = Lease(2, epoch, Step.GO_ALL, digest)
+        for pe in PHASES.pes:
+            self.one.live(pe, PeState.ACTIVE, epoch=epoch, digest=digest)
+
+    def bring_about(self, found: Plan, epoch: int) -> None:
+        """The same, with the slices: it may be overheard."""
+        compiled = self.one.compiler.configuration(found.configuration)
+        for node, body in compiled.slices.items():
+            frames = [body[at : at + 5] for at in range(0, len(body), 5)]
+            self.say(
+                *([Prepare(2, epoch, compiled.digest)] if node == 92 else []),
+                SliceHead(node, epoch, len(body), compiled.slice_digests[node]),
+                *(SliceBody(node, epoch, n, part) for n, part in enumerate(frames, start=1)),
+            )
+        self.say(Activate(2, epoch, Step.GO_ALL, compiled.digest))
+        self.run(found, epoch)
+
+    def fly(self, beats: int) -> None:
+        for _ in range(beats):
+            self._beats += 1
+            self.say(self.lease, Alive(2, self._beats % 256, frozenset((92, 93, 94))))
+            if self.holds and self._beats % 5 == 0:
+                self.say(Control(2, 0, Operation.HOLDS, *self.holds[self._beats // 5 % len(self.holds)]))
+            self.one.pass_time(BEAT_NS)
+
+    def status(self) -> dict[str, Any]:
+        return self.one.core.status()
+
+    def obey(self, order: Order) -> Reply:
+        (reply,) = (action for action in self.one.give(OperatorSaid(7, order)) if isinstance(action, Reply))
+        return reply
+
+
+_SAID_AS = {
+    Command.LEASE: Lease,
+    Command.ALIVE: Alive,
+    Command.PREPARE: Prepare,
+    Command.SLICE: SliceHead | SliceBody,
+    Command.ACTIVATE: Activate,
+    Command.CONTROL: Control,
+}
+
+
+@pytest.fixture
+def beside() -> Beside:
+    return Beside()
+
+
+def without(*down: str, phase: str = "climb") -> Plan:
+    return plan(PHASES, Situation(frozenset(down), {}, phase), None)
+
+
+def test_what_another_manager_holds_is_known_before_the_first_plan(beside: Beside) -> None:
+    beside.holds = [(ElementKind.PHASE, 1), (ElementKind.DEVICE, 0)]
+    beside.run(without("device:servo_left", phase="glide"), 30)
+    beside.fly(60)
+    assert [(one.down, one.phase) for one in beside.one.requests] == [(frozenset({"device:servo_left"}), "glide")]
+    beside.one.answer()
+    assert beside.one.of("advice") == []
+    assert (beside.status()["epoch"], beside.status()["stage"]) == (30, "done")
+    assert [one["by"] for one in beside.status()["latched"]] == ["manager 127"]
+    beside.say(Control(2, 0, Operation.CLEAR, ElementKind.DEVICE, 0))
+    assert beside.status()["latched"] == []
+    assert beside.one.requests[-1].down == frozenset()
+
+
+def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Beside) -> None:
+    beside.run(None, 30)
+    beside.fly(60)
+    beside.one.answer()
+    assert beside.one.last("unknown_epoch")["epoch"] == 30
+    assert (beside.status()["epoch"], beside.status()["unknown_epoch"]) == (None, 30)
+    elevator = beside.status()["functions"]["elevator"]
+    assert (elevator["served"], elevator["value"]) == (None, None)
+    assert elevator["why_not"] == "epoch 30 runs, which this manager does not know"
+    beside.bring_about(without("device:servo_left"), 31)
+    beside.fly(10)
+    assert (beside.status()["epoch"], beside.status()["unknown_epoch"]) == (31, None)
+    assert beside.status()["functions"]["elevator"]["served"] is True
+    assert beside.one.requests[-1].running == {"control": ("only", "left"), "drive_right": ("only", "right")}
+    assert beside.one.of("advice") == []
+
+
+def test_it_advises_from_what_another_manager_has_brought_about(beside: Beside) -> None:
+    beside.run(without(), 30)
+    beside.fly(60)
+    beside.one.answer()
+    beside.bring_about(without("device:servo_left", "device:servo_right"), 31)  # and nobody has told why
+    beside.fly(10)
+    assert beside.status()["functions"]["elevator"]["served"] is False
+    beside.one.answer()
+    assert beside.one.last("advice")["started"] == ["control", "drive_left"]
+    beside.run(without(), 32)
+    beside.fly(1)
+    assert beside.status()["epoch"] == 32
+    assert beside.one.requests[-1].running == {}
+    assert beside.one.frames == []
+
+
+def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Beside) -> None:
+    beside.holds = [(ElementKind.PHASE, 0)]
+    beside.run(without(), 30)
+    beside.fly(60)
+    beside.one.answer()
+    replies = [beside.obey(FailElement("device:servo_left")), beside.obey(EnterPhase("land"))]
+    beside.fly(100)
+    assert [one["element"] for one in beside.status()["latched"]] == ["device:servo_left"]
+    assert beside.status()["phase"] == "land"
+    beside.holds = [(ElementKind.PHASE, 1)]
+    beside.fly(10)
+    assert beside.status()["phase"] == "glide"
+    replies.append(beside.obey(ClearElement("device:servo_left")))
+    assert beside.status()["latched"] == []
+    only_advises = "; this manager only advises: say it to the one that reigns"
+    assert [(one.done, one.sentence) for one in replies] == [
+        (True, "device:servo_left counts as failed until it is cleared" + only_advises),
+        (True, "the phase is land from now on, it was climb" + only_advises),
+        (True, "device:servo_left is taken for well again" + only_advises),
+    ]
+
+
+def test_a_request_for_a_phase_is_left_to_who_reigns_as_long_as_anybody_does(beside: Beside) -> None:
+    beside.run(without(), 30)
+    beside.fly(60)
+    request = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1)
+    beside.one.report("left", request)
+    assert beside.status()["phase"] == "climb"
+    beside.one.pass_time(6 * BEAT_NS)
+    beside.one.report("left", request)
+    assert beside.status()["phase"] == "glide"

@@ -174,14 +174,19 @@ def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
     simulation = flying(two_tails())
     reigning = simulation.manager
     simulation.start_manager(127, advise=True)
-    simulation.run_for(500 * MS)
+    simulation.run_for(1500 * MS)
     assert simulation.events_of("adopted")[-1]["epoch"] == simulation.events_of("reconfigured")[-1]["epoch"]
     simulation.kill("tail_pe")
     assert simulation.settle() == []
     assert reigning is not None
     assert reigning.stopped is None
     assert simulation.events_of("second_manager") == []
-    assert simulation.events_of("advice")[-1]["plan"]["down"] == ["pe:tail_pe"]
+    told, holds = simulation.managers[127].core.status(), reigning.core.status()
+    assert [told[one] for one in ("epoch", "stage", "functions")] == [
+        holds[one] for one in ("epoch", "stage", "functions")
+    ]
+    assert told["pes"]["control_pe"]["epoch"] == told["epoch"]
+    assert simulation.events_of("unknown_epoch") == []
 
 
 def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:

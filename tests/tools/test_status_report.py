@@ -87,3 +87,12 @@ def test_a_radio_that_is_not_whole_is_a_trouble() -> None:
     assert "! bus:radio has 8 % of its bandwidth; 100 % of its frames come" in told(flight)
     flight.report(0, LinkState.GONE)
     assert "! bus:radio is gone: nothing is heard from beyond" in told(flight)
+
+
+def test_what_a_manager_does_not_know_it_does_not_call_unserved() -> None:
+    manager = OneManager()
+    for pe in manager.spec.pes:
+        manager.live(pe, PeState.ACTIVE, epoch=7, digest=5)
+    lines = told(manager)
+    assert lines[1] == "no phases; epoch 7 runs, which this manager does not know"
+    assert lines[-1] == "  elevator         A  not known"

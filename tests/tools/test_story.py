@@ -232,17 +232,33 @@ def test_a_phase_a_cleared_fault_what_is_adopted_and_what_is_advised_are_told() 
         event("fault_cleared", 3, element="device:gps", by="the operator"),
         event("advice", 4, plan=whole.document(), moved=["a"], started=["b", "c"], stopped=[]),
         event("advice", 5, plan=whole.document(), moved=[], started=[], stopped=[]),
-        event("process", 6, pe="tail_pe", pid=41, what="killed"),
+        event("unknown_epoch", 6, epoch=8),
+        event("process", 10_000_001, pe="tail_pe", pid=41, what="killed"),
     ]
-    lines = [line.text.removeprefix("[ start  ] ") for line in told(Story(ELEVATOR), events)]
+    lines = [line.text.removeprefix("[  0.00 s] ") for line in told(Story(ELEVATOR), events)]
     assert lines[:-1] == [
         "epoch 7 runs already: it is adopted as it is",
         "PHASE land (was climb), asked for by tail_pe",
         "device:gps is taken for well again, says the operator",
         "it would start b, c; move a",
         "it would only change modes and wires",
+        "epoch 8 runs, which this manager does not know: it advises nothing",
     ]
+    assert lines[-1].startswith("[  0.01 s] KILL tail_pe")
     assert "it ran state_estimator" in lines[-1]
+
+
+@pytest.mark.parametrize("kind", ["advice", "unknown_epoch"])
+def test_the_clock_of_who_only_advises_starts_with_what_it_says_first(kind: str) -> None:
+    fields = {"epoch": 8} if kind == "unknown_epoch" else {"plan": {}, "moved": [], "started": ["a"], "stopped": []}
+    cleared = {"element": "device:gps", "by": "the operator"}
+    events = [
+        event("fault_cleared", 1, **cleared),
+        event(kind, 2, **fields),
+        event("fault_cleared", 10_000_002, **cleared),
+    ]
+    stamps = [line.text[:11] for line in told(Story(ELEVATOR), events)]
+    assert stamps == ["[ start  ] ", "[  0.00 s] ", "[  0.01 s] "]
 
 
 def test_every_sentence_names_fields_that_its_event_has() -> None:

@@ -26,7 +26,9 @@ def _head(status: Mapping[str, Any]) -> Iterator[str]:
     does = "only advises" if manager["advises"] else f"is {manager['state']}"
     proof = "no key: whoever can send on the bus can command it" if manager["key"] is None else f"key {manager['key']}"
     yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
-    runs = "no epoch yet" if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
+    unknown = status["unknown_epoch"]
+    none = "no epoch yet" if unknown is None else f"epoch {unknown} runs, which this manager does not know"
+    runs = none if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
     work = "; a plan is awaited" if manager["planning"] else ""
     preparing = f"; epoch {status['next']} is being prepared" if status["next"] is not None else ""
     yield f"{'no phases' if phase is None else f'phase {phase}'}; {runs}{work}{preparing}"
@@ -75,6 +77,8 @@ def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
     for name, function in functions.items():
         if not function["wanted"]:
             state = "not wanted in this phase"
+        elif function["served"] is None:
+            state = "not known"
         elif function["served"]:
             state = f"served, {function['mode']}, value {function['value']}"
         else:

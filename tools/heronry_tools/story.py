@@ -44,7 +44,9 @@ _SENTENCES: Mapping[str, tuple[str, Tone]] = {
     "hears_nobody": ("a manager hears nobody any more: it says nothing until it does", "bad"),
     "stepped_down": ("a manager steps down: manager {node} reigns with the higher term {term}", "plain"),
     "adopted": ("epoch {epoch} runs already: it is adopted as it is", "good"),
+    "unknown_epoch": ("epoch {epoch} runs, which this manager does not know: it advises nothing", "bad"),
 }
+_STARTS = ("reconfigured", "adopted", "advice", "unknown_epoch")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class Line:
 
 @dataclass(slots=True)
 class Story:
-    """Tells what the events mean; its clock starts when the first configuration runs."""
+    """Tells what the events mean; its clock starts when the first configuration runs, or is advised."""
 
     spec: Spec
     _start_ns: int | None = None
@@ -70,7 +72,7 @@ class Story:
 
     def tell(self, event: Mapping[str, Any]) -> list[Line]:
         """Lines for one event; none for what a reader need not know."""
-        if self._start_ns is None and event["event"] == "reconfigured":
+        if self._start_ns is None and event["event"] in _STARTS:
             self._start_ns = event["t_ns"]
         lines = list(self._lines(event))
         stamp = "[ start  ] " if self._start_ns is None else f"[{(event['t_ns'] - self._start_ns) / 1e9:6.2f} s] "

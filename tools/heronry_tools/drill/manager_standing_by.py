@@ -38,6 +38,7 @@ from heronry_wire.management import (
 
 KEY = Key(bytes(range(KEY_BYTES)))
 _ALL = frozenset((92, 93, 94))
+_UNUSED = "device:elevator_servo_2"  # while the first one serves
 _LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a configuration is overheard, at worst
 
 
@@ -657,6 +658,50 @@ def who_advises_follows_no_more_than_is_known() -> None:
     equal(status["epoch"], None, "the epoch that it sees when another one runs")
 
 
+def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
+    """What is held it hears before it advises; what runs it has missed, until the next epoch."""
+    first = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(node=127, advise=True)
+    reigning = _Reigning(manager)
+    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
+    held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2)  # the servo that is not used
+
+    def fly(turns: int) -> None:
+        for _ in range(turns):
+            manager.main.command(held, manager=126)
+            manager.run(5 * 20)
+
+    fly(15)
+    equal([(sorted(one.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
+    equal(manager.told("advice"), [], "advice while nobody knows what runs")
+    equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it says it does not know")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal((status["epoch"], status["unknown_epoch"]), (None, 7), "the epoch in the status")
+    equal({one["served"] for one in status["functions"].values()}, {None}, "what is served, as far as it knows")
+    equal([one["element"] for one in status["latched"]], [_UNUSED], "latched")
+    manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
+    reigning.lease = first.lease()
+    for name, played in first.pes.items():
+        pe = manager.pes[name]
+        pe.epoch, pe.digest, pe.state = played.epoch, played.digest, played.state
+    fly(5)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal((status["epoch"], status["unknown_epoch"]), (first.lease().epoch, None), "the epoch in the status, later")
+    demand(status["functions"]["elevator"]["served"], "the elevator is served, and it does not know")
+    equal(manager.told("advice"), [], "advice where nothing is to be done")
+    reply = manager.obey(FailElement("device:elevator_servo_1"))
+    demand(reply.done and "only advises" in reply.sentence, f"an order is answered with '{reply.sentence}'")
+    fly(5)
+    equal(len(manager.told("fault_reported")), 2, "faults, with the one that the operator supposes")
+    equal(manager.told("fault_cleared"), [], "faults that it gives up")
+    demand("servo_driver_1" in manager.told("advice")[-1]["stopped"], "it does not advise upon what is supposed")
+    equal(manager.heard(-1, *Command), [], "commands of a manager that advises")
+
+
 DRILLS = (
     half_of_those_counted_on_are_not_most,
     of_a_term_that_is_behind_it_asks_whether_it_is_obeyed,
@@ -666,6 +711,7 @@ DRILLS = (
     lost_states_cost_nothing,
     what_it_has_said_itself_is_nobody_else,
     who_advises_follows_no_more_than_is_known,
+    who_advises_and_was_started_late_says_what_it_does_not_know,
     it_takes_over_when_the_pes_hear_nobody,
     it_waits_for_the_lease_to_expire,
     only_who_was_counted_on_is_asked,
