@@ -14,6 +14,7 @@ of all other steps every eighth (`look`); and every order that its PE gives to a
 much later than the step, or never.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from random import Random
@@ -152,6 +153,7 @@ class SimulatedPe(Node):
         self._answers: list[Event] = []  # given while the processor stood still
         self._partitions = {module.index: module.partition for module in table.modules}
         self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
+        self._withdrawn = Counter[int]()  # how often, by identifier
         self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
         self._asked_ns: dict[int, int] = {}  # by release: when it was asked for, if it has to wait for its turn
         for entry in table.ports:
@@ -251,8 +253,13 @@ class SimulatedPe(Node):
         if self.delays is None or frame is not self._passing:
             self._offers[port](frame, latest_ns)
         else:
-            offer = partial(self._offers[port], frame, latest_ns)
+            offer = partial(self._offer_late, port, frame, latest_ns, self._withdrawn[frame.can_id])
             self._clock.at(self._clock.now_ns + self.delays(), offer)
+
+    def _offer_late(self, port: int, frame: Frame, latest_ns: int, withdrawn: int) -> None:
+        """Hand over a frame that was held up: in its own queue, where it may have been withdrawn."""
+        if self._withdrawn[frame.can_id] == withdrawn:
+            self._offers[port](frame, latest_ns)
 
     def _do(self, action: Action) -> ModuleEvent | None:
         if type(action) is StepModule:
@@ -266,6 +273,7 @@ class SimulatedPe(Node):
             self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != action.partition}
             self._behind.pop(action.partition, None)
         if isinstance(action, Withdraw):
+            self._withdrawn.update(action.identifiers)
             for bus, station in self.stations:
                 bus.withdraw(station, action.identifiers)
             return None
