@@ -37,6 +37,7 @@ test: .venv/ready-to-test
 	$(FRESH) dg_specs/examples/demux_actuators.dg.yaml --standby --runs 100
 	$(FRESH) dg_specs/examples/replicated_bus.dg.yaml --runs 50
 	$(FRESH) dg_specs/examples/radio_link.dg.yaml --standby --runs 50
+	$(FRESH) tests/scenarios/both_sides.dg.yaml --standby --runs 50
 	$(FRESH) big_blue --runs 10
 
 # By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.

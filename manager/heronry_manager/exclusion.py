@@ -15,6 +15,10 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
 T_lease is counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
 of its steps was a pause or a jump of its clock, and it cannot tell which. So all beyond that period proves nothing.
 
+Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
+or doubled: a page 0 that is behind tells nothing (`deployment`). A restart knows nothing, and counts T_lease from its
+first ALIVE on for whoever it does not hear.
+
 What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up although it
 speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
 """

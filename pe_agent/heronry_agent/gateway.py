@@ -13,7 +13,10 @@ What goes to a radio away from the manager goes through `radio_port`, which know
 The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
 has a gateway that forwards nothing.
 
-Lost: what was not forwarded comes again with the next LEASE or retry. A forged frame passes as a true one would.
+Lost: what was not forwarded comes again with the next LEASE or retry. Late, doubled, out of order: as it came; whoever
+reads a command, a state or a datum knows what is old. After a pause what waited is handed on at once, but for what is
+exclusive. A restart forwards nothing but states and commands until it is given a slice. A forged frame passes as a true
+one would.
 """
 
 from collections.abc import Callable, Mapping

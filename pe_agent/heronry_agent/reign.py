@@ -5,6 +5,9 @@ so is as stale as one with a lower term. The lease is heard as long as a LEASE o
 Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it. A manager that has
 just begun to reign does not know what runs until a LEASE or ACTIVATE of its term says so (`has_activated`).
 
+Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: it counts from when it arrived here, not from
+when it is read, so that a pause is no sign of a manager; one of a lower term is refused. Forged: see `authenticity`.
+
 The term lives in memory. A PE that restarts obeys the first manager it hears: it runs nothing then, and what it is
 given by a deposed manager the reigning one sees at once as an unknown epoch.
 """
