@@ -85,6 +85,7 @@ RULES = [
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
 ]
+PLANNING_AHEAD = ("heronry: planning ", "heronry: waiting for another process that plans ahead")
 NO_INTERFACE = "nocan0"  # stands for the user's own: no test talks to a real aircraft
 
 
@@ -157,7 +158,7 @@ def tried(line: CommandLine, rule: Rule, workspace: Path) -> str | None:
         text = re.sub(r"-c can\d", f"-c {NO_INTERFACE}", text)
     ended = typed(text, CHECKOUT if rule.in_checkout else workspace)
     if rule.how is How.HARDWARE:
-        said = [text for text in ended.stderr.splitlines() if not text.startswith("heronry: planning ")]
+        said = [text for text in ended.stderr.splitlines() if not text.startswith(PLANNING_AHEAD)]
         understood = ended.returncode != 0 and len(said) == 1 and NO_INTERFACE in said[0]
         return None if understood else f"{line.place}: `{text}` did not get as far as the bus: {ended.stderr[-500:]}"
     return (
