@@ -19,6 +19,9 @@ are counted on and run anything are ACTIVE in one epoch, whose digest is that of
 or of the very plan that would be deployed. What is not that clean gets a new epoch. A PE that is missing, or runs
 nothing, is then a fault like any other.
 
+A state that is lost is followed by the next one, and one that comes twice tells nothing new; one that comes late tells
+nothing at all. After a pause states are taken in the order in which they came, and the last one counts.
+
 The numbers of epochs are `numbering`'s to give. What is activated or adopted is remembered over a restart.
 """
 

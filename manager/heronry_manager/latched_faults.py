@@ -5,9 +5,9 @@
               often. Only the operator's word ends that (`clear`). What a PE reports of an element that the operator
               has failed takes the place of his word: that PE may have stopped it
 
-Lost: a PE repeats its report until it is acknowledged. Late: a report that comes after the operator has cleared the
-element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged: it takes the element out
-of use until the operator clears it. A restart remembers all of it but since when.
+Lost, or said during a pause: a PE repeats its report until it is acknowledged. Late: a report that comes after the
+operator has cleared the element latches it again; what is still wrong is found again anyway. Doubled: no news. Forged:
+it takes the element out of use until the operator clears it. A restart remembers all of it but since when.
 """
 
 from dataclasses import dataclass

@@ -12,10 +12,10 @@ after the other, each counts when it comes; so the last one heard wins, and of r
 
 A request is repeated until it is acknowledged and carries a number, which its PE counts as long as it lives: one that
 comes twice is acknowledged twice and counts once, and so does one that comes after a later one. One from a PE that is
-not counted on is neither: it will be repeated when that PE is back, or not made by anybody any more. Forged: it changes
-priorities, and an operator can change them back. A restart goes on with the phase that was entered last, and so does a
-standby; the PEs make their requests again, and whoever remembers their numbers, or has heard them acknowledged, knows
-that they were obeyed: what the operator has said since stands.
+not counted on is neither (nor does a pause lose one): it will be repeated when that PE is back, or not made by anybody
+any more. Forged: it changes priorities, and an operator can change them back. A restart goes on with the phase that was
+entered last, and so does a standby; the PEs make their requests again, and whoever remembers their numbers, or has
+heard them acknowledged, knows that they were obeyed: what the operator has said since stands.
 """
 
 from collections.abc import Mapping

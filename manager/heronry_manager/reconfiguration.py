@@ -21,6 +21,10 @@ waits for it, unless it must break first: the air never depends on the ground. I
 A configuration that is on board (rule 5) is called by its number, in PREPARE. A PE that holds it needs no more than
 that; where one says that it does not, after all (NOT_ON_BOARD), or another is known not to, its slice follows as ever.
 
+Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager all that
+waited is taken before any patience is held to have run out (`driver`). A restart knows nothing of an epoch on its way:
+who has taken a step of it says so, and the next reign adopts what is clean, or opens another one.
+
 Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
 and ACTIVATE are for everybody, and everybody answers them: however many PEs are late, they are repeated once in half a
 heartbeat period.

@@ -12,15 +12,15 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
                     has obeyed it
 
 A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
-it may have been given up since, and that has to be heard, too. A module that was stopped
-is told again to every new reign (`tell_again`): the one before may have acknowledged it, and died before anybody else
-knew.
+it may have been given up since, and that has to be heard, too. A module that was stopped is told again to every new
+reign (`tell_again`): the one before may have acknowledged it, and died before anybody else knew.
 
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
 
-Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet. Late or doubled, nothing.
-Forged: an acknowledgement silences a fault for a second. A restart forgets everything, and so does nobody else.
+Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet. Late or doubled, nothing. After
+a pause what is due is sent once. Forged: an acknowledgement silences a fault for a second. A restart forgets
+everything, and so does nobody else.
 """
 
 from collections.abc import Collection

@@ -7,8 +7,9 @@ buses; what does not is counted, and a deposed manager is told STALE_TERM once, 
 LEASE and ALIVE come every heartbeat period and mostly say nothing new, so they have a short way of their own.
 
 What if: a command that is lost is repeated by LEASE or by the manager's retry; a late or doubled one finds its step
-taken, its epoch old or its slice staged, and changes nothing. With a key, `authenticity` stands before this file;
-without one a forged command is a command.
+taken, its epoch old or its slice staged, and changes nothing. After a pause commands are taken in the order in which
+they came, and each counts from when it came. With a key, `authenticity` stands before this file; without one a forged
+command is a command.
 """
 
 from collections.abc import Callable, Iterator

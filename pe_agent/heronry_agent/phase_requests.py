@@ -14,9 +14,10 @@ A module that asks for the same phase in every step asks once. What it asked for
 or stops; the last standing request of this PE is made again when a new term begins, under its number and leading on
 alone, because that manager may know nothing of it. One that does know has obeyed it.
 
-What if: a request is lost, late, doubled or forged is `faults`' and the manager's matter. A module that starts here,
-because another PE has failed, begins with every rule armed: one that holds fires again, and as it only leads on, that
-changes nothing but what an operator has turned back. A restart is the same.
+What if: a request is lost, late, doubled or forged is `faults`' and the manager's matter. A pause is a break of the
+value like any other. A module that starts here, because another PE has failed, begins with every rule armed: one that
+holds fires again, and as it only leads on, that changes nothing but what an operator has turned back. A restart is the
+same.
 """
 
 from dataclasses import dataclass

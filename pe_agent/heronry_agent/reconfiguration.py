@@ -7,17 +7,17 @@
     ACTIVE        step GO_ALL, or GO with nothing held
 
 A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
-and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period).
+and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period). A pause between two steps is
+made up for by the next one that is heard. A restart runs nothing.
 
 A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
 mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
 branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it.
 
-A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where
-the operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it
-begins again in this one (`forgive`). One that
-*rests*, because no manager is heard, starts again where this configuration is named again (`without_manager`), or where
-a new one wants it.
+A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where the
+operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it
+begins again in this one (`forgive`). One that *rests*, because no manager is heard, starts again where this
+configuration is named again (`without_manager`), or where a new one wants it.
 """
 
 from collections.abc import Iterable

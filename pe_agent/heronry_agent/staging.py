@@ -12,7 +12,9 @@ answered whenever frames have stopped coming for half a heartbeat period while s
 
 An answer is a page 1 of the state; every method tells whether one is due now. It names the epoch that was last asked
 for, with its digest once it is staged, and until then with none and the reason: so the manager knows which question is
-answered. A restart loses all of this: the PE is then unconfigured, and the manager starts again.
+answered. Late: what names an older epoch than is collected is answered with STALE_EPOCH. After a pause what waited is
+taken in its order; what the manager had no answer to it has said again, which changes nothing. A restart loses all of
+this: the PE is then unconfigured, and the manager starts again.
 """
 
 from dataclasses import dataclass
