@@ -27,6 +27,8 @@ from heronry_dg.yaml_syntax import mistake_of, split_lines
 MOST_BYTES: Final = 4 << 20
 MOST_NODES: Final = 500_000
 MOST_LEVELS: Final = 64
+_TOO_DEEP: Final = f"this is nested deeper than {MOST_LEVELS} levels"
+_KEEP_FLAT: Final = "named gates keep `needs` flat"
 MOST_REPEATED_KEYS: Final = 100  # a file with more was not written by somebody who wants to know where each one is
 
 _PARSER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # without libyaml: the same events, ten times slower
@@ -96,7 +98,10 @@ def read_tree(data: bytes, findings: Findings) -> Node | None:
         findings.add(limit.rule, limit.place, str(limit), limit.hint)
     except yaml.MarkedYAMLError as error:
         mistake = mistake_of(error, text)
-        findings.add(rules.SYNTAX, mistake.place, mistake.sentence, mistake.hint)
+        if "nesting depth" in (error.problem or ""):  # libyaml reads ahead, and has a limit of its own
+            findings.add(rules.TOO_DEEP, mistake.place, _TOO_DEEP, _KEEP_FLAT)
+        else:
+            findings.add(rules.SYNTAX, mistake.place, mistake.sentence, mistake.hint)
     return None
 
 
@@ -222,8 +227,7 @@ class _Builder:
 
     def _beyond(self, place: Place, level: int) -> "_LimitError":
         if level > MOST_LEVELS:
-            sentence = f"this is nested deeper than {MOST_LEVELS} levels"
-            return _LimitError(rules.TOO_DEEP, place, sentence, "named gates keep `needs` flat")
+            return _LimitError(rules.TOO_DEEP, place, _TOO_DEEP, _KEEP_FLAT)
         sentence = f"the file has more than {MOST_NODES} values"
         return _LimitError(rules.TOO_LARGE, place, sentence, "a spec is a short text")
 
