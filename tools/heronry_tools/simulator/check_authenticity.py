@@ -16,14 +16,15 @@ soon as there are more of them than there were LEASEs. A PE that has started ane
 says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that. Where
 page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before.
 
-"Not long ago" is what the PE may go on by (T_lease), and how long what it says may be on its way: in its own queue, and
-in that of a gateway. A PE that hears LEASEs which nothing explains must go on saying so for as long.
+"Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long what it says may
+be on its way: in its own queue, and in that of a gateway. A PE that hears LEASEs which nothing explains must go on
+saying so for as long.
 """
 
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
-from heronry_manager.topology import uplink_bus
+from heronry_manager.topology import command_period_ns, uplink_bus
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.proven_commands import Proven, ProvenCommands
 from heronry_tools.simulator.violation import Violation
@@ -83,7 +84,7 @@ class AuthenticityCheck:
         self._emcys: dict[int, _Pe] = {}
         for pe in spec.pes.values():
             bus = uplink_bus(spec, pe.name)
-            known = _Pe(pe.name, bus, LEASE_PERIODS * spec.buses[bus].heartbeat_ns)
+            known = _Pe(pe.name, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
 
     def see(self, sent: Sent) -> None:
