@@ -248,8 +248,7 @@ class Deployment:
         if any(self._needs_new(pe, current) for pe in late):
             return False
         for pe in late:
-            reached = survivors(self._spec, plan.now).pe_cpu_millis
-            current.admit(self._participant(pe, current.contingency, reached), self._turn.now_ns)
+            current.admit(self._participant(pe, current.contingency, self._reached(plan)), self._turn.now_ns)
         self._plans[current.epoch] = plan
         return True
 
@@ -395,7 +394,7 @@ class Deployment:
         self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
     ) -> Reconfiguration:
         number = 0 if self._on_board is None else self._on_board.number(plan.configuration)
-        reached = survivors(self._spec, plan.now).pe_cpu_millis
+        reached = self._reached(plan)
         return Reconfiguration(
             term=self._turn.term,
             epoch=epoch,
@@ -409,6 +408,12 @@ class Deployment:
             stage=stage,
             contingency=number,
         )
+
+    def _reached(self, plan: Plan) -> Container[str]:
+        """PEs that a plan can command; where it can command none there is no haste, and all are waited for."""
+        reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
+        counted_on = self._health.counted_on()
+        return reached if any(pe in reached for pe in counted_on) else counted_on
 
     def _participant(self, pe: str, contingency: int, reached: Container[str]) -> Participant:
         """One who takes part. Nobody waits for who is not `reached`: beyond a dead gateway a slow beat may go on."""
