@@ -1,10 +1,11 @@
 """One epoch after the other, as the manager's core leads them: what goes wrong on the way, and what it does then."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from heronry_dg.loader import loads
+from heronry_dg.loader import load, loads
 from heronry_manager.planning import PLAN_AGAIN_NS
 from heronry_manager.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed, PlanReady
@@ -470,3 +471,34 @@ def test_a_pe_that_dies_while_its_slice_is_sent_holds_nobody_up() -> None:
     slow.answer()
     slow.pass_time(100 * MS)
     assert slow.heads_to("middle") > 0
+
+
+# Beyond a gateway that is gone
+
+
+def beyond_a_dead_gateway(name: str, gateway: str) -> OneManager:
+    """A manager that has just lost a gateway, and has a plan without it; who is beyond beats on for now."""
+    manager = OneManager(load(Path(__file__).parent.parent / "scenarios" / f"{name}.dg.yaml"))
+    manager.start()
+    manager.die(gateway)
+    manager.pass_time(70 * MS)
+    manager.answer()
+    return manager
+
+
+def test_nobody_waits_for_who_is_beyond_a_dead_gateway() -> None:
+    manager = beyond_a_dead_gateway("both_sides", "gateway")
+    epoch, _ = manager.prepared()
+    assert "wing" in manager.last("epoch_prepared")["pes"]
+    for pe in ("front", "rear"):
+        manager.stage(pe)
+    assert manager.last("epoch_step")["epoch"] == epoch
+
+
+def test_unless_there_is_nobody_else_to_command() -> None:
+    manager = beyond_a_dead_gateway("slow_far_bus", "gw")
+    epoch, _ = manager.prepared()
+    assert manager.last("epoch_step")["epoch"] != epoch
+    for pe in ("f1", "f2", "f3"):
+        manager.stage(pe)
+    assert manager.last("epoch_step")["epoch"] == epoch
