@@ -548,9 +548,13 @@ def test_in_another_term_a_request_counts_again_only_where_that_reign_may_not_kn
     requests(check, "glide", 1)
     check.ordered(S, "ascent", 1)
     assert tells(check, 2 * S, "ascent", term=2) == []
+    glide = list(big_blue().phases).index("glide")
+    check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, glide, FORWARD_ONLY | 1))
+    assert bool(tells(check, 3 * S, "glide", term=2)) is not of_two
+    requests(check, "glide", FORWARD_ONLY | 1)
+    check.ordered(4 * S, "ascent", 2)
     requests(check, "glide", FORWARD_ONLY | 1)
     assert check.current == "ascent"
-    assert bool(tells(check, 3 * S, "glide", term=2)) is not of_two
 
 
 def test_a_phase_may_be_told_before_the_request_for_it_is_acknowledged() -> None:

@@ -7,8 +7,8 @@ back. Told is what HOLDS names.
 
 A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
-phase as it was, or one that is still requested; else also one that was left before, and one that was acknowledged
-before may count again, if that reign tells so.
+phase as it was, or one that is still requested; else also one that was left before, and a request that was acknowledged
+in an earlier term may count again, if that reign tells so.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,6 @@ class PhaseCheck:
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
         self._acknowledged: dict[int, int] = {}  # number of the last request by node
         self._known_term: dict[int, int] = {}  # in which it was acknowledged
-        self._again: set[str] = set()  # phases that a reign may enter which knows of no such request
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
         self._may_forget = self._is_apart = False
@@ -71,9 +70,7 @@ class PhaseCheck:
 
     def commanded(self, t_ns: int, message: Control) -> None:
         """The manager that reigns acknowledges a request, or tells the phase."""
-        if message.term > self._heard_term:
-            self._heard_term = message.term
-            self._again.clear()
+        self._heard_term = max(self._heard_term, message.term)
         if message.a != ElementKind.PHASE:
             return
         if message.operation is Operation.ACKNOWLEDGE:
@@ -85,13 +82,12 @@ class PhaseCheck:
         index = self._requested.pop((node, number), None)
         if index is None:
             return
-        if self._is_known(node, number):
-            if self._may_forget and self._heard_term > self._known_term[node]:
-                self._again.add(self._names[index])
-            return
-        self._acknowledged[node], self._known_term[node] = number & ~FORWARD_ONLY, self._heard_term
-        if not self._leads_back(index, number):
-            self._enter(t_ns, self._names[index])
+        is_new = not self._is_known(node, number)
+        self._known_term[node] = self._heard_term
+        if is_new:
+            self._acknowledged[node] = number & ~FORWARD_ONLY
+            if not self._leads_back(index, number):
+                self._enter(t_ns, self._names[index])
 
     def _is_known(self, node: int, number: int) -> bool:
         """Tell whether a request, or a later one, was acknowledged before."""
@@ -107,13 +103,17 @@ class PhaseCheck:
         """Tell whether somebody waits for an answer who may be obeyed with this phase."""
         index = self._names.index(phase)
         asked = (key for key, wanted in self._requested.items() if wanted == index)
-        return any(not self._is_known(*key) and not self._leads_back(index, key[1]) for key in asked)
+        return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in asked)
+
+    def _may_count(self, node: int, number: int) -> bool:
+        """Tell whether a request may be new to who reigns."""
+        return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
         is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
             return
-        if phase in self._again or self._is_wanted(phase):
+        if self._is_wanted(phase):
             self._enter(t_ns, phase)
             return
         if not is_new and not self._is_apart:
