@@ -359,7 +359,8 @@ class ManagerCore:
         now_ns = self._turn.now_ns
         if self._reign is Reign.LISTENING and self._listen_until_ns is None:
             self._begin()
-            self._health.in_flight(now_ns)  # it has reigned: who was down before it fell silent need not be waited for
+            if self._key is None:  # with one nobody can be believed before this reigns, and commands
+                self._health.in_flight(now_ns)  # who was down before it fell silent need not be waited for
             self._listen_until_ns = now_ns + self.lease_ns
         match page:
             case StatePage0():
@@ -525,6 +526,7 @@ class ManagerCore:
     def _begin_term(self) -> None:
         """Begin to speak: from now on the PEs know this term. Who is not heard may drive on for T_lease."""
         self._reign, now_ns = Reign.STARTING, self._turn.now_ns
+        self._refused_ns = None  # of this reign nobody has heard anything yet
         leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
         self._has_leapt = self._has_leapt or leap > 0
         try:

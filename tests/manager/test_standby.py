@@ -495,3 +495,14 @@ def test_nor_does_one_begin_a_reign_that_has_listened() -> None:
     manager.pass_time(300 * MS)
     (reason,) = manager.stops
     assert "there is no term after 4095" in reason
+
+
+def test_a_reign_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) -> None:
+    pair.orphan(*PHASES.pes)
+    manager = pair.standby
+    manager.pass_time(3 * BEAT_NS)  # most say that they hear no LEASE, and have not said so for long
+    manager.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
+    assert state(manager) == "standby"
+    manager.pass_time(LEASE_NS + 2 * BEAT_NS)
+    assert [one["before"] for one in manager.of("taken_over")] == [1, 3]
+    assert manager.of("refused") == []
