@@ -214,8 +214,8 @@ class Simulation:
     def settle(self) -> list[Violation]:
         """Leave the aircraft alone until all is well and stays so, or for the bound on that; gives every violation.
 
-        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted from
-        the second look on: until then it may be what a controller has kept that was off.
+        It stays well when it is for longer than a silent PE or function goes unnoticed. What it sends is counted in the
+        second half of that: before, a controller may still send what it has kept, and who returns what it ran.
         """
         end_ns, well_since_ns = self.now_ns + self.checks.liveness_bound_ns(), None
         stays_well_ns = unnoticed_ns(self.spec)
@@ -233,10 +233,10 @@ class Simulation:
                 well_since_ns = None
             elif well_since_ns is None:
                 well_since_ns = self.now_ns
-            elif self.now_ns == well_since_ns + _LOOK_NS:
-                self.checks.is_well(self.now_ns)
             elif self.now_ns - well_since_ns > stays_well_ns:
                 return self.broken() + self.checks.unplanned(self.now_ns, self.truth)
+            elif 0 <= self.now_ns - well_since_ns - stays_well_ns // 2 < _LOOK_NS:
+                self.checks.is_well(self.now_ns)
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
         """Events of the managers, of one kind."""
