@@ -147,9 +147,7 @@ class PeTable:
     phases: tuple[PhaseEntry, ...] = ()  # of the whole spec, in its order
     flight_critical: tuple[str, ...] = ()  # devices and modules that may serve a function of class A, as KIND:NAME
     contingencies: str = ""  # what is on board (`contingency_block`), in base64
-    command_period_ns: int = (
-        0  # slowest heartbeat on the way from the manager: so often LEASE comes (0: as the uplink's)
-    )
+    command_period_ns: int = 0  # in which LEASE comes: the slowest heartbeat on its way (0: as the uplink's)
 
     def to_json(self) -> str:
         """Text form, one line, keys in a fixed order."""

@@ -43,9 +43,7 @@ class Exclusion:
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._last_named_ns: dict[str, int] = {}
         self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
-        self._unsent_ns: dict[
-            str, int
-        ] = {}  # from when on a PE that was declared down sends nothing exclusive any more
+        self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
         self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}

@@ -51,9 +51,8 @@ def held_back() -> Iterator[None]:
     """Hold back the signals that want an end, from whoever is started too; one that came is taken afterwards."""
     came: list[int] = []
     handlers = {number: signal.signal(number, lambda number, _: came.append(number)) for number in _ENDS}
-    before = signal.pthread_sigmask(
-        signal.SIG_BLOCK, _ENDS
-    )  # is inherited; a library's thread may take one all the same
+    # This mask is inherited; a thread of a library may take a signal all the same.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
     try:
         yield
     finally:
