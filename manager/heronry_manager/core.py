@@ -452,6 +452,7 @@ class ManagerCore:
     def _follow_up(self) -> None:
         """Nobody reigns any more: take over from whom this one has followed."""
         followed, now_ns = self._following, self._turn.now_ns
+        self._take(self._health.vouched_for(filter(self._deployment.is_active, followed.counted_on()), now_ns))
         self._begin_term()
         if not self.reigns:
             return

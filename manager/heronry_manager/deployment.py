@@ -211,6 +211,10 @@ class Deployment:
                 return f"it cannot stage its slice: {page.reason.name}"
         return None
 
+    def is_active(self, pe: str) -> bool:
+        """Tell whether a PE runs something, as it has said last."""
+        return self._observed[pe].state is PeState.ACTIVE
+
     def joined(self, pe: str) -> None:
         """A PE is counted on again: it has been given nothing yet."""
         self._observed[pe].configured = False

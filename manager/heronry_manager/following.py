@@ -165,6 +165,10 @@ class Following:
         heard = self._heard().values()
         return 2 * sum(not hears for hears in heard) > len(heard)
 
+    def counted_on(self) -> frozenset[str]:
+        """PEs that the manager counted on, when it was last heard to say so."""
+        return self._counted_on
+
     def unbelieved(self) -> frozenset[str]:
         """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()

@@ -21,7 +21,8 @@ left, it is the manager that is not heard; then nobody is failed for it, and wha
 A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
 proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, for that
 is but the word of the reign before, and nothing that it drives is given to anybody meanwhile. One that does not even
-speak any more is not waited for.
+speak any more is not waited for. Nor is anybody held down whom that reign counted on to the last, and who still runs
+what it was given (`vouched_for`): it was this manager that did not hear it.
 
 One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
 
@@ -227,6 +228,14 @@ class Health:
                 record.spoke_ns = now_ns
                 self._window_closes_ns = now_ns + window_ns
 
+    def vouched_for(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
+        """A reign begins: these were counted on by the one before, and still run what it gave them."""
+        return [
+            self._join(record, now_ns, "the manager before counted on it")
+            for record in map(self._records.__getitem__, sorted(pes))
+            if record.standing is Standing.RETURNING
+        ]
+
     def spoke(self, pe: str, now_ns: int) -> None:
         """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
         self._records[pe].spoke_ns = now_ns
@@ -321,9 +330,12 @@ class Health:
             if now_ns >= record.declare_ns():
                 record.standing = Standing.DOWN
             elif not record.is_held_down(now_ns):
-                record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
-                return [HealthChange(record.name, Change.JOINED, "back, and its hold-down is over", last)]
+                return [self._join(record, now_ns, "back, and its hold-down is over")]
         return []
+
+    def _join(self, record: _Record, now_ns: int, why: str) -> HealthChange:
+        record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
+        return HealthChange(record.name, Change.JOINED, why, record.heard_ns)
 
     def _lose(
         self, record: _Record, last_ns: int | None, now_ns: int, cause: str, change: Change = Change.LOST

@@ -166,6 +166,33 @@ def test_it_commands_at_once_adopts_what_runs_and_counts_on_the_same_pes(pair: P
     assert pair.standby.said(Prepare) == []
 
 
+def test_who_was_not_heard_here_alone_is_not_held_down_when_its_manager_dies(pair: Pair) -> None:
+    """It missed `left` for a while; the manager counted on it to the last, and it runs what it was given."""
+    page = pair.standby.running["left"]
+    pair.standby.die("left")
+    pair.fly(6 * BEAT_NS)
+    pair.standby.running["left"] = page
+    pair.say("left", PeFlags.HEARS_LEASE)
+    assert pair.standby.core.status()["pes"]["left"]["state"] == "returning"
+    pair.orphan("left", "middle")
+    pair.standby.pass_time(MS)
+    assert pair.standby.said(Alive)[0].nodes == {92, 93, 94}
+    assert pair.standby.last("adopted")
+    assert pair.standby.requests[-1].at_leisure
+
+
+def test_who_has_been_restarted_since_is_held_down_also_by_the_next_manager(pair: Pair) -> None:
+    page = pair.standby.running["left"]
+    pair.standby.die("left")
+    pair.fly(6 * BEAT_NS)
+    pair.standby.running["left"] = StatePage0(PeState.UNCONFIGURED, PeFlags(0), page.incarnation + 1, 0, 0, 0)
+    pair.say("left", PeFlags.HEARS_LEASE)
+    pair.orphan("left", "middle", "right")
+    pair.standby.pass_time(MS)
+    assert pair.standby.said(Alive)[0].nodes == {93, 94}
+    assert pair.standby.requests[-1].down == {"pe:left"}
+
+
 def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(pair: Pair) -> None:
     pair.standby.die("left")
     pair.standby.pass_time(LEASE_NS + MS)

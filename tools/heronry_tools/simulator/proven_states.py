@@ -2,6 +2,9 @@
 
 A tag fits a digest in a session, and sessions are opened by WELCOME, which everybody hears. Nothing is asked of the
 cores: what a PE has staged is known here from the frames alone, as it is without a key.
+
+Who forges nonces makes a manager say WELCOME again and again, to nobody: the PE goes on in the session that it has. So
+the one that has fitted last is tried first and forgotten last.
 """
 
 from collections import deque
@@ -11,7 +14,7 @@ from dataclasses import replace
 from heronry_wire.authentication import PAGE_1_BEAT, Key, Session, split_state
 from heronry_wire.management import Control, Operation, StatePage1
 
-_SESSIONS = 4  # of one PE: an answer may be lost, and then the one before it goes on
+_SESSIONS = 512  # of one PE: a forged nonce is answered every few milliseconds, for as long as an attack may last
 
 
 class ProvenStates:
@@ -30,10 +33,11 @@ class ProvenStates:
     def read(self, node: int, page: StatePage1, digests: Iterable[int]) -> StatePage1:
         """Put the digest in its place, if it is one of these; 0 where none of them fits."""
         said, tag = split_state(page.encode())
-        fits = (
-            digest
-            for session in self._sessions.get(node, ())
-            for digest in digests
-            if self._key.state_tag(node, session, PAGE_1_BEAT, said, digest) == tag
-        )
-        return replace(page, staged_digest=next(fits, 0))
+        sessions, meant = self._sessions.get(node, deque()), [*digests, 0]
+        for session in reversed(sessions):
+            for digest in meant:
+                if self._key.state_tag(node, session, PAGE_1_BEAT, said, digest) == tag:
+                    sessions.remove(session)
+                    sessions.append(session)
+                    return replace(page, staged_digest=digest)
+        return replace(page, staged_digest=0)
