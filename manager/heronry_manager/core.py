@@ -591,6 +591,7 @@ class ManagerCore:
                 if self._health.is_quarantined(pe):
                     self._turn.keep(Quarantined(pe, self._health.losses(pe)))
                 self._deployment.lost(pe)
+                self._situation.links.restarted(pe)
                 self._replan(f"pe:{pe}: {change.cause}", since_ns=last)
             case Change.ABSENT:
                 self._turn.emit("pe_absent", pe=pe, cause=change.cause)

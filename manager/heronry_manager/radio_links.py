@@ -26,7 +26,7 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState, decode_link
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
-_LATE = 8  # a report that is so many behind the last one is late; further apart, the gateway has started anew
+_LATE = 8  # a report that is less than so many behind the last one is late; further, the gateway has started anew
 MOST_DOUBLINGS = 2
 _BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
 
@@ -81,6 +81,12 @@ class RadioLinks:
         """Share of each radio that may be planned with, where that is not all of it."""
         short = (record for record in self.records.values() if record.step < PER_MILLE)
         return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
+
+    def restarted(self, gateway: str) -> None:
+        """A gateway was away: it may have started anew, and counts its reports from the beginning."""
+        for record in self.records.values():
+            if record.radio.gateway == gateway:
+                record.report = None
 
     def heard(self, frame: Frame, now_ns: int, *, anybody_beyond: bool) -> list[LinkChange]:
         """Take a report; `anybody_beyond`: some PE beyond is counted on."""

@@ -53,7 +53,7 @@ class Faults:
         self._quiet_until_ns: dict[_Key, int] = {}
         self._told: dict[tuple[int, int], tuple[_Key, Emergency]] = {}  # by kind and index
         self._requests = self._events = 0
-        self._request: Emergency | None = None  # the last one
+        self._request: Emergency | None = None  # the last one, if it stands
         self.changes = 0  # how often something became pending, or was no more
         self.history = ErrorHistory()
         self.next_ns = NEVER_NS
@@ -104,7 +104,7 @@ class Faults:
         return self._pend_request(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
-        """Somebody else has to know what was asked for last: what to send now. From now on it only leads on."""
+        """Somebody else has to know what was asked for last, if that stands: what to send now. It only leads on now."""
         if self._request is None:
             return []
         return self._pend_request(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
@@ -114,6 +114,7 @@ class Faults:
 
     def withdraw_request(self) -> None:
         """Ask for no phase any more."""
+        self._request = None
         self._drop([key for key in self._pending if key[0] is FaultCode.PHASE_REQUEST])
 
     def acknowledge(self, kind: int, number: int, now_ns: int) -> bool:

@@ -107,9 +107,7 @@ class PhaseRequests:
 
     def new_reign(self, now_ns: int) -> list[Frame]:
         """A new term has begun: what to send now. What nobody has acknowledged is asked for as it was."""
-        if self._standing is None or self._faults.is_asking:
-            return []
-        return self._faults.repeat_request(now_ns)
+        return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 
     def _request(self, module: int, phase: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         self._standing = module

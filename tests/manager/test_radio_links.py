@@ -88,6 +88,18 @@ def test_one_low_report_is_noise_and_two_are_a_fault_with_a_number(link: Link) -
     assert link.links.limits() == {"bus:radio": Fraction(3, 5)}
 
 
+def test_a_gateway_that_starts_anew_counts_anew(link: Link) -> None:
+    """Its first reports look like late ones of before, unless it is known that it was away."""
+    link.repeat(1000, 3)
+    link.sequence = 0
+    link.repeat(500, 2)
+    assert link.changes == []
+    link.sequence = 0
+    link.links.restarted("comms")
+    link.repeat(500, 2)
+    assert link.changes == [("limited", 400)]
+
+
 def test_noise_about_a_step_moves_nothing(link: Link) -> None:
     link.repeat(700, 2)
     for usable in (545, 835, 600, 540, 790) * 10:

@@ -3,19 +3,14 @@
 A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
 that any `concurrent.futures.Executor` can carry it, a cluster's as well. Every plan passes the judge where it is made.
 
-Processes of our own start afresh (spawn: a solver with threads must not be forked), leave Ctrl-C to us, and end
-when we end, however that happens.
+Processes of our own end as `heronry_tools.processes` says.
 """
 
-import os
-import signal
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
-from multiprocessing import connection, get_context, parent_process
-from threading import Thread
 from typing import TYPE_CHECKING, Final
 
 from heronry_dg.model import Spec
@@ -24,6 +19,7 @@ from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
 from heronry_tools.errors import UserError
+from heronry_tools.processes import held_back, processes
 
 if TYPE_CHECKING:
     from heronry_manager.planner.exact import Planner
@@ -78,7 +74,8 @@ def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]
             yield from zip(_questions(task), solved(task), strict=True)
         return
     try:
-        under_way = {executor.submit(solved, task): task for task in tasks}
+        with held_back():
+            under_way = {executor.submit(solved, task): task for task in tasks}
         for done in as_completed(under_way):
             yield from zip(_questions(under_way[done]), done.result(), strict=True)
     except (BrokenExecutor, CancelledError) as error:
@@ -107,11 +104,8 @@ def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
     elif jobs == 1:
         yield None
     else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin) as executor:
-            try:
-                yield executor
-            finally:
-                executor.shutdown(wait=True, cancel_futures=True)
+        with processes(jobs, _nothing, None) as executor:
+            yield executor
 
 
 @contextmanager
@@ -128,14 +122,5 @@ def _cluster(address: str) -> Iterator[Executor]:
         yield executor
 
 
-def _begin() -> None:
-    """Begin life as a process of a crew."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    connection.wait([parent.sentinel])
-    os._exit(1)
+def _nothing(_: None) -> None:
+    """What a process begins with: its planner comes with its first task."""

@@ -16,8 +16,8 @@ from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
+from heronry_tools.processes import held_back, processes
 from heronry_tools.simulator.act import KINDS, drawn_kinds
-from heronry_tools.simulator.processes import held_back, processes
 from heronry_tools.simulator.protocol_state import ORPHANED, STATES
 from heronry_tools.simulator.scenario import Outcome
 

@@ -41,23 +41,24 @@ from heronry_tools.user_cache import digest_of, user_cache
 _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_tools)
 # What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.
 _COMPILED = {
-    "heronry_wire": "authentication canaerospace configuration_slice frame gateway_report identifiers layout "
-    "management packing sansio timing",
-    "heronry_agent": "canopen_node core devices faults gateway host link_meter mailboxes module module_runner "
-    "obedience permission phase_requests publishing radio_port radio_queue reconfiguration reign reporting restarts "
-    "running_modules schedule staging table_index turn vocabulary bench.devices bench.flight bench.mechanism "
-    "bench.noise bench.world images.actuators images.air_data images.altitude images.atmosphere images.attitude "
-    "images.control images.guidance images.imaging images.mission images.pilot_view images.reading images.recovery "
-    "images.sensors images.servo_monitor images.telemetry images.wing without_manager",
-    "heronry_manager": "announcing beacon core deployment exclusion following health known_situation latched_faults "
-    "planning radio_links reconfiguration turn vocabulary",
-    "heronry_tools": "witness simulator.bus simulator.check_blame simulator.check_configurations "
-    "simulator.check_end_state simulator.check_epochs simulator.check_exclusion simulator.check_freshness "
-    "simulator.check_liveness simulator.check_load simulator.check_orphans simulator.check_planned_load "
-    "simulator.check_publishing simulator.check_queues simulator.check_radio simulator.check_safe_mode "
-    "simulator.check_service simulator.check_silence simulator.check_terms simulator.checks simulator.clock "
-    "simulator.commanded simulator.frame_digest simulator.local_clock simulator.node simulator.nodes "
-    "simulator.protocol_state simulator.reigning_term simulator.station simulator.violation simulator.world",
+    "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report identifiers "
+    "layout management packing sansio timing",
+    "heronry_agent": "authenticity canopen_node core devices faults gateway host link_meter mailboxes module "
+    "module_runner obedience permission phase_requests publishing radio_port radio_queue reconfiguration reign "
+    "reporting restarts running_modules schedule staging table_index turn vocabulary bench.devices bench.flight "
+    "bench.mechanism bench.noise bench.world images.actuators images.air_data images.altitude images.atmosphere "
+    "images.attitude images.control images.guidance images.imaging images.mission images.pilot_view images.reading "
+    "images.recovery images.sensors images.servo_monitor images.telemetry images.wing without_manager",
+    "heronry_manager": "announcing authenticity beacon core deployment exclusion following health known_situation "
+    "latched_faults overheard planning radio_links reconfiguration turn vocabulary",
+    "heronry_tools": "witness simulator.bus simulator.check_authenticity simulator.check_blame "
+    "simulator.check_configurations simulator.check_end_state simulator.check_epochs simulator.check_exclusion "
+    "simulator.check_freshness simulator.check_liveness simulator.check_load simulator.check_orphans "
+    "simulator.check_planned_load simulator.check_publishing simulator.check_queues simulator.check_radio "
+    "simulator.check_safe_mode simulator.check_service simulator.check_silence simulator.check_terms simulator.checks "
+    "simulator.clock simulator.commanded simulator.frame_digest simulator.local_clock simulator.node simulator.nodes "
+    "simulator.protocol_state simulator.proven_commands simulator.proven_states simulator.reigning_term "
+    "simulator.station simulator.violation simulator.world",
 }
 # Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
 _MADE_OFTEN = frozenset(

@@ -1,4 +1,4 @@
-"""Processes that fly for this one, and how they end: all of them, at once and without a word.
+"""Processes that fly or plan for this one, and how they end: all of them, at once and without a word.
 
 Whoever wants an end tells this process: Ctrl-C, which a terminal says to all of them, or SIGTERM. Processes of ours
 take neither, from their first instruction on: signals are held back while they are started, and who is started then
@@ -37,11 +37,12 @@ def processes(jobs: int, begin: Callable[[T], None], beginning: T) -> Iterator[P
         with ProcessPoolExecutor(jobs, get_context("spawn"), _begin, (begin, beginning)) as executor:
             try:
                 yield executor
+                executor.shutdown(cancel_futures=True)  # what nobody wants to know any more
             except BaseException:
                 _kill_all_but(others)
                 raise
     except BrokenProcessPool:
-        raise UserError("a process that flew has ended, or was ended; give the same command again") from None
+        raise UserError("a process of this command has ended, or was ended; give the same command again") from None
     finally:
         signal.signal(signal.SIGTERM, before)
 
