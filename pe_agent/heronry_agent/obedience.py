@@ -124,9 +124,6 @@ class Obedience:
         if fields is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, fields[0], event):
-            if self.reign.is_late(fields[1]):
-                self.turn.count("late command", frame.can_id)
-                return
             is_named = bool(fields[3] >> self.index.node - FIRST_PE & 1)
             self.permission.named(is_named, self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
             meaning = frame.data[:2] + frame.data[3:]  # all but the sequence

@@ -6,8 +6,7 @@ Losing it stops nothing (`keep`); it shows in the state frames, where a standby 
 just begun to reign does not know what runs until a LEASE or ACTIVATE of its term says so (`has_activated`).
 
 Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: it counts from when it arrived here, not from
-when it is read, so that a pause is no sign of a manager; one of a lower term is refused, and so is an ALIVE that comes
-after one that was said later (`is_late`), since it may name who is counted on no more. Forged: see `authenticity`.
+when it is read, so that a pause is no sign of a manager; one of a lower term is refused. Forged: see `authenticity`.
 
 The term lives in memory. A PE that restarts obeys the first manager it hears: it runs nothing then, and what it is
 given by a deposed manager the reigning one sees at once as an unknown epoch.
@@ -16,7 +15,6 @@ given by a deposed manager the reigning one sees at once as an unknown epoch.
 from heronry_wire.management import MAX_TERM
 
 NO_TERM = 0
-_LATE_ALIVES = 8  # what is this far behind was overtaken on its way; further, it is a manager that counts anew
 
 
 class Reign:
@@ -29,22 +27,14 @@ class Reign:
         self.manager = 0
         self.has_activated = False  # the one that reigns has said which configuration runs
         self._leased_ns: int | None = None
-        self._alive: int | None = None  # sequence of the last ALIVE of this term
 
     def admits(self, manager: int, term: int) -> bool:
         """Tell whether to obey a command, and remember its term if it is the highest."""
         if not NO_TERM < term <= MAX_TERM:
             return False
         if term > self.term:
-            self.term, self.manager, self.has_activated, self._alive = term, manager, False, None
+            self.term, self.manager, self.has_activated = term, manager, False
         return term == self.term and manager == self.manager
-
-    def is_late(self, sequence: int) -> bool:
-        """Take the sequence of an ALIVE of this term; tells whether a later one has been heard before it."""
-        if self._alive is not None and 0 < (self._alive - sequence) % 256 <= _LATE_ALIVES:
-            return True
-        self._alive = sequence
-        return False
 
     def leased(self, arrived_ns: int) -> None:
         """A LEASE was obeyed."""

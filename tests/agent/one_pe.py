@@ -164,7 +164,6 @@ class OnePe:
         self.seen: dict[int, dict[str, object]] = {}  # what each module saw last, by leaf
         self.steps: dict[int, list[int]] = {}
         self.spent_ns = 0  # by each step
-        self.alives = 0  # that `command` has said
 
     def give(self, event: Event) -> list[Action]:
         """Give an event now, and answer for the modules."""
@@ -194,15 +193,7 @@ class OnePe:
         return self.give(Received(port, frame))
 
     def command(self, *messages: Message, manager: int = MANAGER) -> list[Action]:
-        """Let a manager say this; it numbers its ALIVEs."""
-        numbered = map(self._numbered, messages)
-        return [action for message in numbered for action in self.hear(command_frame(message, manager))]
-
-    def _numbered(self, message: Message) -> Message:
-        if not isinstance(message, Alive):
-            return message
-        self.alives += 1
-        return replace(message, sequence=(self.alives - 1) % 256)
+        return [action for message in messages for action in self.hear(command_frame(message, manager))]
 
     def pass_time(self, duration_ns: int) -> list[Action]:
         """Let time pass, deadline by deadline."""

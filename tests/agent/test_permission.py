@@ -85,27 +85,6 @@ def test_an_alive_that_no_longer_names_us_stops_us() -> None:
     assert drives(pe.pass_time(50 * MS))
 
 
-def test_an_alive_that_was_overtaken_on_its_way_says_nothing() -> None:
-    """A gateway may hand one on late that still names who is counted on no more."""
-    pe = flying()
-    named, unnamed = (command_frame(Alive(1, pe.alives + one, who)) for one, who in enumerate((EVERYBODY, frozenset())))
-    pe.hear(unnamed)
-    pe.hear(named)
-    assert not drives(pe.pass_time(50 * MS))
-    pe.alives += 2
-    pe.command(Alive(1, 0, EVERYBODY))
-    assert drives(pe.pass_time(50 * MS))
-
-
-def test_an_alive_of_a_new_term_or_far_behind_is_not_late() -> None:
-    pe = flying()
-    pe.hear(command_frame(Alive(1, pe.alives + 100, frozenset({NEIGHBOUR}))))
-    pe.hear(command_frame(Alive(1, pe.alives + 91, EVERYBODY)))
-    assert drives(pe.pass_time(50 * MS))
-    pe.hear(command_frame(Alive(2, pe.alives + 90, frozenset({NEIGHBOUR}))))
-    assert not drives(pe.pass_time(50 * MS))
-
-
 def test_alive_of_a_deposed_manager_says_nothing() -> None:
     pe = flying()
     pe.command(Alive(2, 1, frozenset({NEIGHBOUR})), manager=127)
