@@ -21,7 +21,7 @@ out; only state frames write what a PE is seen to run.
 
 With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending:
 it forgets all but its memory, and learns from the bus. Manager 127 also stands by where it hears nobody at its start,
-for the start-up window, so that 126 goes first. One that hears a LEASE of its own number and term has a double, which
+for a while (`following`), so that 126 goes first. One that hears a LEASE of its own number and term has a double, which
 was started by mistake: whoever hears the other one first gives way.
 
 A mission phase that is asked for, and an element that the operator fails or clears, change the situation like a fault.

@@ -9,7 +9,9 @@
                 none: it has heard the higher one and refuses these, and would do so for ever. For `LEARNS_LEASES`
                 times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
 
-Where no manager was ever heard, the start-up window is waited for, and the PEs that are heard are asked.
+Where no manager was ever heard, the PEs that are heard are asked, after the start-up window: the aircraft may just have
+been switched on, and the first manager with it. If some PE runs a configuration, it flies, and T_lease is waited for
+thrice: a first manager that is being started now still goes first.
 
 With a key it may be that a PE speaks and cannot be believed: whoever was started after the sessions were opened knows
 none of them, and nobody opens another one while nobody reigns. If its word counted for nothing, no manager might ever
@@ -50,10 +52,12 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     PeFlags,
+    PeState,
     StatePage0,
 )
 
 _DIGESTS_KEPT = 4
+_GOES_FIRST = 3  # T_leases in flight; one is what a first manager listens for
 LEARNS_LEASES = 10
 """T_leases in which what another manager holds is learnt: so many facts are told meanwhile (`announcing`)."""
 
@@ -83,6 +87,7 @@ class Following:
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
         self._orphaned_ns = turn.now_ns + patience_ns  # not before this
+        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # nor this, where somebody flies
         self.node: int | None = None  # the manager that reigns
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came
@@ -147,6 +152,8 @@ class Following:
         """A PE has said what it runs, and whether it hears a manager."""
         said = self._said if is_proven else self._unproven
         said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
+        if self.node is None and page.state is not PeState.UNCONFIGURED:
+            self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
 
     def is_orphaned(self) -> bool:
         """Tell whether the PEs have no manager any more, or one that some of them refuse."""

@@ -12,8 +12,10 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
                     has obeyed it
 
 A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
-it may have been given up since, and that has to be heard, too. A module that was stopped is told again to every new
-reign (`tell_again`): the one before may have acknowledged it, and died before anybody else knew.
+it may have been given up since, and that has to be heard, too. What stays told is told again to every new reign, since
+the one before may have acknowledged it, and died before anybody else knew. But where this PE has heard nobody for a
+while since (`tell_all_again`), it may have missed that it was cleared, and keeps it to itself, unless that is a module
+which it would run (`tell_again`).
 
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
@@ -51,7 +53,7 @@ class Faults:
         self._critical = frozenset(critical)
         self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[_Key, Emergency]] = {}  # by kind and index
+        self._told: dict[tuple[int, int], tuple[_Key, Emergency, int]] = {}  # by kind and index; when it was found
         self._requests = self._events = 0
         self._request: Emergency | None = None  # the last one, if it stands
         self.changes = 0  # how often something became pending, or was no more
@@ -86,14 +88,19 @@ class Faults:
             return []
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
         if code is not FaultCode.MODULE_RESTARTED:
-            self._told[kind, index] = key, emergency
+            self._told[kind, index] = key, emergency, now_ns
         self.history.add(code, kind, index)
         return self._pend(key, emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
         """Somebody else has to know what was told of an element, if it still stands: what to send now."""
         told = self._told.get((kind, index))
-        return [] if told is None else self._pend(*told, now_ns)
+        return [] if told is None else self._pend(*told[:2], now_ns)
+
+    def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
+        """Somebody else has to know what was found since a time, and still stands: what to send now."""
+        told = [(key, emergency) for key, emergency, found_ns in self._told.values() if found_ns >= since_ns]
+        return [frame for key, one in told if key not in self._pending for frame in self._pend(key, one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """A phase is asked for: what to send now. The request before it, if it still waits, is given up."""

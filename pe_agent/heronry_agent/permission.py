@@ -51,6 +51,7 @@ class Permission:
         self._identifier_ns = lease_ns * IDENTIFIER_PERIODS // LEASE_PERIODS
         self._named = False
         self._heard_ns: int | None = None
+        self._hears_since_ns = 0  # when it heard somebody again after a silence longer than T_lease, or first
         self._doubted_ns: int | None = None  # since when it hears others again, after a silence longer than T_lease
         self._identifiers_doubted_ns: int | None = None  # the same, longer than two periods
         self._clashed_ns: int | None = None  # when another node was heard under this one's node-ID
@@ -83,7 +84,12 @@ class Permission:
             if last_ns is None or arrived_ns - last_ns > self._identifier_ns:
                 self._identifiers_doubted_ns = arrived_ns
                 if last_ns is None or arrived_ns - last_ns > self._lease_ns:
-                    self._doubted_ns = arrived_ns
+                    self._doubted_ns = self._hears_since_ns = arrived_ns
+
+    def hears_since_ns(self, arrived_ns: int) -> int:
+        """Give when the last silence longer than T_lease has ended: now, where it ends with what has just arrived."""
+        is_silent = self._heard_ns is None or arrived_ns - self._heard_ns > self._lease_ns
+        return arrived_ns if is_silent else self._hears_since_ns
 
     def named(self, is_named: bool, arrived_ns: int, *, by_who_knows: bool) -> None:
         """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame.

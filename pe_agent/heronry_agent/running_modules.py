@@ -230,7 +230,7 @@ class RunningModules:
         self._tell(self.faults.clear(kind, index))
 
     def new_reign(self) -> None:
-        """Another term has begun: what is still asked for, and who has stopped here, that manager may not know.
+        """Another term has begun: what is still asked for, and what has failed here, that manager may not know.
 
         What was cleared, and has not been given anew before that reign ended, begins again.
         """
@@ -241,6 +241,7 @@ class RunningModules:
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
             self._tell(told)
             cleared += [] if told else [module]
+        self._tell(self.faults.tell_all_again(self._permission.hears_since_ns(self._turn.arrived_ns), now_ns))
         if cleared:
             self.carry_out(self._reconfiguration.forgive(cleared), None)
 

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from agent.one_pe import (
     BEAT_NS,
     CONTROL,
@@ -15,6 +17,7 @@ from agent.one_pe import (
     RUN_MONITOR,
     TABLE,
     OnePe,
+    neighbour_state,
     sent,
 )
 from heronry_agent.faults import QUIET_NS
@@ -24,7 +27,7 @@ from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, emergency_event_id
-from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation, decode_emergency
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step, decode_emergency
 
 LEFT = 1  # the servo, as a device of the table
 CRITICAL = replace(TABLE, flight_critical=("device:left",))
@@ -134,3 +137,30 @@ def test_a_late_answer_of_a_module_that_was_stopped_is_no_overrun() -> None:
     pe.configure(WATCHING, 8)
     pe.give(Stepped(CONTROL, 1, {}))
     assert pe.core.counts["stale answer", CONTROL] == 1
+
+
+def test_a_new_reign_is_told_what_still_stands_also_of_what_runs_here_no_more() -> None:
+    pe = watching()
+    pe.pass_time(BEAT_NS)
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
+    pe.reports.clear()
+    pe.configure(Slice(()), 8)
+    assert not emergencies(pe.fly(5 * BEAT_NS, epoch=8, digest=1008))
+    (told,) = emergencies(pe.command(Lease(2, 8, Step.GO_ALL, 1008)))
+    assert (told.kind, told.index) == ABOUT_LEFT
+    pe.command(Control(2, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT), Control(2, NODE, Operation.CLEAR, *ABOUT_LEFT))
+    assert not emergencies(pe.command(Lease(3, 8, Step.GO_ALL, 1008)))
+
+
+@pytest.mark.parametrize("others_first", [False, True])
+def test_who_has_heard_nobody_since_may_have_missed_that_it_was_cleared_and_tells_it_no_more(
+    *, others_first: bool
+) -> None:
+    pe = watching()
+    pe.pass_time(BEAT_NS)
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
+    pe.reports.clear()
+    pe.pass_time(6 * BEAT_NS)
+    if others_first:
+        pe.hear(neighbour_state(7))
+    assert not emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))

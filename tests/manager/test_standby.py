@@ -326,6 +326,18 @@ def test_where_nobody_reigns_at_the_start_126_goes_first(node: int, after_ns: in
     assert manager.said(Lease)[0].term == (1 if node == 126 else 2)
 
 
+def test_in_flight_127_waits_for_126_no_longer_than_three_leases() -> None:
+    manager = standing_by(127)
+    for pe in PHASES.pes:
+        manager.live(pe)
+    manager.running["left"] = StatePage0(PeState.ACTIVE, PeFlags(0), 1, 7, 0, 1007)
+    manager.beat("left")
+    manager.pass_time(3 * LEASE_NS - MS)
+    assert manager.frames == []
+    manager.pass_time(BEAT_NS + 2 * MS)
+    assert manager.said(Lease)[0].term == 2
+
+
 def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
     for pe in PHASES.pes:
         pair.say(pe, PeFlags(0))  # they have missed it; the standby has not
