@@ -483,6 +483,8 @@ class ManagerCore:
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
+        if self._health.hears_nobody(now_ns):
+            self._blame_nobody()
         if self._reign is Reign.REIGNING and not self._advise and self._is_over():
             self._fall_silent()
             return
@@ -495,6 +497,14 @@ class ManagerCore:
         first = self._reign is Reign.STARTING and not self._health.starting()
         if first or self._planning.is_due_again():
             self._ask_for_plan()
+
+    def _blame_nobody(self) -> None:
+        """It is this manager that hears nobody: whom that put in quarantine has done nothing."""
+        for pe in self._health.take_back():
+            if self._health.is_quarantined(pe):
+                self._turn.keep(Quarantined(pe, self._health.losses(pe)))
+            elif pe in self._turn.memory.quarantined:
+                self._turn.keep(Released(pe))
 
     def _is_over(self) -> bool:
         """Tell whether this reign has come to its end: this manager is cut off, or deaf, or its term is behind."""

@@ -11,7 +11,9 @@ One record per PE, moved by what is heard of it and by time alone (never by what
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
 return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
 A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
-been counted on for a minute, or by the operator (`forgive`).
+been counted on for a minute, or by the operator (`forgive`). Where all fall silent at once, it is this manager that
+hears nobody: that is held against none of them (`take_back`), or whoever is deaf now and then would find its whole
+aircraft in quarantine.
 
 A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the slowest
 bus on the way to it, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it
@@ -90,6 +92,7 @@ class _Record:
     returning_since_ns: int = 0
     joined_ns: int = 0
     losses: int = 0  # since it was last forgiven
+    lost_ns: int | None = None  # when the last one of these was counted
     cause: str | None = None  # why it is down
     deaf_since_ns: int | None = None  # since when it has said that it hears no lease
     barred: bool = False
@@ -161,6 +164,14 @@ class Health:
         """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on."""
         heard = [record for record in self._records.values() if record.heard_ns is not None]
         return bool(heard) and not self.counted_on() and all(now_ns >= record.declare_ns() for record in heard)
+
+    def take_back(self) -> list[str]:
+        """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""
+        last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
+        wronged = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
+        for record in wronged:
+            record.losses, record.lost_ns = record.losses - 1, None
+        return [record.name for record in wronged]
 
     def starting(self) -> bool:
         """Tell whether some PE has not been heard and may still be starting."""
@@ -343,7 +354,7 @@ class Health:
         counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
         if counted_on:
             forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
-            record.losses = 1 if forgiven else record.losses + 1
+            record.losses, record.lost_ns = 1 if forgiven else record.losses + 1, now_ns
             record.cause = cause
         record.standing = Standing.DOWN
         self._close_window_if_all_heard()

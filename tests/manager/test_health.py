@@ -147,6 +147,36 @@ def test_what_flaps_is_held_down_longer_each_time(spec: Spec) -> None:
     assert waits == sorted(waits)
 
 
+def test_where_all_fall_silent_at_once_nothing_is_held_against_them(spec: Spec) -> None:
+    health = everybody_up(spec)
+    for round_ns in range(0, 3000 * MS, 1000 * MS):
+        for at_ns in range(round_ns, round_ns + 500 * MS, PERIOD):
+            for pe in PES:
+                health.heard(pe, 1, at_ns)
+            health.tick(at_ns)
+        assert sorted(health.counted_on()) == sorted(PES)
+        health.tick(round_ns + 550 * MS)
+        lost = health.tick(round_ns + 600 * MS)
+        assert changes(lost) == [(pe, Change.LOST) for pe in PES]
+        assert health.hears_nobody(round_ns + 600 * MS)
+        assert health.take_back() == [*PES]
+        assert health.take_back() == []
+    assert [health.losses(pe) for pe in PES] == [0, 0, 0]
+
+
+def test_who_was_lost_before_the_others_fell_silent_has_lost_it_itself(spec: Spec) -> None:
+    health = everybody_up(spec)
+    for at_ns in range(0, 200 * MS, PERIOD):
+        for pe in PES[1:]:
+            health.heard(pe, 1, at_ns)
+        health.tick(at_ns)
+    health.tick(230 * MS)
+    health.tick(300 * MS)
+    assert health.hears_nobody(300 * MS)
+    assert health.take_back() == [*PES[1:]]
+    assert [health.losses(pe) for pe in PES] == [1, 0, 0]
+
+
 def test_who_is_never_heard_is_absent_when_the_window_closes(spec: Spec) -> None:
     health = Health(spec, 0, 1000 * MS)
     health.heard("sensor_pe", 1, 990 * MS)

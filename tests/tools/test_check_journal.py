@@ -4,10 +4,12 @@ from random import Random
 
 import pytest
 
+from heronry_manager.checked_lines import checked_line
 from heronry_manager.journal import recovered, whole_journal
 from heronry_manager.memory import (
     EPOCHS,
     NOTHING,
+    Cleared,
     Latched,
     Memory,
     PhaseEntered,
@@ -15,6 +17,7 @@ from heronry_manager.memory import (
     Reserved,
     Runs,
     TermBegun,
+    as_json,
 )
 from heronry_tools.simulator.check_journal import JournalCheck
 from heronry_tools.simulator.disk import SYNCED_AFTER_NS, Disk
@@ -93,6 +96,20 @@ def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it
     assert check.violations == []
     check.commanded(2, "manager 126", holds)
     assert f"holds phase {PHASES[0]}" in check.violations[0].story
+
+
+def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_one_that_never_was_is_one() -> None:
+    """It is latched and cleared within an instant: the judge has not looked at the journal in between."""
+    element = f"module:{MODULES[2]}"
+    holds = Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2)
+    started = whole_journal(big_blue(), memory(*WHOLE))
+    number = started.count(b"\n")
+    cleared = started + checked_line([number, *as_json(Cleared(element))])
+    check = JournalCheck(big_blue(), lambda _: cleared)
+    check.commanded(0, "manager 126", holds)
+    assert check.violations == []
+    check.commanded(1, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 3))
+    assert "says HOLDS of module:" in check.violations[0].story
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.simulator.commanded import Commanded
 from heronry_wire.configuration_slice import slice_digest
-from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
+from heronry_wire.management import Activate, Lease, Prepare, SliceBody, SliceHead, Step
 
 
 def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> None:
@@ -23,3 +23,16 @@ def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> Non
         Activate(1, 2, Step.GO_ALL, 5),
     ):
         assert commanded.take(0, message) is None
+
+
+def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte() -> None:
+    """A manager that is gone has prepared 257, for nobody; the next one goes on with 1."""
+    commanded = Commanded(load(shipped_spec_path("big_blue")))
+    for message in (Prepare(1, 1, 5), Activate(1, 1, Step.GO_ALL, 5)):
+        commanded.take(0, message)
+    for message in (Prepare(3, 257, 6), Activate(3, 257, Step.GO_ALL, 6)):
+        commanded.take(0, message)
+    assert commanded.current is not None
+    assert commanded.current.number == 257
+    commanded.take(0, Lease(4, 1, Step.GO_ALL, 5))
+    assert commanded.current.number == 1

@@ -18,7 +18,8 @@ nothing that was said before on the disk that it had at another time.
 
 Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
 deposed manager says (the caller tells nothing of it). A frame that waited may be older than the journal: an epoch is
-then older, and not another; a phase and a fault are as the journal had them when it was last looked at.
+then older, and not another; a phase and a fault are as the journal had them when it was last looked at, and a fault may
+have been latched and cleared since, in the last records that are there.
 """
 
 from collections.abc import Callable
@@ -43,6 +44,7 @@ from heronry_wire.management import (
     is_newer,
 )
 
+_WAITED = 8  # records that may be written while a frame waits
 Read = Callable[[str], bytes | None]  # what is on the disk of who has this station; None where nobody promises anything
 
 
@@ -77,7 +79,7 @@ class JournalCheck:
         memory = self._memory(manager) if news or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
-            was_so = before is not None and not self._facts(before, message)
+            was_so = (before is not None and not self._facts(before, message)) or self._was_latched(manager, message)
             self._tell(t_ns, manager, _numbers(said, memory) + ([] if was_so else self._facts(memory, message)))
 
     def copied(self, manager: str, twin: str) -> None:
@@ -99,6 +101,18 @@ class JournalCheck:
             memory, _ = recovered(data)
             self._last_read[manager] = data, memory
         return memory
+
+    def _was_latched(self, manager: str, message: ManagementMessage) -> bool:
+        """Tell whether what a manager HOLDS was latched a few records ago."""
+        if (
+            not isinstance(message, Control)
+            or message.operation is not Operation.HOLDS
+            or message.a == ElementKind.PHASE
+        ):
+            return False
+        lines = self._last_read[manager][0].splitlines(keepends=True)
+        lately = (recovered(b"".join(lines[:end]))[0] for end in range(max(1, len(lines) - _WAITED), len(lines)))
+        return any(not self._facts(memory, message) for memory in lately)
 
     def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]

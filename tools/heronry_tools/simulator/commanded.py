@@ -134,9 +134,9 @@ class Commanded:
                 epoch.staged.add(node)
 
     def _named(self, number: int) -> list[Epoch]:
-        """Epochs that may be meant, first of whoever reigns."""
-        both = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF))
-        return [epoch for epoch in both if epoch is not None]
+        """Epochs that may be meant, first of whoever reigns; one that ran is known by its whole number."""
+        known = (self._prepared.get(number & 0xFF), self._apart.get(number & 0xFF), self.epochs.get(number))
+        return [epoch for epoch in known if epoch is not None]
 
     def _put_together(self, epoch: Epoch) -> Epoch | None:
         """Give an activated epoch its configuration, or its flaw; None while bytes are missing that may still come."""
