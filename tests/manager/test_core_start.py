@@ -130,6 +130,26 @@ def test_who_is_refused_by_most_pes_begins_a_new_term_and_waits_longer_each_time
     assert manager.said(Lease)[-1].term == 269
 
 
+@pytest.mark.parametrize(("own_losses", "remembered"), [(0, {}), (1, {}), (2, {"left": 2})])
+def test_what_a_deaf_manager_has_counted_is_not_remembered_against_anybody(
+    own_losses: int, remembered: dict[str, int]
+) -> None:
+    manager = OneManager()
+    manager.start()
+    for _ in range(own_losses):
+        page = manager.running["left"]
+        manager.die("left")
+        manager.pass_time(200 * MS)
+        manager.running["left"] = page
+        manager.pass_time(1000 * MS)
+        manager.answer()
+    assert manager.memory.quarantined == {}
+    manager.running.clear()
+    manager.pass_time(200 * MS)
+    assert manager.last("hears_nobody")["term"] == 1
+    assert manager.memory.quarantined == remembered
+
+
 def test_who_hears_nobody_may_find_that_another_one_reigns() -> None:
     manager = OneManager()
     manager.start()
