@@ -36,3 +36,15 @@ def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte(
     assert commanded.current.number == 257
     commanded.take(0, Lease(4, 1, Step.GO_ALL, 5))
     assert commanded.current.number == 1
+
+
+def test_slices_of_an_epoch_are_not_judged_because_another_one_has_had_its_number() -> None:
+    """A manager whose disk took nothing may begin again with numbers that it has used."""
+    commanded = Commanded(load(shipped_spec_path("elevator_and_chute")))
+    for message in (Prepare(1, 97, 5), Activate(1, 97, Step.GO_ALL, 5)):
+        commanded.take(0, message)
+    assert commanded.take(0, Prepare(3, 97, 6)) is None
+    assert commanded.take(0, SliceHead(92, 97, 0, 7)) is None
+    assert commanded.epochs[97].digest == 5
+    commanded.take(0, Activate(3, 97, Step.GO_ALL, 6))
+    assert commanded.epochs[97].digest == 6

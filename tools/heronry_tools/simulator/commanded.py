@@ -119,7 +119,9 @@ class Commanded:
                 if epoch is not None:
                     self.epochs[epoch.number] = self.current = self._prepared[epoch.number & 0xFF] = epoch
                     epoch.activated_ns = t_ns if epoch.activated_ns is None else epoch.activated_ns
-        if epoch is None or epoch.number not in self.epochs or epoch.configuration is not None or epoch.flaw:
+        if epoch is None or epoch.configuration is not None or epoch.flaw:
+            return None
+        if self.epochs.get(epoch.number) is not epoch:  # one of that number may have run, and be another
             return None
         return self._put_together(epoch)
 
