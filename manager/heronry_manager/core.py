@@ -483,9 +483,10 @@ class ManagerCore:
         if self._reign in (Reign.LISTENING, Reign.RETIRED):
             return
         self._take(self._health.tick(now_ns))
-        if self._health.hears_nobody(now_ns):
+        hears_nobody = self._health.hears_nobody(now_ns)
+        if hears_nobody:
             self._blame_nobody()
-        if self._reign is Reign.REIGNING and not self._advise and self._is_over():
+        if self._reign is Reign.REIGNING and not self._advise and self._is_over(hears_nobody=hears_nobody):
             self._fall_silent()
             return
         if self._reign is Reign.STANDBY:
@@ -506,9 +507,9 @@ class ManagerCore:
             elif pe in self._turn.memory.quarantined:
                 self._turn.keep(Released(pe))
 
-    def _is_over(self) -> bool:
+    def _is_over(self, *, hears_nobody: bool) -> bool:
         """Tell whether this reign has come to its end: this manager is cut off, or deaf, or its term is behind."""
-        if self._health.hears_nobody(self._turn.now_ns):
+        if hears_nobody:
             self._turn.emit("hears_nobody", term=self._turn.term)
             return True
         if self._turn.now_ns >= self._beacon.next_ns and self._is_refused():

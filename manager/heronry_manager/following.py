@@ -87,7 +87,7 @@ class Following:
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
         self._orphaned_ns = turn.now_ns + patience_ns  # not before this
-        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # nor this, where somebody flies
+        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where somebody flies
         self.node: int | None = None  # the manager that reigns
         self.term = 0
         self.leased_ns: int | None = None  # when its last LEASE came

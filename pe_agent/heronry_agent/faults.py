@@ -53,7 +53,7 @@ class Faults:
         self._critical = frozenset(critical)
         self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[_Key, Emergency, int]] = {}  # by kind and index; when it was found
+        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind and index; and when it was found
         self._requests = self._events = 0
         self._request: Emergency | None = None  # the last one, if it stands
         self.changes = 0  # how often something became pending, or was no more
@@ -88,19 +88,19 @@ class Faults:
             return []
         emergency = Emergency(code, _ERROR_REGISTER, kind, index, min(max(detail, 0), 0xFFFF))
         if code is not FaultCode.MODULE_RESTARTED:
-            self._told[kind, index] = key, emergency, now_ns
+            self._told[kind, index] = emergency, now_ns
         self.history.add(code, kind, index)
-        return self._pend(key, emergency, now_ns)
+        return self._pend(emergency, now_ns)
 
     def tell_again(self, kind: ElementKind, index: int, now_ns: int) -> list[Frame]:
         """Somebody else has to know what was told of an element, if it still stands: what to send now."""
         told = self._told.get((kind, index))
-        return [] if told is None else self._pend(*told[:2], now_ns)
+        return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
         """Somebody else has to know what was found since a time, and still stands: what to send now."""
-        told = [(key, emergency) for key, emergency, found_ns in self._told.values() if found_ns >= since_ns]
-        return [frame for key, one in told if key not in self._pending for frame in self._pend(key, one, now_ns)]
+        told = [emergency for emergency, found_ns in self._told.values() if found_ns >= since_ns]
+        return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
         """A phase is asked for: what to send now. The request before it, if it still waits, is given up."""
@@ -108,16 +108,13 @@ class Faults:
         self._requests = (self._requests + 1) % REQUEST_NUMBERS
         detail = self._requests | (FORWARD_ONLY if forward_only else 0)
         self._request = Emergency(FaultCode.PHASE_REQUEST, _NO_ERROR, ElementKind.PHASE, index, detail)
-        return self._pend_request(self._request, now_ns)
+        return self._pend(self._request, now_ns)
 
     def repeat_request(self, now_ns: int) -> list[Frame]:
         """Somebody else has to know what was asked for last, if that stands: what to send now. It only leads on now."""
         if self._request is None:
             return []
-        return self._pend_request(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
-
-    def _pend_request(self, request: Emergency, now_ns: int) -> list[Frame]:
-        return self._pend((request.code, request.kind, request.index), request, now_ns)
+        return self._pend(replace(self._request, detail=self._request.detail | FORWARD_ONLY), now_ns)
 
     def withdraw_request(self) -> None:
         """Ask for no phase any more."""
@@ -139,16 +136,17 @@ class Faults:
         told = self._told.pop((kind, index), None)
         if told is None:
             return []
-        emergency = replace(told[1], code=FaultCode.RESET, error_register=_NO_ERROR, detail=0)
+        emergency = replace(told[0], code=FaultCode.RESET, error_register=_NO_ERROR, detail=0)
         return [Frame(self._emcy_id, emergency.encode())]
 
     def tick(self, now_ns: int) -> list[Frame]:
         """Repeat what has not been acknowledged."""
-        due = [(key, emergency) for key, (at_ns, emergency) in self._pending.items() if now_ns >= at_ns]
-        return [frame for key, emergency in due for frame in self._pend(key, emergency, now_ns)]
+        due = [emergency for at_ns, emergency in self._pending.values() if now_ns >= at_ns]
+        return [frame for emergency in due for frame in self._pend(emergency, now_ns)]
 
-    def _pend(self, key: _Key, emergency: Emergency, now_ns: int) -> list[Frame]:
+    def _pend(self, emergency: Emergency, now_ns: int) -> list[Frame]:
         """Send this now, and again in a period."""
+        key = _key(emergency)
         self.changes += key not in self._pending
         self._pending[key] = (now_ns + self._period_ns, emergency)
         self._find_next()
@@ -172,3 +170,7 @@ class Faults:
 
     def _find_next(self) -> None:
         self.next_ns = min((at_ns for at_ns, _ in self._pending.values()), default=NEVER_NS)
+
+
+def _key(emergency: Emergency) -> _Key:
+    return emergency.code, emergency.kind, emergency.index

@@ -38,7 +38,6 @@ from scenarios.flights import two_tails
 
 SEEDS = range(4)
 SCENARIOS = (
-    "a_keyed_manager_comes_back_alone",
     "a_keyed_standby_came_too_late_to_know_anybody",
     "big_blue_loses_two",
     "one_pe_loses_its_wire_to_a_channel",

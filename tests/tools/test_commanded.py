@@ -28,10 +28,9 @@ def test_what_one_node_was_sent_is_not_taken_for_what_another_is_to_run() -> Non
 def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte() -> None:
     """A manager that is gone has prepared 257, for nobody; the next one goes on with 1."""
     commanded = Commanded(load(shipped_spec_path("big_blue")))
-    for message in (Prepare(1, 1, 5), Activate(1, 1, Step.GO_ALL, 5)):
-        commanded.take(0, message)
-    for message in (Prepare(3, 257, 6), Activate(3, 257, Step.GO_ALL, 6)):
-        commanded.take(0, message)
+    for term, epoch, digest in ((1, 1, 5), (3, 257, 6)):
+        commanded.take(0, Prepare(term, epoch, digest))
+        commanded.take(0, Activate(term, epoch, Step.GO_ALL, digest))
     assert commanded.current is not None
     assert commanded.current.number == 257
     commanded.take(0, Lease(4, 1, Step.GO_ALL, 5))

@@ -3,7 +3,8 @@
 Whoever wants an end tells this process: Ctrl-C, which a terminal says to all of them, or SIGTERM. Processes of ours
 take neither, from their first instruction on: signals are held back while they are started, and who is started then
 holds them back too. (A handler would come too late: there are seconds of imports before it.) They are killed, since
-they keep nothing that would have to be put in order, and end by themselves when this process is gone.
+they keep nothing that would have to be put in order, and end by themselves when this process is gone. They start afresh
+(spawn), since a solver that has threads must not be forked.
 """
 
 import os

@@ -3,7 +3,7 @@
 A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
 that any `concurrent.futures.Executor` can carry it, a cluster's as well. Every plan passes the judge where it is made.
 
-Processes of our own end as `heronry_tools.processes` says.
+Processes of our own start and end as `heronry_tools.processes` says.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

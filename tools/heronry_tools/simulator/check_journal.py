@@ -79,8 +79,11 @@ class JournalCheck:
         memory = self._memory(manager) if news or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
-            was_so = (before is not None and not self._facts(before, message)) or self._was_latched(manager, message)
-            self._tell(t_ns, manager, _numbers(said, memory) + ([] if was_so else self._facts(memory, message)))
+            was_so = before is not None and not self._facts(before, message)
+            facts = [] if was_so else self._facts(memory, message)
+            if facts and self._was_latched(manager, message):
+                facts = []
+            self._tell(t_ns, manager, _numbers(said, memory) + facts)
 
     def copied(self, manager: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk."""
@@ -104,12 +107,11 @@ class JournalCheck:
 
     def _was_latched(self, manager: str, message: ManagementMessage) -> bool:
         """Tell whether what a manager HOLDS was latched a few records ago."""
-        if (
-            not isinstance(message, Control)
-            or message.operation is not Operation.HOLDS
-            or message.a == ElementKind.PHASE
-        ):
-            return False
+        match message:
+            case Control(_, _, Operation.HOLDS, kind, _) if kind != ElementKind.PHASE:
+                pass
+            case _:
+                return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
         lately = (recovered(b"".join(lines[:end]))[0] for end in range(max(1, len(lines) - _WAITED), len(lines)))
         return any(not self._facts(memory, message) for memory in lately)
