@@ -229,8 +229,9 @@ class ManagerCore:
         """Take one event at `now_ns`; returns what is to be done, in order."""
         if self._reign is Reign.RETIRED:
             return []
-        if now_ns - self._turn.now_ns > self._longest_gap_ns:
-            self._exclusion.slept(now_ns - self._turn.now_ns - self._longest_gap_ns)
+        gap_ns = now_ns - self._turn.now_ns
+        if gap_ns > self._longest_gap_ns:
+            self._exclusion.slept(gap_ns)
         self._turn.now_ns = now_ns
         match event:
             case Received(frame=frame):
@@ -374,6 +375,7 @@ class ManagerCore:
                     self._follow()
                 else:
                     self._fail_if(pe, cause)
+                    self._outnumber(pe)
                 proven = None if self._authenticity is None else self._authenticity.take_emergency(pe)
                 if proven is not None:
                     self._on_emergency(pe, decode_emergency(proven))
@@ -620,6 +622,12 @@ class ManagerCore:
         """Stop counting on a PE that speaks, if there is a cause to."""
         if cause is not None:
             self._take(self._health.fail(pe, cause, self._turn.now_ns))
+
+    def _outnumber(self, pe: str) -> None:
+        """Whoever hears a newer epoch than its own drives nothing exclusive (rule 6): there has to be one above it."""
+        is_asked = self._planning.waiting or self._planning.again_ns is not None
+        if self._reign is Reign.REIGNING and not is_asked and self._deployment.is_overtaken_by(pe):
+            self._replan(f"pe:{pe}: it runs a newer epoch")
 
     # The operator
 

@@ -11,13 +11,16 @@ commanded; it cannot stage its slice.
 
 *Admitting*: who comes back, and has nothing to do in the plan that runs already, is given the current epoch; nobody
 else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first; and
-so it does where it runs a newer one than was adopted in its absence, or may have staged a newer one that was given up
-since: nobody goes back to an older.
+so it does where it may have staged a newer one that was given up since: nobody goes back to an older.
+
+*Overtaken*: a PE that was cut off, and is not counted on yet, may run a newer epoch, of a manager that reigned on its
+side of a broken bus. Whoever hears that drives nothing exclusive until it runs one that is newer still (rule 6), so
+what runs is given a new number, without that PE. It is asked with every state, so nothing is lost with one.
 
 *Adopting*: a new reign takes over what runs as it is, without a new epoch, where it knows what that is: all PEs that
 are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is remembered,
-or of the very plan that would be deployed. What is not that clean gets a new epoch. A PE that is missing, or runs
-nothing, is then a fault like any other.
+or of the very plan that would be deployed, and nobody was seen on a newer one. What is not that clean gets a new epoch.
+A PE that is missing, or runs nothing, is then a fault like any other.
 
 A state that is lost is followed by the next one, and one that comes twice tells nothing new; one that comes late tells
 nothing at all. After a pause states are taken in the order in which they came, and the last one counts.
@@ -133,7 +136,11 @@ class Deployment:
         """Newest epoch that PEs are seen to run, or that another manager has `leased`, where none is known to run."""
         if self.current is not None:
             return None
-        return newest_epoch((leased, *(seen.epoch for seen in self._observed.values()))) or None
+        return newest_epoch((leased, self._newest_seen())) or None
+
+    def _newest_seen(self) -> int:
+        """Newest epoch that a PE has said it runs, whether it is counted on or not."""
+        return newest_epoch(seen.epoch for seen in self._observed.values())
 
     def seen(self, pe: str) -> Observed:
         """What a PE said last that it runs."""
@@ -231,6 +238,11 @@ class Deployment:
         """A module that its PE had stopped counts as well again: only another epoch makes that PE start it."""
         self._stopped.add(module)
 
+    def is_overtaken_by(self, pe: str) -> bool:
+        """Tell whether a PE runs a newer epoch than the last one that was opened here."""
+        last = self.next or self.current
+        return last is not None and is_newer(self._observed[pe].epoch, last.epoch)
+
     def everybody_runs_it(self) -> bool:
         """Tell whether everybody counted on runs the current epoch, and all of it."""
         current = self.current
@@ -246,7 +258,7 @@ class Deployment:
         current = self.current
         if current is None or current.stage is not Stage.DONE or current.configuration != plan.configuration:
             return False
-        if self._stopped & current.configuration.modules.keys():
+        if self._stopped & current.configuration.modules.keys() or is_newer(self._newest_seen(), current.epoch):
             return False
         late = [pe for pe in self._health.counted_on() if self._observed[pe].epoch != current.epoch]
         if any(self._needs_new(pe, current) for pe in late):
@@ -257,16 +269,15 @@ class Deployment:
         return True
 
     def _needs_new(self, pe: str, current: Reconfiguration) -> bool:
-        """Tell whether the current epoch does not do for who comes late: it has work there, or a newer one is known."""
-        has_work = bool(current.compiled.slices[self._spec.pes[pe].node_id])
-        return has_work or self._has_given_up or is_newer(self._observed[pe].epoch, current.epoch)
+        """Tell whether the current epoch does not do for who comes late: it has work there, or is not the newest."""
+        return bool(current.compiled.slices[self._spec.pes[pe].node_id]) or self._has_given_up
 
     def adopts(self, plan: Plan) -> bool:
         """Take over what runs if it is exactly this plan, everywhere; tells whether it is."""
         compiled = self._compiler.configuration(plan.configuration)
         seen = [self._observed[pe] for pe in self._health.counted_on()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
-        if not clean or len({one.epoch for one in seen}) != 1:
+        if not clean or {one.epoch for one in seen} != {self._newest_seen()}:
             return False
         self._adopt(seen[0].epoch, plan, compiled)
         return True
@@ -285,6 +296,8 @@ class Deployment:
         inside = [one for one in seen if one.state is PeState.ACTIVE and one.epoch == runs.epoch]
         clean = all(one.digest == compiled.digest == runs.digest for one in inside)
         if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
+            return False
+        if is_newer(self._newest_seen(), runs.epoch):
             return False
         intended = Situation(frozenset(), now.limits, now.phase)
         worth = score(self._spec, intended, configuration, None)
@@ -309,8 +322,7 @@ class Deployment:
     def prepare(self, plan: Plan, causes: Iterable[Cause]) -> None:
         """Open the next epoch."""
         compiled = self._compiler.configuration(plan.configuration)
-        observed = (seen.epoch for seen in self._observed.values())
-        epoch = self.numbers.next(observed)
+        epoch = self.numbers.next(self._newest_seen())
         self.next = self._reconfiguration(epoch, plan, compiled, tuple(causes), Stage.PREPARING)
         self._next_plan = plan
         self._turn.emit(

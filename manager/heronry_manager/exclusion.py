@@ -13,7 +13,8 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
              the last ALIVE that named it: by then it has stopped by itself
 
 T_lease is counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
-of its steps was a pause or a jump of its clock, and it cannot tell which. So all beyond that period proves nothing.
+of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
+clock jumped just after a step, all of it has never been. A jump that ends within a period is taken for time.
 
 Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
 or doubled: a page 0 that is behind tells nothing (`deployment`). A restart knows nothing, and counts T_lease from its

@@ -9,8 +9,6 @@ An epoch is also newer than any that a PE was seen to run. A block is reserved (
 used: whoever restarts goes on behind all that he may have used. Epochs are counted modulo 2^16 (`is_newer`).
 """
 
-from collections.abc import Iterable
-
 from heronry_manager.memory import EPOCHS, Reserved
 from heronry_manager.turn import Turn
 from heronry_wire.errors import HeronryError
@@ -46,9 +44,9 @@ class EpochNumbers:
         self._block = None
         self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
 
-    def next(self, observed: Iterable[int]) -> int:
-        """Give a number that is newer than any before and any of the observed ones."""
-        epoch = next_epoch(newest_epoch((self.last, *observed)))
+    def next(self, newest_seen: int) -> int:
+        """Give a number that is newer than any before, and than the newest that a PE was seen to run."""
+        epoch = next_epoch(newest_epoch((self.last, newest_seen)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:
             epoch = _first_of(_block_of(epoch) + 1)
         if _block_of(epoch) != self._block:

@@ -22,6 +22,7 @@ from heronry_wire.management import (
     PeState,
     Reason,
     SliceBody,
+    StatePage0,
     StatePage1,
     Step,
 )
@@ -502,3 +503,44 @@ def test_unless_there_is_nobody_else_to_command() -> None:
     for pe in ("f1", "f2", "f3"):
         manager.stage(pe)
     assert manager.last("epoch_step")["epoch"] == epoch
+
+
+# A PE that returns with a newer epoch than all others run
+
+
+def overtaken() -> OneManager:
+    """`left` was planned around, and is back with what another manager gave it meanwhile; it is still held down."""
+    manager = OneManager()
+    manager.start()
+    manager.die("left")
+    manager.pass_time(110 * MS)
+    manager.answer()
+    stage_everywhere(manager)
+    take_everywhere(manager)
+    manager.pass_time(100 * MS)
+    assert manager.last("reconfigured")["stopped"] == ["drive_left"]
+    manager.running["left"] = StatePage0(PeState.ACTIVE, manager.flags, 1, 40, 0, 7)
+    manager.pass_time(BEAT_NS)
+    return manager
+
+
+def test_what_runs_gets_a_newer_number_than_the_epoch_that_a_returning_pe_shows() -> None:
+    manager = overtaken()
+    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.last("plan_requested")["causes"] == ["pe:left: it runs a newer epoch"]
+    asked = len(manager.requests)
+    manager.pass_time(2 * BEAT_NS)
+    assert len(manager.requests) == asked
+    manager.answer()
+    assert manager.last("epoch_prepared")["epoch"] == 41
+    assert manager.last("epoch_prepared")["pes"] == ["middle", "right"]
+    manager.pass_time(2 * BEAT_NS)
+    assert len(manager.requests) == asked
+
+
+def test_it_is_asked_for_again_like_any_other_plan_where_the_planner_fails() -> None:
+    manager = overtaken()
+    asked = len(manager.requests)
+    manager.give(PlanFailed(manager.requests[-1].request, "it was killed"))
+    manager.pass_time(2 * BEAT_NS)
+    assert len(manager.requests) == asked
