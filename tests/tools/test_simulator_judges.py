@@ -19,12 +19,14 @@ from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.simulator import promised
 from heronry_tools.simulator.act import read_act
 from heronry_tools.simulator.bus import Sent
+from heronry_tools.simulator.check_exclusion import ExclusionCheck
 from heronry_tools.simulator.check_liveness import Losses
 from heronry_tools.simulator.check_phase import PhaseCheck
 from heronry_tools.simulator.check_queues import QueueCheck
 from heronry_tools.simulator.check_service import ServiceCheck, Struck
 from heronry_tools.simulator.checks import Checks
 from heronry_tools.simulator.commanded import Epoch
+from heronry_tools.simulator.nodes import Moved
 from heronry_tools.simulator.scenario import Scenario, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.stranger import Stranger
@@ -42,10 +44,12 @@ from heronry_wire.management import (
     ElementKind,
     Emergency,
     FaultCode,
+    Lease,
     Operation,
     PeFlags,
     PeState,
     StatePage0,
+    Step,
 )
 from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
@@ -587,6 +591,35 @@ def test_of_two_managers_one_may_know_less_and_two_that_are_apart_do_not_agree()
     check.apart()
     assert tells(check, 4 * S, "glide", term=2) == []
     assert tells(check, 5 * S, "landing", term=2) == ["term 2 begins in landing, and the phase was glide"]
+
+
+def test_what_a_deposed_manager_promises_binds_nobody_who_reigns() -> None:
+    check, begun = phases(of_two=True)
+    assert tells(check, 0, "ascent", term=5) == []
+    check.ordered(S, "glide", 4)
+    assert tells(check, 2 * S, "ascent", term=5) == []
+    check.ordered(3 * S, "glide", 5)
+    assert tells(check, 4 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was glide"]
+    assert begun == ["glide", "ascent", "glide"]
+
+
+def turns(*handovers: tuple[int, int]) -> list[str]:
+    """What is said when two modules drive a DEMUX in turn, each after a LEASE of this term and epoch."""
+    check = ExclusionCheck(two_tails())
+    for n, (term, epoch) in enumerate(handovers):
+        check.commanded(Lease(term, epoch, Step.GO_ALL, 0))
+        check.moved(Moved(n * S, *(("left", "servo_driver_1"), ("right", "servo_driver_2"))[n % 2]))
+    return [violation.story for violation in check.violations]
+
+
+def test_a_handover_is_a_newer_epoch_or_any_other_one_of_a_higher_term() -> None:
+    assert turns((1, 51), (1, 52), (1, 53)) == []
+    again = "DEMUX elevator_out is driven by servo_driver_1 on left again, after servo_driver_2 on right, in epoch"
+    assert turns((1, 51), (1, 52), (1, 52)) == [f"{again} 52"]
+    assert turns((1, 51), (1, 52), (1, 40)) == [f"{again} 52"]
+    assert turns((1, 51), (1, 52), (2, 52)) == [f"{again} 52"]
+    assert turns((1, 51), (1, 52), (2, 40)) == []
+    assert turns((1, 51), (2, 40), (2, 40)) == [f"{again} 40"]
 
 
 def test_the_judges_know_the_limits_that_are_promised() -> None:

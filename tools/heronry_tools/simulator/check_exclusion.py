@@ -7,8 +7,9 @@ another one took over since the last handover: then both believed to hold it. Mo
 the second turn, at the latest, whatever their rates are.
 
 A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch heard on the manager's
-bus. BREAK is none: until GO everything still belongs to the epoch before, and what that epoch gave may drive for the
-first time when BREAK is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
+bus; of a higher term any other epoch will do: a manager that has lost its journal may begin with an older number. BREAK
+is none: until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time
+when BREAK is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
 """
 
 from heronry_dg.model import Spec
@@ -31,17 +32,23 @@ class ExclusionCheck:
         self._moving = frozenset(self._thing_of)
         for demux in spec.demuxes.values():
             self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
-        self._handover = (0, Step.PREPARED)  # the newest epoch that may begin to drive, and how far it has got
+        self._term = 0
+        self._epoch, self._step = 0, Step.PREPARED  # the one that may begin to drive, and how far it has got
+        self._handover = 0  # counts up
         self._holders: dict[_Thing, _Holder] = {}
-        self._lost: dict[tuple[_Thing, _Holder], tuple[int, Step]] = {}  # the handover by which another one has it
+        self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
 
     def commanded(self, message: ManagementMessage | Malformed) -> None:
         """A manager was heard: it may have let an epoch go."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
-        epoch, step = self._handover
-        if is_newer(message.epoch, epoch) or (message.epoch == epoch and message.step > step):
-            self._handover = (message.epoch, message.step)
+        if message.epoch == self._epoch:
+            is_handover = message.step > self._step
+        else:
+            is_handover = is_newer(message.epoch, self._epoch) or message.term > self._term
+        self._term = max(self._term, message.term)
+        if is_handover:
+            self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
     def moved(self, moved: Moved) -> None:
         """A PE lets the device of a module move."""
@@ -68,5 +75,5 @@ class ExclusionCheck:
         if before is not None and self._lost.pop((thing, holder), None) == self._handover:
             who = " on ".join(filter(None, holder))
             rival = " on ".join(filter(None, before))
-            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._handover[0]}"
+            story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._epoch}"
             self.violations.append(Violation(t_ns, "exclusion", story))

@@ -8,7 +8,8 @@ back. Told is what HOLDS names.
 A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
 phase as it was, or one that is still requested; else also one that was left before, and a request that was acknowledged
-in an earlier term may count again, if that reign tells so.
+in an earlier term may count again, if that reign tells so. Who has begun a higher term, and was not heard for a while,
+need not know what a deposed manager has promised meanwhile: no PE has obeyed it.
 """
 
 from collections.abc import Callable
@@ -42,6 +43,7 @@ class PhaseCheck:
         self._known_term: dict[int, int] = {}  # in which it was acknowledged
         self._incarnations: dict[int, int] = {}
         self._heard_term = self._told_term = 0
+        self._entered_term = 0  # the highest that holds the current phase
         self._may_forget = self._is_apart = False
         self._stories: set[str] = set()
 
@@ -56,7 +58,7 @@ class PhaseCheck:
     def ordered(self, t_ns: int, phase: str, term: int) -> None:
         """The operator's order was obeyed in a term: what that one began with is over, though it may still be told."""
         self._told_term = max(term, self._told_term)
-        self._enter(t_ns, phase)
+        self._enter(t_ns, phase, term)
 
     def requested(self, node: int, request: Emergency) -> None:
         """A PE asks for a phase, on the managers' bus."""
@@ -74,11 +76,11 @@ class PhaseCheck:
         if message.a != ElementKind.PHASE:
             return
         if message.operation is Operation.ACKNOWLEDGE:
-            self._acknowledge(t_ns, message.node, message.b)
+            self._acknowledge(t_ns, message.term, message.node, message.b)
         elif message.operation is Operation.HOLDS:
             self._tell(t_ns, message.term, self._names[message.b])
 
-    def _acknowledge(self, t_ns: int, node: int, number: int) -> None:
+    def _acknowledge(self, t_ns: int, term: int, node: int, number: int) -> None:
         index = self._requested.pop((node, number), None)
         if index is None:
             return
@@ -87,7 +89,7 @@ class PhaseCheck:
         if is_new:
             self._acknowledged[node] = number & ~FORWARD_ONLY
             if not self._leads_back(index, number):
-                self._enter(t_ns, self._names[index])
+                self._enter(t_ns, self._names[index], term)
 
     def _is_known(self, node: int, number: int) -> bool:
         """Tell whether a request, or a later one, was acknowledged before."""
@@ -112,9 +114,10 @@ class PhaseCheck:
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
         is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
+            self._entered_term = max(term, self._entered_term)
             return
-        if self._is_wanted(phase):
-            self._enter(t_ns, phase)
+        if self._is_wanted(phase) or (not is_new and term > self._entered_term):
+            self._enter(t_ns, phase, term)
             return
         if not is_new and not self._is_apart:
             left_ns = self._left.get(phase)
@@ -123,9 +126,10 @@ class PhaseCheck:
             return
         if not (self._names.index(phase) in self._requested.values() or (self._may_forget and phase in self._left)):
             self._complain(t_ns, f"term {term} begins in {phase}, and the phase was {self.current}")
-        self._enter(t_ns, phase)
+        self._enter(t_ns, phase, term)
 
-    def _enter(self, t_ns: int, phase: str) -> None:
+    def _enter(self, t_ns: int, phase: str, term: int) -> None:
+        self._entered_term = term
         if phase != self.current:
             self._left[self.current], self.current = t_ns, phase
             self._entered(t_ns, phase)
