@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
 import can
 import pytest
+from can.broadcastmanager import ThreadBasedCyclicSendTask
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
@@ -244,11 +245,14 @@ def test_on_a_replicated_bus_it_says_who_is_on_one_channel_only(
     places = [str(tmp_path / name) for name in ("one.sock", "two.sock")]
     with start_hub(places[0]), start_hub(places[1]), can.Bus(interface="softbus", channel=places[0]) as first:
         second = can.Bus(interface="softbus", channel=places[1])
-        with second:
+        with second, ExitStack() as ended:
             for bus, frames in ((first, (lease(126), state(92), state(93))), (second, (lease(126), state(92)))):
                 for one in frames:
                     message = can.Message(arbitration_id=one.can_id, data=one.data, is_extended_id=False)
-                    bus.send_periodic(message, 0.02)
+                    task = bus.send_periodic(message, 0.02)
+                    assert isinstance(task, ThreadBasedCyclicSendTask)
+                    ended.callback(task.thread.join)  # python-can closes a bus without waiting for who still sends
+                    ended.callback(task.stop)
             words = ["doctor", "-i", "softbus", "-c", ",".join(places), "--seconds", "0.5"]
             assert main(words) == 1
             assert f"not heard: 93 on {places[1]}" in capsys.readouterr().out
