@@ -33,7 +33,8 @@ What is not promised, and why:
   (`manager_clock_jump`) they have been silent for just so long.
 - `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
-- `manager_double`: two managers of one number send under one number, until one of them hears the other.
+- `manager_double`: two managers of one number send under one number, until one of them hears the other; where both open
+  an epoch of one number nobody can tell who takes part in whose.
 - `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time.
 - `order_fail`: a manager that is told so plans without what is well, and so does the oracle. What is not driven for
   that may be taken for stuck. The truth is what the operator says, to the one who reigns.
@@ -151,7 +152,7 @@ KINDS: Mapping[str, Kind] = {
         (100, 3000),
         "a manager is started once more elsewhere, with a copy of its journal (level 1: without --standby)",
         levels=(0, 1),
-        unpromised=frozenset(("clash",)),
+        unpromised=frozenset(("clash", "service")),
         drawn=False,
         of_two=True,
     ),
