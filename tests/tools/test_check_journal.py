@@ -168,6 +168,7 @@ def test_a_twin_answers_for_its_copy_and_for_no_disk_that_it_had_before() -> Non
     disks["manager 126 again"] = fresh
     check.copied("manager 126", "manager 126 again")
     check.commanded(3, "manager 126 again", Lease(3, 0, Step.PREPARED, 0))
+    check.commanded(3, "manager 126 again", Prepare(3, 40, 9))  # for who is late: it has adopted that epoch
     check.died(4, "manager 126 again")
     assert check.violations == []
     disks["manager 126 again"] = whole_journal(big_blue(), memory(TermBegun(1)))  # less than it was given

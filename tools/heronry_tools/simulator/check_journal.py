@@ -66,7 +66,9 @@ class JournalCheck:
         self._names = elements_by_kind(spec)
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
-        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first
+        self._prepared: dict[
+            int, str
+        ] = {}  # by epoch: the station that prepared it first; "": on a disk that it had then
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
 
     def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
@@ -88,6 +90,7 @@ class JournalCheck:
     def copied(self, manager: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk."""
         self._said[twin] = replace(self._said.get(manager, _Said()))
+        self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
     def died(self, t_ns: int, manager: str) -> None:
         """A manager has died; what it finds when it starts again is on its disk now."""
