@@ -66,9 +66,7 @@ class JournalCheck:
         self._names = elements_by_kind(spec)
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
-        self._prepared: dict[
-            int, str
-        ] = {}  # by epoch: the station that prepared it first, "" on a former disk
+        self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first, "" on a former disk
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
 
     def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
