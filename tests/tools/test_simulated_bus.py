@@ -119,6 +119,17 @@ def test_who_leaves_says_nothing_more_and_destroys_what_it_was_sending() -> None
     assert nodes.sent == []
 
 
+def test_who_was_bus_off_sends_in_order_what_has_waited_and_what_comes_meanwhile() -> None:
+    nodes = Nodes()
+    lost, *waiting, late = (Frame(LOW.can_id, bytes((n,))) for n in range(4))
+    for frame in (lost, *waiting):
+        nodes.bus.offer(nodes.a, frame)
+    nodes.bus.turn_off(nodes.a)
+    nodes.bus.offer(nodes.a, late)
+    nodes.run(1_000_000_000)
+    assert [sent.frame for sent in nodes.sent] == [*waiting, late]
+
+
 def test_who_is_cut_off_sends_later_what_has_not_expired() -> None:
     nodes = Nodes()
     nodes.bus.wire(nodes.a, cut_off=True)

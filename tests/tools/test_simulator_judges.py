@@ -1,5 +1,6 @@
 """The judges of what an aircraft does when it is left alone: each is shown a flight that is bad in its own way."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +10,7 @@ from heronry_agent.module import Value
 from heronry_agent.running_modules import RunningModules
 from heronry_agent.vocabulary import Drive
 from heronry_dg.configuration import Configuration
+from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
@@ -275,6 +277,18 @@ def test_who_is_not_counted_on_takes_no_part_even_if_that_is_told_later(service:
 def test_who_took_part_is_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
     assert called(service, 5 * S + 15 * MS, PES, reigned=True) == []
     assert called(service, 6 * S, PES) == []
+
+
+def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_have_taken_part() -> None:
+    spec = load(Path(__file__).parent.parent / "scenarios" / "fast_far_bus.dg.yaml")  # ALIVE every 220 ms, f1 every 20
+    for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
+        service = ServiceCheck(spec)
+        service.alive(4 * S, frozenset(spec.pes))
+        epoch = Epoch(2, 0, 5 * S, contingency=3, configuration=Configuration())
+        epoch.staged.update(pe.node_id for pe in spec.pes.values())
+        service.activated(5 * S + MS, epoch, None)
+        service.alive(alive_ns, frozenset(spec.pes))
+        assert bool(service.violations) is is_known
 
 
 def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:

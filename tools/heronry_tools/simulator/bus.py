@@ -195,6 +195,10 @@ class SimulatedBus:
         self._offers = offer = self._offers + 1
         waiting = Waiting(arbitration_key(frame), offer, station, frame, until_ns)
         if station.mailbox is None and not station.stalled and not self._stands_back(waiting):
+            if station.queue:  # of what waits since it went bus-off, or stands back: nothing is overtaken
+                heappush(station.queue, (waiting.key, offer, waiting))
+                self._refill(station)
+                return
             station.mailbox = waiting
             if self._errors_count:
                 self._enter(station)

@@ -6,7 +6,8 @@ Twice:
   manager can know: that the PEs which take no part are down, and what was reported and acknowledged, or declared by
   the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
   before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
-  said by ALIVE, and stays unknown where the manager dies before the next one.
+  said by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late that who is
+  named in it may have been lost and have joined again.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -27,11 +28,11 @@ from typing import NamedTuple
 from heronry_dg.model import Spec
 from heronry_dg.objective import CRITICAL_CLASSES, score
 from heronry_dg.situation import Situation
-from heronry_manager.topology import radios
+from heronry_manager.topology import radios, uplink_bus
 from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.commanded import Epoch, elements_by_kind
 from heronry_tools.simulator.planning import critical_at_best
-from heronry_tools.simulator.promised import PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
+from heronry_tools.simulator.promised import HOLD_DOWN_PERIODS, PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
@@ -77,6 +78,9 @@ class ServiceCheck:
         self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
         self._ran_ns = 0  # when somebody did last
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._hold_down_ns = {
+            pe: HOLD_DOWN_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
+        }  # the shortest
         self._radios = {radio.link_id: radio for radio in radios(spec).values()}
         self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
@@ -116,7 +120,9 @@ class ServiceCheck:
             self._counted_on.append((t_ns, pes))
         for called_ns, epoch, phase in self._called:
             if t_ns - called_ns <= self._lease_ns:
-                present = before & pes & self._participants(epoch)
+                past_ns = t_ns - called_ns + _UNDER_WAY_NS
+                stayed = {pe for pe, hold_down_ns in self._hold_down_ns.items() if past_ns < hold_down_ns}
+                present = before & pes & stayed & self._participants(epoch)
                 self.violations += self._compare(called_ns, epoch, phase, present)
         self._called.clear()
 
