@@ -161,9 +161,14 @@ class Health:
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
     def hears_nobody(self, now_ns: int) -> bool:
-        """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on."""
-        heard = [record for record in self._records.values() if record.heard_ns is not None]
-        return bool(heard) and not self.counted_on() and all(now_ns >= record.declare_ns() for record in heard)
+        """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on.
+
+        Where nobody was ever believed, those count that spoke.
+        """
+        heard_ns = [record.declare_ns() for record in self._records.values() if record.heard_ns is not None]
+        spoken_ns = [record.fallen_silent_ns() for record in self._records.values() if record.spoke_ns]
+        silent_ns = heard_ns or spoken_ns
+        return bool(silent_ns) and not self.counted_on() and now_ns >= max(silent_ns)
 
     def take_back(self) -> list[str]:
         """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""

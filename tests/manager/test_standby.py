@@ -445,7 +445,10 @@ def test_with_a_key_who_speaks_is_waited_for_until_the_window_closes_and_who_fal
     late.one.pass_time(4 * BEAT_NS)
     absent = late.one.of("pe_absent")[len(PHASES.pes) :]
     assert {told["cause"] for told in absent} == {"not heard any more, before it could be believed"}
-    assert state(late.one) == "reigning"
+    assert late.one.last("hears_nobody")["term"] == late.one.said(Lease)[-1].term
+    late.one.answer()  # what it would command then, on a wire that may be mended by now, would stop everybody
+    assert state(late.one) == "listening"
+    assert late.one.said(Prepare) == []
 
 
 class TestOverheard:
