@@ -625,8 +625,7 @@ class ManagerCore:
 
     def _outnumber(self, pe: str) -> None:
         """Whoever hears a newer epoch than its own drives nothing exclusive (rule 6): there has to be one above it."""
-        is_asked = self._planning.waiting or self._planning.again_ns is not None
-        if self._reign is Reign.REIGNING and not is_asked and self._deployment.is_overtaken_by(pe):
+        if self._reign is Reign.REIGNING and not self._planning.is_owed and self._deployment.is_overtaken_by(pe):
             self._replan(f"pe:{pe}: it runs a newer epoch")
 
     # The operator

@@ -165,10 +165,12 @@ class Health:
 
         Where nobody was ever believed, those count that spoke.
         """
-        heard_ns = [record.declare_ns() for record in self._records.values() if record.heard_ns is not None]
-        spoken_ns = [record.fallen_silent_ns() for record in self._records.values() if record.spoke_ns]
-        silent_ns = heard_ns or spoken_ns
-        return bool(silent_ns) and not self.counted_on() and now_ns >= max(silent_ns)
+        if self.counted_on():
+            return False
+        records = self._records.values()
+        silent_ns = [record.declare_ns() for record in records if record.heard_ns is not None]
+        silent_ns = silent_ns or [record.fallen_silent_ns() for record in records if record.spoke_ns]
+        return now_ns >= max(silent_ns, default=NEVER_NS)
 
     def take_back(self) -> list[str]:
         """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""

@@ -62,9 +62,14 @@ class Planning:
         )
 
     @property
+    def is_owed(self) -> bool:
+        """Tell whether a plan is awaited, or will be asked for again."""
+        return self.waiting or self.again_ns is not None
+
+    @property
     def idle(self) -> bool:
-        """Tell whether nothing is awaited, owed or on its way."""
-        return not self.waiting and self.again_ns is None and not self.causes
+        """Tell whether nothing is owed or on its way."""
+        return not self.is_owed and not self.causes
 
     def is_due_again(self) -> bool:
         """Tell whether it is time to ask again."""

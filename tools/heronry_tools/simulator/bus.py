@@ -194,11 +194,8 @@ class SimulatedBus:
             return
         self._offers = offer = self._offers + 1
         waiting = Waiting(arbitration_key(frame), offer, station, frame, until_ns)
-        if station.mailbox is None and not station.stalled and not self._stands_back(waiting):
-            if station.queue:  # of what waits since it went bus-off, or stands back: nothing is overtaken
-                heappush(station.queue, (waiting.key, offer, waiting))
-                self._refill(station)
-                return
+        may_go = station.mailbox is None and not station.stalled and not self._stands_back(waiting)
+        if may_go and not station.queue:
             station.mailbox = waiting
             if self._errors_count:
                 self._enter(station)
@@ -206,6 +203,8 @@ class SimulatedBus:
                 self._wait_for_bus(station)
         else:
             heappush(station.queue, (waiting.key, offer, waiting))
+            if may_go:  # what has waited since it went bus-off, or stood back, is not overtaken
+                self._refill(station)
 
     def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
         """Shorten the time until which a frame, this very object, may start at a station."""
