@@ -53,6 +53,26 @@ def test_a_number_that_two_terms_prepare_is_seen() -> None:
     assert "epoch 1 is prepared in term 2" in check.violations[0].story
 
 
+def test_of_two_copies_of_a_journal_each_counts_for_itself_and_with_what_it_has_used() -> None:
+    check = TermCheck(SPEC)
+    check.copied("manager 126", "manager 126 again")
+    check.commanded(0, 126, Prepare(1, 1, 7), "manager 126 again")
+    check.commanded(1, 126, Prepare(2, 1, 8), "manager 126")
+    check.copied("manager 126", "manager 126 again")
+    check.commanded(2, 126, Prepare(2, 2, 7), "manager 126 again")
+    check.copied("manager 126", "manager 126 again")
+    check.commanded(3, 126, Prepare(3, 2, 8), "manager 126 again")
+    check.state("can0", NODE, 4, running(1))
+    check.state("can0", NODE, 4, running(2))
+    assert check.violations == []
+    check.commanded(5, 126, Prepare(4, 2, 9), "manager 126 again")
+    check.commanded(6, 127, Prepare(5, 1, 9), "manager 127")
+    assert [violation.story for violation in check.violations] == [
+        "epoch 2 is prepared in term 4, and was another one in term 3",
+        "epoch 1 is prepared in term 5, and was another one in term 2",
+    ]
+
+
 def test_a_pe_that_takes_up_what_a_deposed_manager_prepared_is_seen() -> None:
     check = terms()
     check.state("can0", NODE, 8, running(17))

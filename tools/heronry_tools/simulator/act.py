@@ -34,8 +34,10 @@ What is not promised, and why:
 - `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
 - `manager_double`: two managers of one number send under one number, until one of them hears the other; where both open
-  an epoch of one number nobody can tell who takes part in whose.
-- `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time.
+  an epoch of one number nobody can tell who takes part in whose. Each may take numbers that the other one has used,
+  afterwards too: their journals are two.
+- `disk_full`: a manager whose journal takes nothing may begin, after a restart, a term or an epoch a second time, and
+  with a key count its commands in that term a second time.
 - `order_fail`: a manager that is told so plans without what is well, and so does the oracle. What is not driven for
   that may be taken for stuck. The truth is what the operator says, to the one who reigns.
 - `channel_loss` and `half_cut` take one channel of a replicated bus, from everybody or from one PE. Everything is
@@ -97,7 +99,7 @@ _COMMANDED = frozenset(
     )
 )
 
-_NUMBERED = frozenset(("reign", "term", "digest", "journal"))
+_NUMBERED = frozenset(("reign", "term", "digest", "journal", "authentic"))
 
 KINDS: Mapping[str, Kind] = {
     "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),

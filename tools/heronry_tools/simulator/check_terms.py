@@ -8,7 +8,8 @@
   epoch of a term never takes up, later, one of a lower term. It says so itself: a gateway may hand its states on out of
   order. (An epoch that a later reign adopts stays the one it was.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
-  but with the digest that it had.
+  but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
+  the other one takes: what one of them prepared first may be another epoch of the other one (`copied`).
 
 What a deposed manager still says is judged here alone: nobody else has to believe it (`reigning_term`).
 """
@@ -30,7 +31,9 @@ class TermCheck:
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
         self._reign = ReigningTerm(spec)
-        self._prepared: dict[int, Prepare] = {}  # by epoch: the first that announced it
+        # By epoch: the first that announced it, and which station said so; "" on a former disk.
+        self._prepared: dict[int, tuple[str, Prepare]] = {}
+        self._twins: dict[str, str] = {}  # stations of one number, each by the other one
         self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
         self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
@@ -52,11 +55,23 @@ class TermCheck:
             self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
         self._own[station] = max(term, self._own.get(station, 0))
         if isinstance(message, Prepare):
-            first = self._prepared.setdefault(message.epoch, message)
-            if first.term != term and first.digest != message.digest:
-                story = f"epoch {message.epoch} is prepared in term {term}, and was another one in term {first.term}"
-                self._tell(t_ns, "reign", story)
+            self._prepares(t_ns, station, message)
         return self._reign.named(t_ns, term)
+
+    def copied(self, station: str, twin: str) -> None:
+        """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
+        self._twins |= {station: twin, twin: station}
+        self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
+
+    def _prepares(self, t_ns: int, station: str, message: Prepare) -> None:
+        by, first = self._prepared.setdefault(message.epoch, (station, message))
+        if first.term == message.term or first.digest == message.digest:
+            return
+        if by in ("", self._twins.get(station)):
+            self._prepared[message.epoch] = station, message
+            return
+        story = f"epoch {message.epoch} is prepared in term {message.term}, and was another one in term {first.term}"
+        self._tell(t_ns, "reign", story)
 
     def alive(self, t_ns: int, station: str, term: int) -> bool:
         """A station has sent an ALIVE on the managers' bus; tells whether it reigns."""
@@ -81,7 +96,7 @@ class TermCheck:
         prepared = self._prepared.get(page.epoch)
         if prepared is None:
             return
-        term = prepared.term
+        term = prepared[1].term
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"

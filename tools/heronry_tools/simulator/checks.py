@@ -152,6 +152,7 @@ class Checks:
     def manager_copied(self, station: str, twin: str) -> None:
         """A manager is about to be started once more, elsewhere, with a copy of its journal."""
         self._journals.copied(station, twin)
+        self._terms.copied(station, twin)
         self.phases.apart()
 
     def altered(self) -> None:
