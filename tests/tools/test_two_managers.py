@@ -162,6 +162,13 @@ def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:
     assert voices(*alone, (60, "manager 126 again"), (80, "manager 126 again")) == []
 
 
+def test_one_that_the_clash_puts_off_the_bus_for_a_while_has_as_long_again() -> None:
+    stations = ("manager 126", "manager 126 again")
+    both = [(t_ms, station) for t_ms in (*range(0, 160, 20), *range(240, 440, 20)) for station in stations]
+    assert voices(*both) == []
+    assert len(voices(*both, *((t_ms, station) for t_ms in (440, 460) for station in stations))) == 1
+
+
 def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_again() -> None:
     check = TermCheck(big_blue())
     for t_ms in range(0, 800, 20):
@@ -186,6 +193,28 @@ def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
     assert reigns(2, 126, 7)
     assert not reigns(2 + lease_ns, 127, 6)
     assert reigns(3 + lease_ns, 127, 6)
+    assert check.violations == []
+
+
+def test_with_a_key_a_term_deposes_nobody_before_its_tag() -> None:
+    check, slices = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
+
+    def reigns(t_ns: int, manager: int, term: int) -> bool:
+        return check.commanded(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+
+    check.tagged(0, "manager 126")  # of something that was not heard
+    assert reigns(1, 126, 1)
+    assert not check.alive(1, "manager 126", 1)  # not yet to be believed
+    check.tagged(2, "manager 126")
+    assert check.alive(3, "manager 126", 1)
+    assert reigns(4, 127, 2)
+    assert check.commanded(4, 127, slices, "manager 127")
+    assert reigns(5, 126, 1)
+    check.tagged(5, "manager 126")
+    assert reigns(6, 126, 1)
+    check.tagged(7, "manager 127")
+    assert not reigns(8, 126, 1)
+    assert reigns(9, 127, 2)
     assert check.violations == []
 
 

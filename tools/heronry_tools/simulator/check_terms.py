@@ -3,7 +3,8 @@
 - At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
   from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
   their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
-  bus is broken in the middle they cannot, and both may reign in one term, each over its own half.
+  bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
+  clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. It says so itself: a gateway may hand its states on out of
   order. (An epoch that a later reign adopts stays the one it was.)
@@ -17,20 +18,20 @@ What a deposed manager still says is judged here alone: nobody else has to belie
 from heronry_dg.model import Spec
 from heronry_tools.simulator.reigning_term import ReigningTerm
 from heronry_tools.simulator.violation import Violation
-from heronry_wire.management import ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
+from heronry_wire.management import LEASE_PERIODS, ManagementMessage, Prepare, SliceBody, SliceHead, StatePage0
 
-_TOGETHER_LEASES = 2
+_TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
 class TermCheck:
     """Follows commands, and the epochs that PEs say they run."""
 
-    def __init__(self, spec: Spec) -> None:
+    def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
         self.violations: list[Violation] = []
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
-        self._reign = ReigningTerm(spec)
+        self._reign = ReigningTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._twins: dict[str, str] = {}  # stations of one number, each by the other one
@@ -38,6 +39,7 @@ class TermCheck:
         self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
+        self._apart_ns = self._reign.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
     def split(self, is_split: bool) -> None:
         """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
@@ -47,7 +49,8 @@ class TermCheck:
     def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
-            return self._own.get(station, 0) == self._reign.number
+            own = self._own.get(station, 0)
+            return own == self._reign.number or self._reign.is_claimed(own, station)
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
             self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
@@ -56,7 +59,11 @@ class TermCheck:
         self._own[station] = max(term, self._own.get(station, 0))
         if isinstance(message, Prepare):
             self._prepares(t_ns, station, message)
-        return self._reign.named(t_ns, term)
+        return self._reign.named(t_ns, term, station)
+
+    def tagged(self, t_ns: int, station: str) -> None:
+        """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
+        self._reign.tagged(t_ns, station)
 
     def copied(self, station: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
@@ -74,16 +81,16 @@ class TermCheck:
         self._tell(t_ns, "reign", story)
 
     def alive(self, t_ns: int, station: str, term: int) -> bool:
-        """A station has sent an ALIVE on the managers' bus; tells whether it reigns."""
+        """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
         if not self._is_split:
             self._meet(t_ns, station, term)
-        return self._reign.named(t_ns, term)
+        return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
         """Two stations that speak for one term must notice each other."""
         voices = self._voices.setdefault(term, {})
-        first_ns, _ = voices.get(station, (t_ns, t_ns))
-        voices[station] = first_ns, t_ns
+        first_ns, last_ns = voices.get(station, (t_ns, t_ns))
+        voices[station] = first_ns if t_ns - last_ns <= self._apart_ns else t_ns, t_ns
         if len(voices) == 1:
             return
         firsts_ns, lasts_ns = zip(*voices.values(), strict=True)

@@ -82,7 +82,7 @@ class Checks:
         self._commands = Commanded(spec, tables)
         self._proven = None if key is None else ProvenStates(key)
         self._exclusion = ExclusionCheck(spec)
-        self._terms = TermCheck(spec)
+        self._terms = TermCheck(spec, has_key=key is not None)
         self._journals = JournalCheck(spec, read_journal)
         self.authenticity = None if key is None else AuthenticityCheck(spec, key)
         self._orphans = OrphanCheck(spec, has_digests=key is None)
@@ -115,6 +115,7 @@ class Checks:
         self._watchers |= dict.fromkeys(GATEWAY_IDS, self._link)
         for manager in MANAGER_NODES:
             self._watchers[management_id(manager, Command.ALIVE)] = self._alive
+            self._watchers[management_id(manager, Command.TAG)] = self._tagged
             for command in (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL):
                 self._watchers[management_id(manager, command)] = partial(self._commanded, manager, command)
 
@@ -320,6 +321,10 @@ class Checks:
                 self._service.reigned(sent.end_ns)
             self._losses.alive(sent.end_ns, message)
             self._service.alive(sent.end_ns, self._losses.counted_on)
+
+    def _tagged(self, sent: Sent) -> None:
+        if sent.bus == self._bus:
+            self._terms.tagged(sent.end_ns, sent.sender)
 
     def _link(self, sent: Sent) -> None:
         if sent.bus == self._bus:
