@@ -16,7 +16,8 @@ is both: a PE is cut off, and when it is lost the reign ends; the next one finds
 and with whatever that may have given it. Where a DEMUX can be driven from several PEs, the loss of one does as well.
 
 Where there are two managers they are struck more often than anything else, either of them or whichever reigns, and with
-what needs two of them (`Kind.of_two`). There is more to strike then, so there are more acts.
+what needs two of them (`Kind.of_two`). There is more to strike then, so there are more acts. What is drawn in flights
+with a key alone is in the swarm of each of these, and comes more often.
 """
 
 from collections.abc import Sequence
@@ -34,8 +35,8 @@ _WAITS_FOR_STATE = 0.85
 _AIM = {
     "suspect": 4,
     "planning": 4,
-    "preparing": 5,
-    "activating": 7,
+    "preparing": 6,
+    "activating": 9,
     "going": 6,
     "rejoining": 4,
     "orphaned": 4,
@@ -44,6 +45,7 @@ _AIM = {
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 2  # times as often as anything else
 _LATCHED_MORE = 3  # since mostly there is nothing to clear
+_KEYED_MORE = 4  # since few flights have a key
 _END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
 _LEADS = (*_SILENCES, ("reboot", (1, 60)))  # which is over before anybody waits for it
@@ -65,7 +67,7 @@ def drawn_acts(
     """
     random = Random(f"acts of {seed}")
     there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
-    swarm = [name for name in there if kinds or random.random() < _KIND_THERE] or ["crash"]
+    swarm = [name for name in there if kinds or _is_for_keyed(name) or random.random() < _KIND_THERE] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
         swarm = [name for name in there if KINDS[name].strikes == MANAGER]
@@ -94,8 +96,15 @@ def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str,
 
 
 def _more_often(name: str, *, of_two: bool) -> int:
-    strikes = KINDS[name].strikes
-    return _LATCHED_MORE if strikes == "latched" else _MANAGERS_MORE if of_two and strikes == MANAGER else 1
+    kind = KINDS[name]
+    if _is_for_keyed(name):
+        return _KEYED_MORE
+    return _LATCHED_MORE if kind.strikes == "latched" else _MANAGERS_MORE if of_two and kind.strikes == MANAGER else 1
+
+
+def _is_for_keyed(name: str) -> bool:
+    """Tell whether a kind is drawn in flights with a key alone."""
+    return KINDS[name].of_keyed and not KINDS[name].of_two
 
 
 def _ending_reign(random: Random, at_ms: int, *, of_two: bool) -> Act:
