@@ -127,6 +127,23 @@ def test_who_starts_anew_has_heard_nothing_of_what_was_said_before() -> None:
     assert len(bus.stories) == 2
 
 
+@pytest.mark.parametrize("may_count_again", [True, False])
+def test_a_manager_that_has_lost_its_term_counts_in_it_again(may_count_again: bool) -> None:
+    bus = Bus()
+    for _ in range(2):
+        bus.say(Lease(1, 1, Step.GO_ALL, 7))
+    bus.now_ns += 100 * MS
+    if may_count_again:
+        bus.check.may_count_again()
+    bus.signer = CommandSigner(KEY, 126, 1)
+    bus.pe_says(PeState.UNCONFIGURED, 0, incarnation=2)
+    bus.say(Activate(1, 1, Step.GO_ALL, 7))
+    bus.pe_says(PeState.ACTIVE, 1, incarnation=2)
+    assert bus.stories == (
+        [] if may_count_again else ["tail_pe is ACTIVE in epoch 1, and was never told so by who has the key"]
+    )
+
+
 def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_just_before() -> None:
     bus = Bus()
     bus.say(Prepare(1, 1, 7))

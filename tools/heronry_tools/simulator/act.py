@@ -99,7 +99,7 @@ _COMMANDED = frozenset(
     )
 )
 
-_NUMBERED = frozenset(("reign", "term", "digest", "journal", "authentic"))
+_NUMBERED = frozenset(("reign", "term", "digest", "journal"))
 
 KINDS: Mapping[str, Kind] = {
     "crash": Kind("pe", (200, 3000), "a PE dies, and is started again or not", for_good=0.3),

@@ -14,7 +14,8 @@ command that it certainly had accepted before. That place is known from below: t
 PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
 soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since. It
 says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that. Where
-page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before.
+page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before. Where a manager may
+use the numbers of a term again (`may_count_again`), what has a lower one than was ever said may be new to such a PE.
 
 "Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long what it says may
 be on its way: in its own queue, and in that of a gateway. A PE that hears LEASEs which nothing explains must go on
@@ -82,10 +83,15 @@ class AuthenticityCheck:
         self._proven = ProvenCommands(key)
         self._pes: dict[int, _Pe] = {}  # by identifier of their states
         self._emcys: dict[int, _Pe] = {}
+        self._may_count_again = False
         for pe in spec.pes.values():
             bus = uplink_bus(spec, pe.name)
             known = _Pe(pe.name, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
             self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
+
+    def may_count_again(self) -> None:
+        """From now on a manager may use numbers that were used in its term already."""
+        self._may_count_again = True
 
     def see(self, sent: Sent) -> None:
         """Take a frame of any bus, whoever has sent it."""
@@ -126,7 +132,8 @@ class AuthenticityCheck:
 
     def _begins(self, pe: _Pe, incarnation: int, t_ns: int) -> None:
         pe.incarnation, pe.unexplained_ns = incarnation, None
-        pe.least = {manager: self._proven.newest(manager) for manager in MANAGER_NODES}
+        known = () if self._may_count_again else MANAGER_NODES
+        pe.least = {manager: self._proven.newest(manager) for manager in known}
         since_ns = (t_ns if pe.asks_ns is None else pe.asks_ns) - pe.lease_ns // LEASE_PERIODS * 5 // 4
         pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
         pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}

@@ -155,6 +155,12 @@ class Checks:
         self._journals.copied(station, twin)
         self._terms.copied(station, twin)
         self.phases.apart()
+        self.may_count_again()
+
+    def may_count_again(self) -> None:
+        """From now on a manager may use numbers of commands that were used in its term already."""
+        if self.authenticity is not None:
+            self.authenticity.may_count_again()
 
     def altered(self) -> None:
         """Data are changed past the CRC from now on."""

@@ -354,6 +354,7 @@ def _disk_full(simulation: Simulation, act: Act, _: Random) -> End | None:
     disk = struck[1].disk
     disk.refuses = True
     simulation.checks.phases.may_forget()
+    simulation.checks.may_count_again()
 
     def end() -> None:
         disk.refuses = False
