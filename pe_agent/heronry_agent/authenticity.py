@@ -8,8 +8,8 @@ which the command itself arrived, and where it is forwarded its TAG follows it. 
 A *fresh start*. After its own start a PE believes nothing, since all that it hears may be old. It says a nonce (page
 2), and a WELCOME whose tag covers that nonce gives it its place in the counting of that manager. It asks when a
 manager speaks that has not welcomed it, once in a heartbeat period; so after a restart of either side, when a standby
-takes over, and when it was left so far behind that nothing fits any more and T_lease has passed without a command.
-Each manager that hears the nonce answers for itself, so a standby can be believed before it ever reigns.
+takes over, and when it was left so far behind that nothing fits any more and T_lease has passed without a command. The
+answer names a term like any command, and only who reigns gives one: who reigned before is not obeyed any more.
 
 A *session*. The same WELCOME says under which number the states of this PE are tagged from now on: the manager chose
 it, in this term, and chooses no number twice. A manager of a new term has no session here until it has welcomed this
@@ -169,7 +169,6 @@ class Authenticity:
             self._sessions[manager] = Session(manager, *self._verifier.places[manager])
             self._first_beat = None
             self._tell()
-            return
         turn.arrived_ns = found.arrived_ns
         before = len(turn.out)
         self._handlers[manager, found.command](event)

@@ -135,8 +135,10 @@ class Obedience:
             self.turn.count("malformed command", event.frame.can_id)
             return
         term = self.reign.term if isinstance(message, SliceHead | SliceBody) else message.term
-        if self._counts(manager, term, event):
-            self._obey(message)
+        if not self._counts(manager, term, event):
+            return
+        self._obey(message)
+        if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # which is for this PE alone
             self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
 
     def _obey(self, message: ManagementMessage) -> None:

@@ -197,7 +197,8 @@ def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_not
     for identifier, data in said_so:
         one.pe.hear(Frame(identifier, data))
         one.pe.pass_time(MS)
-    assert one.pe.core.reign.term == 0
+    assert (one.pe.core.reign.term, one.pe.core.reign.manager) == (1, MANAGER)  # who has welcomed it
+    assert not one.pe.core.reign.hears_lease(one.pe.now_ns)
     assert one.pe.core.reconfiguration.state is PeState.UNCONFIGURED
 
 
@@ -213,6 +214,21 @@ def test_a_manager_that_was_restarted_is_believed_at_once_and_gives_a_new_sessio
     keyed.welcome(asked.nonce, restarted)
     keyed.pe.pass_time(BEAT_NS)
     assert not said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), signer=restarted), StatePage2)
+
+
+def test_who_has_given_an_answer_in_a_higher_term_reigns_and_who_did_before_is_not_obeyed_any_more(
+    keyed: Keyed,
+) -> None:
+    other = CommandSigner(KEY, 127, 2)
+    keyed.pe.pass_time(2 * BEAT_NS)
+    (asked,) = said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), signer=other, manager=127), StatePage2)
+    assert isinstance(asked, StatePage2)
+    assert keyed.pe.core.reign.term == 1
+    for frame in other.welcome(NODE, asked.nonce):
+        keyed.pe.hear(frame)
+    keyed.tell(*slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007))
+    assert (keyed.pe.core.reign.term, keyed.pe.core.reign.manager) == (2, 127)
+    assert keyed.pe.core.reconfiguration.state is PeState.UNCONFIGURED
 
 
 def test_the_other_manager_is_asked_and_then_believed(keyed: Keyed) -> None:
@@ -357,7 +373,7 @@ def test_a_gateway_hands_on_what_it_obeyed_with_its_tag_and_nothing_else() -> No
 
 def test_a_gateway_hands_on_the_welcome_of_a_node_beyond_and_not_that_of_another() -> None:
     one = Keyed(GATEWAY_TABLE)
-    one.welcome(one.nonce())
+    assert not [action for action in one.welcome(one.nonce()) if isinstance(action, Send) and action.port == 1]
     for node, passes in ((FAR, 2), (NEIGHBOUR, 0)):
         control, tag = one.signer.welcome(node, 5)
         actions = one.pe.hear(control) + one.pe.hear(tag)

@@ -196,25 +196,29 @@ def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
     assert check.violations == []
 
 
-def test_with_a_key_a_term_deposes_nobody_before_its_tag() -> None:
-    check, slices = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
+def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> None:
+    check, head = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
 
-    def reigns(t_ns: int, manager: int, term: int) -> bool:
-        return check.commanded(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+    def reigns(t_ms: int, manager: int, term: int) -> bool:
+        return check.commanded(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
 
     check.tagged(0, "manager 126")  # of something that was not heard
     assert reigns(1, 126, 1)
-    assert not check.alive(1, "manager 126", 1)  # not yet to be believed
-    check.tagged(2, "manager 126")
-    assert check.alive(3, "manager 126", 1)
-    assert reigns(4, 127, 2)
-    assert check.commanded(4, 127, slices, "manager 127")
-    assert reigns(5, 126, 1)
-    check.tagged(5, "manager 126")
-    assert reigns(6, 126, 1)
-    check.tagged(7, "manager 127")
-    assert not reigns(8, 126, 1)
-    assert reigns(9, 127, 2)
+    check.tagged(1 * MS, "manager 126")
+    assert not check.alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
+    check.tagged(21 * MS, "manager 126")
+    assert check.alive(22 * MS, "manager 126", 1)
+    assert reigns(30, 127, 2)
+    assert check.commanded(30 * MS, 127, head, "manager 127")
+    assert reigns(40, 126, 1)
+    check.tagged(41 * MS, "manager 126")
+    check.tagged(42 * MS, "manager 127")
+    check.tagged(45 * MS, "manager 127")  # it answers
+    assert reigns(50, 126, 1)
+    assert reigns(52, 127, 2)
+    check.tagged(52 * MS, "manager 127")
+    assert not reigns(53, 126, 1)
+    assert reigns(54, 127, 2)
     assert check.violations == []
 
 

@@ -286,8 +286,7 @@ def another_manager_has_to_welcome_it_too() -> None:
     demand(pe.believes(), "a manager that was never met is believed")
     pe.main.say(*other.welcome(NODE, pe.pages_2(-1)[-1][1].nonce))
     pe.run(5)
-    speaks()
-    demand(not pe.believes(), "after a higher term the old manager is obeyed")
+    demand(not pe.believes(), "after the welcome of a higher term the old manager is obeyed")
 
 
 def an_emergency_is_proven_by_the_next_page_0() -> None:

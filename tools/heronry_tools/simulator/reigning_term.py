@@ -3,8 +3,9 @@
 It does until nobody has named it for T_lease: it may have begun where no PE could hear it, and ended there. Then
 whoever speaks next reigns.
 
-With a key nobody believes a command before its TAG. A term is *claimed* until its manager has sent one: so long both it
-and the term before may be obeyed, and if no TAG comes the one before goes on.
+With a key nobody believes a command before its TAG, and a PE that does not know this manager asks it first, and is
+answered. A term is *claimed* until its manager has sent a second TAG, half a period or more after the first: so long
+both it and the term before may be obeyed, and if no TAG comes the one before goes on.
 """
 
 from heronry_dg.model import Spec
@@ -19,24 +20,28 @@ class ReigningTerm:
         self.lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns  # T_lease
         self._has_key = has_key
         self._named_ns = 0
-        self._claims: dict[str, int] = {}  # terms that no TAG has followed yet, by station
+        self._answered_ns = self.lease_ns // LEASE_PERIODS // 2
+        self._claims: dict[str, tuple[int, int | None]] = {}  # by station: its term, and when its first TAG came
 
     def named(self, t_ns: int, term: int, station: str = "") -> bool:
         """A manager has named its term; tells whether that one reigns, or may."""
         if term < self.number and t_ns - self._named_ns <= self.lease_ns:
             return False
         if self._has_key and term > self.number:
-            self._claims[station] = term
+            if not self.is_claimed(term, station):
+                self._claims[station] = term, None
         else:
             self.number, self._named_ns = term, t_ns
         return True
 
     def tagged(self, t_ns: int, station: str) -> None:
         """A manager has sent a TAG."""
-        term = self._claims.pop(station, 0)
-        if term > self.number:
+        term, first_ns = self._claims.get(station, (0, t_ns))
+        if first_ns is None:
+            self._claims[station] = term, t_ns
+        elif term > self.number and t_ns - first_ns >= self._answered_ns:
             self.number, self._named_ns = term, t_ns
 
     def is_claimed(self, term: int, station: str) -> bool:
-        """Tell whether nobody can believe yet that this term has begun."""
-        return self._claims.get(station) == term
+        """Tell whether some may not be able to believe yet that this term has begun."""
+        return term > self.number and self._claims.get(station, (0, 0))[0] == term
