@@ -132,8 +132,7 @@ class AuthenticityCheck:
 
     def _begins(self, pe: _Pe, incarnation: int, t_ns: int) -> None:
         pe.incarnation, pe.unexplained_ns = incarnation, None
-        known = () if self._may_count_again else MANAGER_NODES
-        pe.least = {manager: self._proven.newest(manager) for manager in known}
+        pe.least = {} if self._may_count_again else {one: self._proven.newest(one) for one in MANAGER_NODES}
         since_ns = (t_ns if pe.asks_ns is None else pe.asks_ns) - pe.lease_ns // LEASE_PERIODS * 5 // 4
         pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
         pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}

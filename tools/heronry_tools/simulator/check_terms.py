@@ -70,6 +70,12 @@ class TermCheck:
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
+    def alive(self, t_ns: int, station: str, term: int) -> bool:
+        """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
+        if not self._is_split:
+            self._meet(t_ns, station, term)
+        return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
+
     def _prepares(self, t_ns: int, station: str, message: Prepare) -> None:
         by, first = self._prepared.setdefault(message.epoch, (station, message))
         if first.term == message.term or first.digest == message.digest:
@@ -79,12 +85,6 @@ class TermCheck:
             return
         story = f"epoch {message.epoch} is prepared in term {message.term}, and was another one in term {first.term}"
         self._tell(t_ns, "reign", story)
-
-    def alive(self, t_ns: int, station: str, term: int) -> bool:
-        """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
-        if not self._is_split:
-            self._meet(t_ns, station, term)
-        return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
         """Two stations that speak for one term must notice each other."""
@@ -100,10 +100,10 @@ class TermCheck:
 
     def state(self, bus: str, node: int, t_ns: int, page: StatePage0) -> None:
         """A PE says itself, on a bus, what it runs."""
-        prepared = self._prepared.get(page.epoch)
-        if prepared is None:
+        if page.epoch not in self._prepared:
             return
-        term = prepared[1].term
+        _, prepared = self._prepared[page.epoch]
+        term = prepared.term
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"

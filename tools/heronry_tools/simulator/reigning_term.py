@@ -36,7 +36,9 @@ class ReigningTerm:
 
     def tagged(self, t_ns: int, station: str) -> None:
         """A manager has sent a TAG."""
-        term, first_ns = self._claims.get(station, (0, t_ns))
+        if station not in self._claims:
+            return
+        term, first_ns = self._claims[station]
         if first_ns is None:
             self._claims[station] = term, t_ns
         elif term > self.number and t_ns - first_ns >= self._answered_ns:
