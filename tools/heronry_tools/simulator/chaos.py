@@ -27,19 +27,19 @@ from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, MANAGER, Act, drawn_kinds, possible_targets
 
 _ACTS_PER_S = 0.3
-_ACTS_PER_S_OF_TWO = 0.35
+_ACTS_PER_S_OF_TWO = 0.4
 _FEWEST_ACTS = 3
 _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
-_WAITS_FOR_STATE = 0.85
+_WAITS_FOR_STATE = 0.92
 _AIM = {
-    "suspect": 4,
-    "planning": 4,
-    "preparing": 6,
-    "activating": 9,
-    "going": 6,
-    "rejoining": 4,
-    "orphaned": 4,
+    "suspect": 5,
+    "planning": 5,
+    "preparing": 8,
+    "activating": 12,
+    "going": 9,
+    "rejoining": 2,
+    "orphaned": 5,
     "idle": 1,
 }
 _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
