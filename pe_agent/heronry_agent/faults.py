@@ -14,8 +14,8 @@ is pending it is sent once in a heartbeat period, and the same cause adds nothin
 A module that was only built anew is told the same way, is no fault that would stay told, and is acknowledged by itself:
 it may have been given up since, and that has to be heard, too. What stays told is told again to every new reign, since
 the one before may have acknowledged it, and died before anybody else knew. But where this PE has heard nobody for a
-while since (`tell_all_again`), it may have missed that it was cleared, and keeps it to itself, unless that is a module
-which it would run (`tell_again`).
+while since it was acknowledged (`tell_all_again`), it may have missed that it was cleared, and keeps it to itself,
+unless that is a module which it would run (`tell_again`).
 
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
@@ -53,7 +53,7 @@ class Faults:
         self._critical = frozenset(critical)
         self._pending: dict[_Key, tuple[int, Emergency]] = {}  # when to send it again, and what
         self._quiet_until_ns: dict[_Key, int] = {}
-        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind and index; and when it was found
+        self._told: dict[tuple[int, int], tuple[Emergency, int]] = {}  # by kind, index; when found, or heard
         self._requests = self._events = 0
         self._request: Emergency | None = None  # the last one, if it stands
         self.changes = 0  # how often something became pending, or was no more
@@ -98,8 +98,8 @@ class Faults:
         return [] if told is None else self._pend(told[0], now_ns)
 
     def tell_all_again(self, since_ns: int, now_ns: int) -> list[Frame]:
-        """Somebody else has to know what was found since a time, and still stands: what to send now."""
-        told = [emergency for emergency, found_ns in self._told.values() if found_ns >= since_ns]
+        """Somebody else has to know what was found or heard of since a time, and still stands: what to send now."""
+        told = [emergency for emergency, at_ns in self._told.values() if at_ns >= since_ns]
         return [frame for one in told if _key(one) not in self._pending for frame in self._pend(one, now_ns)]
 
     def request_phase(self, index: int, now_ns: int, *, forward_only: bool) -> list[Frame]:
@@ -126,6 +126,8 @@ class Faults:
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + QUIET_NS
+            if key[1:] in self._told:
+                self._told[key[1:]] = (self._told[key[1:]][0], now_ns)
         self._drop(heard)
         return bool(heard)
 

@@ -164,3 +164,12 @@ def test_who_has_heard_nobody_since_may_have_missed_that_it_was_cleared_and_tell
     if others_first:
         pe.hear(neighbour_state(7))
     assert not emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))
+
+
+def test_what_was_found_in_a_silence_and_acknowledged_after_it_is_told_to_the_next_reign() -> None:
+    pe = watching()
+    pe.pass_time(6 * BEAT_NS)
+    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
+    pe.reports.clear()
+    (told,) = emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))
+    assert (told.kind, told.index) == ABOUT_LEFT

@@ -195,6 +195,20 @@ def test_a_power_cut_takes_what_was_not_synced_and_no_number() -> None:
     assert disk.data == whole_journal(two_tails(), left)
 
 
+def test_the_power_may_go_again_before_the_disk_takes_anything() -> None:
+    for seed in range(50):
+        disk, random = Disk(two_tails()), Random(seed)
+        disk.opened()
+        for record in WHOLE:
+            disk.write(record, 0)
+        disk.refuses = True
+        disk.torn(random, 0)
+        left = disk.data
+        disk.opened()
+        disk.torn(random, SYNCED_AFTER_NS)
+        assert disk.data == left
+
+
 def test_what_was_synced_stays() -> None:
     disk = Disk(two_tails())
     disk.opened()

@@ -338,6 +338,20 @@ def test_what_the_operator_has_failed_is_down_until_it_is_cleared(service: Servi
     assert len(judged(service)) == 1
 
 
+def test_what_a_pe_has_told_is_unknown_to_the_next_reign_if_it_may_have_missed_a_word_since() -> None:
+    missed_ns = {"tail_pe": 6 * S}
+    service = ServiceCheck(two_tails(), lambda pe: missed_ns.get(pe, 0))
+    for index, pe, t_ns in ((0, "tail_pe", 7 * S), (1, "tail_pe", 5 * S), (2, "control_pe", 5 * S)):
+        service.told(pe, Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, index, 7))
+        service.acknowledged(t_ns, Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, index))
+    first, second, third = (f"device:{device}" for device in list(two_tails().devices)[:3])
+    assert service.held == {first, second, third}
+    service.reigned(8 * S)
+    assert service.held == {first, third}
+    service.acknowledged(8 * S, Control(2, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, 1))
+    assert service.held == {first, second, third}
+
+
 def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
     """What is said of an epoch that everybody stages, and that serves nothing."""
     epoch = Epoch(2, 0, prepared_ns, configuration=Configuration())

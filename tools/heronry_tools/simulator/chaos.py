@@ -26,8 +26,7 @@ from random import Random
 from heronry_dg.model import Spec
 from heronry_tools.simulator.act import KINDS, MANAGER, Act, drawn_kinds, possible_targets
 
-_ACTS_PER_S = 0.3
-_ACTS_PER_S_OF_TWO = 0.4
+_ACTS_PER_S = 0.4
 _FEWEST_ACTS = 3
 _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
@@ -67,14 +66,16 @@ def drawn_acts(
     """
     random = Random(f"acts of {seed}")
     there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
-    swarm = [name for name in there if kinds or _is_for_keyed(name) or random.random() < _KIND_THERE] or ["crash"]
+    swarm = [
+        name for name in there if kinds or _is_for_keyed(name, of_two=of_two) or random.random() < _KIND_THERE
+    ] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
         swarm = [name for name in there if KINDS[name].strikes == MANAGER]
     weights = [random.choice((1, 1, 2, 5)) * _more_often(name, of_two=of_two) for name in swarm]
     acts: set[Act] = set()
     for_good = 0
-    count = max(_FEWEST_ACTS, round((_ACTS_PER_S_OF_TWO if of_two else _ACTS_PER_S) * seconds))
+    count = max(_FEWEST_ACTS, round(_ACTS_PER_S * seconds))
     for name in random.choices(swarm, weights, k=count):
         act = _drawn_act(random, name, there[name], seconds)
         if not act.lasts_ms and KINDS[name].for_good:
@@ -97,14 +98,14 @@ def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str,
 
 def _more_often(name: str, *, of_two: bool) -> int:
     kind = KINDS[name]
-    if _is_for_keyed(name):
+    if _is_for_keyed(name, of_two=of_two):
         return _KEYED_MORE
     return _LATCHED_MORE if kind.strikes == "latched" else _MANAGERS_MORE if of_two and kind.strikes == MANAGER else 1
 
 
-def _is_for_keyed(name: str) -> bool:
+def _is_for_keyed(name: str, *, of_two: bool) -> bool:
     """Tell whether a kind is drawn in flights with a key alone."""
-    return KINDS[name].of_keyed and not KINDS[name].of_two
+    return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
 def _ending_reign(random: Random, at_ms: int, *, of_two: bool) -> Act:

@@ -19,7 +19,7 @@ cannot tell that from an aircraft that is switched on: it waits for those that i
 before. The window ends no later than if it had begun with the first ALIVE of that reign.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -36,7 +36,7 @@ from heronry_tools.simulator.promised import HOLD_DOWN_PERIODS, PATIENCE_PERIODS
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Outage
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Operation
+from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Emergency, Operation
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
@@ -64,13 +64,18 @@ class _Held:
 class ServiceCheck:
     """Asks the oracle."""
 
-    def __init__(self, spec: Spec) -> None:
-        """CONTROL names elements by their place in this spec."""
+    def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
+        """CONTROL and EMCY name elements by their place in this spec.
+
+        missed_ns: gives when a PE heard somebody again after it may have missed a word; 0 if it never has.
+        """
         self.violations: list[Violation] = []
         self._spec = spec
         self._elements = elements_by_kind(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._held: list[_Held] = []
+        self._missed_ns = missed_ns
+        self._told_by: dict[str, str] = {}  # who has told of an element last
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
         self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
@@ -85,11 +90,20 @@ class ServiceCheck:
         self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
+    def told(self, pe: str, message: object) -> None:
+        """A PE tells of a fault, or takes it back."""
+        if isinstance(message, Emergency):
+            for element in self._named(message.kind, message.index):
+                self._told_by[element] = pe
+
     def acknowledged(self, t_ns: int, message: Control) -> None:
         """A manager has heard of a fault."""
         if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
-            for element in self._elements.get(ElementKind(message.a), [])[message.b : message.b + 1]:
+            for element in self._named(ElementKind(message.a), message.b):
                 self.failed(t_ns, element)
+
+    def _named(self, kind: ElementKind, index: int) -> list[str]:
+        return self._elements.get(kind, [])[index : index + 1]
 
     def failed(self, t_ns: int, element: str) -> None:
         """A manager takes an element for failed, from now on at the latest."""
@@ -127,7 +141,10 @@ class ServiceCheck:
         self._called.clear()
 
     def reigned(self, t_ns: int) -> None:
-        """The first ALIVE of a term will be heard."""
+        """The first ALIVE of a term will be heard; what a PE has told may be unknown to it, and is not told again."""
+        for one in self._held:
+            if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
+                one.is_certain = False
         self._reigns.append(t_ns)
         self._called.clear()
 

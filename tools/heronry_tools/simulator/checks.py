@@ -29,6 +29,7 @@ from heronry_tools.simulator.check_transitions import TransitionCheck
 from heronry_tools.simulator.commanded import Commanded
 from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.proven_states import ProvenStates
+from heronry_tools.simulator.solitude import Solitude
 from heronry_tools.simulator.stranger import STRANGER
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.witness import Witness
@@ -90,7 +91,8 @@ class Checks:
         self._blame = BlameCheck(spec)
         self.channels = ChannelCheck(spec)
         self._configurations = ConfigurationCheck(spec)
-        self._service = ServiceCheck(spec)
+        self._solitude = Solitude(spec)
+        self._service = ServiceCheck(spec, self._solitude.ended_ns)
         self.phases = PhaseCheck(spec, self._service.entered)
         self._transitions = TransitionCheck(spec, self._commands.epochs)
         self._freshness = FreshnessCheck(spec, self._commands)
@@ -144,8 +146,9 @@ class Checks:
         """A module was stepped that does not drive, and somebody has looked at what it was given."""
         self._freshness.driven(stepped)
 
-    def bus_split(self, bus: str, is_split: bool) -> None:
+    def bus_split(self, t_ns: int, bus: str, is_split: bool) -> None:
         """A bus is broken in the middle, or whole again."""
+        self._solitude.split(t_ns, bus)
         if bus == self._bus:
             self._terms.split(is_split)
             self.phases.apart()
@@ -258,6 +261,8 @@ class Checks:
             return
         node = self._node_of_state[sent.frame.can_id]
         if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
+            self._solitude.heard(sent.end_ns, sent.bus, sent.sender)
+            self._solitude.started(sent.end_ns, sent.sender, page.incarnation)
             self._publishing.state(sent.sender, sent.end_ns, page)
             self._terms.state(sent.bus, node, sent.end_ns, page)
             self._transitions.state(sent.sender, page)
@@ -277,6 +282,7 @@ class Checks:
             self.phases.requested(self._spec.pes[pe].node_id, emergency)
         if sent.sender == pe:
             self._blame.emergency(sent)
+            self._service.told(pe, emergency)
             self.channels.emergency(sent, pe, emergency)
         elif sent.sender in self._spec.pes:
             self._blame.handed_on(sent)
@@ -322,6 +328,7 @@ class Checks:
         if isinstance(message, Alive):
             if not self._terms.alive(sent.end_ns, sent.sender, message.term):
                 return
+            self._solitude.heard(sent.end_ns, sent.bus, sent.sender)
             if message.term > self._term:
                 self._term = message.term
                 self._service.reigned(sent.end_ns)

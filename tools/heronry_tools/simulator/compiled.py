@@ -58,7 +58,7 @@ _COMPILED = {
     "simulator.check_safe_mode simulator.check_service simulator.check_silence simulator.check_terms simulator.checks "
     "simulator.clock simulator.commanded simulator.frame_digest simulator.local_clock simulator.node simulator.nodes "
     "simulator.protocol_state simulator.proven_commands simulator.proven_states simulator.reigning_term "
-    "simulator.station simulator.violation simulator.world",
+    "simulator.solitude simulator.station simulator.violation simulator.world",
 }
 # Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
 _MADE_OFTEN = frozenset(

@@ -63,6 +63,8 @@ class Disk:
         spoilt = sorted(random.randint(begin, end) for _ in range(2))
         noise = random.randbytes(spoilt[1] - spoilt[0])
         self.data = self.data[: spoilt[0]] + noise + self.data[spoilt[1] : end]
+        self._synced = len(self.data)
+        self._unsynced.clear()
 
     def _sync(self, up_to_ns: int) -> None:
         while self._unsynced and self._unsynced[0][0] <= up_to_ns:

@@ -393,11 +393,11 @@ def _bus_split(simulation: Simulation, act: Act, random: Random) -> End:
     def end() -> None:
         for wire in wires:
             wire.apart = None
-        simulation.checks.bus_split(act.name, False)
+        simulation.checks.bus_split(simulation.now_ns, act.name, False)
 
     for wire in wires:
         wire.apart = apart
-    simulation.checks.bus_split(act.name, True)
+    simulation.checks.bus_split(simulation.now_ns, act.name, True)
     return end
 
 
