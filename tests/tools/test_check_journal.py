@@ -4,8 +4,7 @@ from random import Random
 
 import pytest
 
-from heronry_manager.checked_lines import checked_line
-from heronry_manager.journal import recovered, whole_journal
+from heronry_manager.journal import recovered, whole_journal, written
 from heronry_manager.memory import (
     EPOCHS,
     NOTHING,
@@ -103,8 +102,9 @@ def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_o
     element = f"module:{MODULES[2]}"
     holds = Control(3, 0, Operation.HOLDS, ElementKind.MODULE, 2)
     started = whole_journal(big_blue(), memory(*WHOLE))
-    number = started.count(b"\n")
-    cleared = started + checked_line([number, *as_json(Cleared(element))])
+    number = len(memory(*WHOLE).records()) + 1
+    records = (Cleared(element), *(Cleared(f"module:{MODULES[3]}") for _ in range(6)))
+    cleared = started + b"".join(written(number + n, as_json(record)) for n, record in enumerate(records))
     check = JournalCheck(big_blue(), lambda _: cleared)
     check.commanded(0, "manager 126", holds)
     assert check.violations == []

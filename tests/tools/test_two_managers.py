@@ -17,9 +17,10 @@ from heronry_tools.simulator.protocol_state import ProtocolState
 from heronry_tools.simulator.scenario import Outcome, Scenario, need_key, play
 from heronry_tools.simulator.simulation import Simulation
 from heronry_tools.simulator.strike import Strikes
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.management import LEASE_PERIODS, Lease, SliceHead, Step
-from scenarios.flights import MS, big_blue, two_tails
+from scenarios.flights import KEY, MS, big_blue, two_tails
 
 OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
 
@@ -30,8 +31,8 @@ def flight(*texts: str, seed: int = 1, seconds: float = 2.0) -> Outcome:
     return play(two_tails(), Scenario(seed, seconds, acts, standby=True))
 
 
-def flying(seed: int = 1) -> Simulation:
-    simulation = Simulation(two_tails(), seed, standby=True)
+def flying(seed: int = 1, key: Key | None = None) -> Simulation:
+    simulation = Simulation(two_tails(), seed, standby=True, key=key)
     while not simulation.events_of("reconfigured") or simulation.unsettled():
         simulation.run_for(50 * MS)
     return simulation
@@ -81,6 +82,18 @@ def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dea
     assert "pe:tail_pe" in simulation.truth.down
     simulation.run_for(350 * MS)
     assert "tail_pe" not in simulation.pes
+
+
+@pytest.mark.parametrize(("disk", "key", "is_promised"), [("full", KEY, False), ("full", None, True), ("", KEY, True)])
+def test_who_has_a_key_and_counts_again_is_taken_for_somebody_who_replays(
+    disk: str, key: Key | None, *, is_promised: bool
+) -> None:
+    simulation = flying(key=key)
+    acts = ["0.1 crash pe:tail_pe for 0.1", "0.5 manager_crash primary for 0.1"]
+    acts += ["0 disk_full primary for 0.7"] if disk else []
+    Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    simulation.run_for(600 * MS)
+    assert simulation.waivers.cover("silence", simulation.now_ns) is not is_promised
 
 
 def test_a_manager_that_runs_twice_runs_once_more_at_most_and_is_gone_when_it_is_over() -> None:

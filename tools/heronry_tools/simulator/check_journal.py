@@ -44,7 +44,7 @@ from heronry_wire.management import (
     is_newer,
 )
 
-_WAITED = 8  # records that may be written while a frame waits
+_WAITED = 8 * 3  # lines of records that may be written while a frame waits: both copies, and an empty one
 Read = Callable[[str], bytes | None]  # what is on the disk of who has this station; None where nobody promises anything
 
 

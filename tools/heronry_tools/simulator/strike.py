@@ -27,6 +27,7 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
 from heronry_wire.management import PeFlags, PeState, StatePage0
 
+_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
 End = Callable[[], None]
 
 _OF_ONE_ELEMENT = ("element", "pe", "gateway", "module", "device", "channel", "twin_pe")
@@ -295,7 +296,9 @@ def _manager_dies(simulation: Simulation, act: Act, torn: Random | None) -> End 
     struck = _struck_manager(simulation, act)
     if struck is None:
         return None
-    seat, _ = struck
+    seat, manager = struck
+    if manager.disk.problem is not None and simulation.key is not None:
+        simulation.waivers.begin(_OF_WHO_COUNTS_AGAIN, simulation.now_ns)
     simulation.kill_manager(seat, torn=torn)
     return lambda: simulation.start_manager(seat) if seat > 0 and seat not in simulation.managers else None
 
