@@ -365,8 +365,7 @@ class ManagerCore:
             self._listen_until_ns = now_ns + self.lease_ns
         match page:
             case StatePage0():
-                hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()
-                self._take(self._health.heard(pe, page.incarnation, now_ns, hears_lease=hears))
+                self._heard(pe, page.incarnation, page.flags)
                 if page.state is not PeState.UNCONFIGURED:
                     self._health.in_flight(now_ns)
                 self._following.state(pe, page)
@@ -381,14 +380,19 @@ class ManagerCore:
                     self._on_emergency(pe, decode_emergency(proven))
             case StatePage1():
                 if self._authenticity is None:
-                    hears = PeFlags.HEARS_LEASE in page.flags or not self._speaks()
-                    self._take(self._health.heard(pe, None, now_ns, hears_lease=hears))
+                    self._heard(pe, None, page.flags)
                 if not self._advise:
                     self._fail_if(pe, self._deployment.staging(pe, page))
             case StatePage2() if self._authenticity is not None and self._speaks():
                 self._authenticity.answer(pe, page)
             case StatePage2() | StatePage3() | Malformed() | None:  # pragma: no branch - nothing else is left
                 pass
+
+    def _heard(self, pe: str, incarnation: int | None, flags: PeFlags) -> None:
+        """A PE lives."""
+        self._exclusion.heard(pe)
+        hears = PeFlags.HEARS_LEASE in flags or not self._speaks()
+        self._take(self._health.heard(pe, incarnation, self._turn.now_ns, hears_lease=hears))
 
     def _on_emergency(self, pe: str, emergency: Emergency | Malformed) -> None:
         if isinstance(emergency, Malformed) or emergency.code is FaultCode.RESET:

@@ -12,7 +12,7 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
              been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
              the last ALIVE that named it: by then it has stopped by itself
 
-T_lease is counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
+Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
 of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
 clock jumped just after a step, all of it has never been. A jump that ends within a period is taken for time.
 
@@ -44,6 +44,7 @@ class Exclusion:
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._last_named_ns: dict[str, int] = {}
         self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
+        self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
         self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
@@ -77,8 +78,13 @@ class Exclusion:
             self._last_named_ns[pe] = now_ns
             self._unsent_ns.pop(pe, None)
 
+    def heard(self, pe: str) -> None:
+        """A PE was heard: if it is declared down, its silence begins now."""
+        self._slept_ns[pe] = 0
+
     def slept(self, unknown_ns: int) -> None:
         """By the clock so much time has passed in which this manager did not run: perhaps it has not."""
+        self._slept_ns = {pe: slept_ns + unknown_ns for pe, slept_ns in self._slept_ns.items()}
         self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
         self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
 
@@ -97,7 +103,7 @@ class Exclusion:
 
     def declared_down(self, pe: str, heard_ns: int) -> None:
         """A PE was declared down for its silence, and was heard last then: the identifiers of its modules get free."""
-        self._unsent_ns[pe] = heard_ns + self._unsent_after_ns[pe]
+        self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
 
     def unknown(self, pe: str) -> None:
         """A PE runs what this manager did not give it: it may hold whatever could be placed there."""

@@ -91,6 +91,18 @@ def test_the_identifiers_of_a_pe_declared_down_are_free_at_once(exclusion: Exclu
     assert exclusion.identifiers_free_ns(placed, ["sensor_pe", "tail_pe"], 65 * MS) is None
 
 
+def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_silence(exclusion: Exclusion) -> None:
+    activate(exclusion, with_servo(1, "tail_pe", control_on="control_pe"))
+    exclusion.named(PES, 0)
+    placed, left = exclusion.tokens(with_servo(1, "tail_pe", control_on="sensor_pe")), ["sensor_pe", "tail_pe"]
+    exclusion.slept(50 * MS)  # before it was heard
+    exclusion.heard("control_pe")
+    for _ in range(2):
+        exclusion.slept(35 * MS)
+    exclusion.declared_down("control_pe", 60 * MS)
+    assert exclusion.identifiers_free_ns(placed, left, 150 * MS) == (60 + 70 + 65) * MS
+
+
 def test_the_identifiers_of_a_pe_given_up_although_it_speaks_wait_for_its_lease_to_run_out(
     exclusion: Exclusion,
 ) -> None:

@@ -271,6 +271,25 @@ def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
     demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"others go {waited_ns / MS} ms after the last ALIVE that named it")
 
 
+def a_jump_of_the_clock_frees_nothing() -> None:
+    """Who counts as lost at once, since the manager's clock has jumped, sends for as long as if it had not."""
+    manager = ManagerUnderTest(example("fail_over")).flies()
+    host = next(pe for pe in manager.pes.values() if pe.name in ("left", "right") and pe.runs[1] > 0)
+    silent_since_ns = manager.run_into_next_period(0)
+    manager.run(17)
+    host.speaks = False
+    for pe in manager.pes.values():
+        pe.beat()
+    manager.run(1)
+    manager.manager.jump(5 * PERIOD_NS // 2)
+    began_ns = manager.run(5)
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], [host.name], "who is lost at once")
+    manager.run(400)
+    steps = [(t_ns - silent_since_ns, one.step) for t_ns, one in manager.said(Activate, began_ns)]
+    equal([step for _, step in steps], [Step.BREAK, Step.GO_ALL], "steps")
+    demand(steps[-1][0] >= PERIOD_NS * 13 // 4, f"others go {steps[-1][0] / MS} ms after its last word")
+
+
 def who_runs_nothing_any_more_is_not_waited_for() -> None:
     """A PE that says so has let go of all that it had, although it is the same incarnation."""
     manager = ManagerUnderTest(example("fail_over")).flies()
@@ -447,6 +466,7 @@ DRILLS = (
     what_is_late_frees_nothing,
     a_silent_driver_is_given_t_lease,
     who_speaks_and_is_given_up_is_given_t_lease_too,
+    a_jump_of_the_clock_frees_nothing,
     who_runs_nothing_any_more_is_not_waited_for,
     a_silent_stranger_may_drive_whatever_it_could,
     who_has_let_go_is_not_waited_for,
