@@ -9,8 +9,9 @@ they keep nothing that would have to be put in order, and end by themselves when
 
 import os
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, connection, get_context, parent_process
@@ -21,6 +22,7 @@ from typing import NoReturn, TypeVar
 from heronry_tools.errors import UserError
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 _ENDS = (signal.SIGINT, signal.SIGTERM)
 _TERMINATED = 128 + signal.SIGTERM
@@ -63,6 +65,16 @@ def held_back() -> Iterator[None]:
             signal.signal(number, handler)
         if came:
             signal.raise_signal(came[0])
+
+
+def in_order(asked: deque[Future[R]]) -> Iterator[R]:
+    """Give the results of what was given to processes, in this order, and keep none of them.
+
+    As `Executor.map` does, but what nobody waits for any more is not cancelled: where processes are killed as well, the
+    executor's thread ends with a traceback, since it cannot say so of what is cancelled (Python 3.11).
+    """
+    while asked:
+        yield asked.popleft().result()
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:

@@ -9,6 +9,7 @@ disagreement is printed, and makes the exit code 1.
 
 import argparse
 import sys
+from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from itertools import islice
@@ -23,6 +24,7 @@ from heronry_tools.campaign.crew import crew
 from heronry_tools.campaign.cut_sets import cut_sets
 from heronry_tools.check.servable import Planning, without_limits
 from heronry_tools.errors import exit_code
+from heronry_tools.processes import in_order
 from heronry_tools.progress import Progress
 from heronry_tools.spec_argument import spec_path
 
@@ -61,7 +63,7 @@ def _enumerated(
     if executor is None:
         answers = (lost_by_enumeration(spec, function, part) for part in parts)
     else:
-        answers = executor.map(lost_by_enumeration, [spec] * len(parts), [function] * len(parts), parts)
+        answers = in_order(deque(executor.submit(lost_by_enumeration, spec, function, part) for part in parts))
     for part, lost in zip(parts, answers, strict=True):
         yield from zip(part, lost, strict=True)
 

@@ -9,14 +9,14 @@ Processes share nothing: each loads the spec once, and keeps the plans it has ma
 
 import gc
 import os
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_tools.processes import held_back, processes
+from heronry_tools.processes import held_back, in_order, processes
 from heronry_tools.simulator.act import KINDS, drawn_kinds
 from heronry_tools.simulator.protocol_state import ORPHANED, STATES
 from heronry_tools.simulator.scenario import Outcome
@@ -44,7 +44,7 @@ def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spe
         return
     with processes(jobs, _begin, spec_file) as executor:
         with held_back():
-            flown = executor.map(_Flier(fly), flights)
+            flown = in_order(deque(executor.submit(_Flier(fly), flight) for flight in flights))
         yield from flown
 
 
