@@ -16,9 +16,9 @@ class Solitude:
 
     def __init__(self, spec: Spec) -> None:
         """Everybody has heard somebody."""
-        self._on = {bus: [pe for pe in spec.pes if uplink_bus(spec, pe) == bus] for bus in spec.buses}
-        periods_ns = {name: bus.heartbeat_ns for name, bus in spec.buses.items()}
-        self._silence_ns = {bus: LEASE_PERIODS * ns * (10**6 - _SLOWER_PPM) // 10**6 for bus, ns in periods_ns.items()}
+        self._on = {bus: {pe for pe in spec.pes if uplink_bus(spec, pe) == bus} for bus in spec.buses}
+        lease_ns = {name: LEASE_PERIODS * bus.heartbeat_ns for name, bus in spec.buses.items()}
+        self._silence_ns = {bus: ns * (10**6 - _SLOWER_PPM) // 10**6 for bus, ns in lease_ns.items()}
         self._last: dict[str, tuple[str, int, int]] = {}  # by bus: who spoke last, when, and when anybody else did
         self._spoke_ns: dict[tuple[str, str], int] = {}  # by bus and speaker
         self._incarnations: dict[str, int] = {}
@@ -33,12 +33,11 @@ class Solitude:
         last, last_ns, other_ns = self._last.get(bus, (speaker, t_ns, t_ns))
         silence_ns = self._silence_ns[bus]
         if t_ns - self._spoke_ns.get((bus, speaker), t_ns) >= silence_ns:
-            self._end(t_ns, bus, speaker)
+            self._end(t_ns, {speaker} & self._on[bus])
         if t_ns - last_ns >= silence_ns:
-            for pe in self._on[bus]:
-                self._end(t_ns, bus, pe)
+            self._end(t_ns, self._on[bus])
         elif speaker != last and t_ns - other_ns >= silence_ns:
-            self._end(t_ns, bus, last)
+            self._end(t_ns, {last} & self._on[bus])
         self._spoke_ns[bus, speaker] = t_ns
         self._last[bus] = (speaker, t_ns, other_ns if speaker == last else last_ns)
 
@@ -46,13 +45,11 @@ class Solitude:
         """A PE says which incarnation it is."""
         if self._incarnations.setdefault(pe, incarnation) != incarnation:
             self._incarnations[pe] = incarnation
-            self._ended_ns[pe] = t_ns
+            self._end(t_ns, {pe})
 
     def split(self, t_ns: int, bus: str) -> None:
         """A bus is broken in the middle, or whole again."""
-        for pe in self._on[bus]:
-            self._end(t_ns, bus, pe)
+        self._end(t_ns, self._on[bus])
 
-    def _end(self, t_ns: int, bus: str, pe: str) -> None:
-        if pe in self._on[bus]:
-            self._ended_ns[pe] = t_ns
+    def _end(self, t_ns: int, pes: set[str]) -> None:
+        self._ended_ns |= dict.fromkeys(pes, t_ns)

@@ -27,10 +27,10 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
 from heronry_wire.management import PeFlags, PeState, StatePage0
 
-_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
 End = Callable[[], None]
 
 _OF_ONE_ELEMENT = ("element", "pe", "gateway", "module", "device", "channel", "twin_pe")
+_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
 _INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
