@@ -25,7 +25,6 @@ class Announcer:
         """Give what is to be told with this beat."""
         self._beat += 1
         facts = self._facts()
-        self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
         fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
         if fact is None or (fact in self._told and self._beat % ANNOUNCED_EVERY):
             return None
@@ -34,15 +33,16 @@ class Announcer:
 
     def phase(self) -> Fact | None:
         """Give the phase, if that is to be told at once: nobody has been told of it."""
-        new = [fact for fact in self._phase() if fact not in self._told]
+        facts = self._facts()
+        new = [fact for fact in facts if fact[0] is ElementKind.PHASE and fact not in self._told]
         self._told |= dict.fromkeys(new, self._beat)
         return new[0] if new else None
 
-    def _phase(self) -> list[Fact]:
-        phase = self._situation.phase
-        return [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
-
     def _facts(self) -> list[Fact]:
-        facts = self._phase()
+        """What is held now; what is not was told of another time, and is news if it is held again."""
+        phase = self._situation.phase
+        facts: list[Fact] = [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
         places = map(self._situation.failed.place, self._situation.failed.elements)
-        return facts + sorted(place for place in places if place is not None)
+        facts += sorted(place for place in places if place is not None)
+        self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
+        return facts

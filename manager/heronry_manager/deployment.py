@@ -227,8 +227,8 @@ class Deployment:
         self._observed[pe].configured = False
 
     def lost(self, pe: str) -> None:
-        """A PE is no longer counted on."""
-        self._observed[pe] = Observed()
+        """A PE is no longer counted on. What it has said last that it runs, it may run still."""
+        self._observed[pe] = Observed(epoch=self._observed[pe].epoch)
         if self.current is not None:
             self.current.drop(pe)
 

@@ -5,15 +5,16 @@
     epochs   in blocks of EPOCHS_PER_TERM; a reign begins with the block of its term, and takes every second one from
              there on. So two managers that reign on both sides of a broken bus give no number twice either
 
-An epoch is also newer than any that a PE was seen to run. A block is reserved (`memory`) before its first number is
-used: whoever restarts goes on behind all that he may have used. Epochs are counted modulo 2^16 (`is_newer`).
+An epoch is also newer than any that a PE was seen to run, and than what is remembered to run: whoever is silent may
+hear and drive as before, and believes nothing older. A block is reserved (`memory`) before its first number is used:
+whoever restarts goes on behind all that he may have used. Epochs are counted modulo 2^16 (`is_newer`).
 """
 
 from heronry_manager.memory import EPOCHS, Reserved
 from heronry_manager.turn import Turn
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import FIRST_MANAGER
-from heronry_wire.management import MAX_TERM, newest_epoch, next_epoch
+from heronry_wire.management import MAX_TERM, NO_EPOCH, newest_epoch, next_epoch
 
 EPOCHS_PER_TERM = 16
 _BLOCKS = 0x10000 // EPOCHS_PER_TERM
@@ -46,7 +47,8 @@ class EpochNumbers:
 
     def next(self, newest_seen: int) -> int:
         """Give a number that is newer than any before, and than the newest that a PE was seen to run."""
-        epoch = next_epoch(newest_epoch((self.last, newest_seen)))
+        runs = self._turn.memory.runs
+        epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
         if (_block_of(epoch) - (self._turn.term - 1)) % 2:
             epoch = _first_of(_block_of(epoch) + 1)
         if _block_of(epoch) != self._block:

@@ -37,6 +37,18 @@ def test_an_epoch_that_ran_is_known_again_although_another_one_has_its_low_byte(
     assert commanded.current.number == 1
 
 
+def test_what_a_higher_term_takes_over_before_anybody_has_activated_it_is_adopted() -> None:
+    """A deposed manager has activated 1; what runs by that, beyond a radio, is for whoever reigns next to adopt."""
+    commanded = Commanded(load(shipped_spec_path("big_blue")))
+    for message in (Prepare(1, 1, 5), Activate(1, 1, Step.GO_ALL, 5)):
+        commanded.take(0, message, reigns=False)
+    commanded.take(0, Prepare(3, 2, 6))
+    commanded.take(0, Activate(3, 2, Step.GO_ALL, 6))
+    commanded.take(0, Lease(4, 1, Step.GO_ALL, 5))
+    commanded.take(0, Lease(4, 2, Step.GO_ALL, 6))
+    assert [commanded.epochs[epoch].is_adopted for epoch in (1, 2)] == [True, False]
+
+
 def test_slices_of_an_epoch_are_not_judged_because_another_one_has_had_its_number() -> None:
     """A manager whose disk took nothing may begin again with numbers that it has used."""
     commanded = Commanded(load(shipped_spec_path("elevator_and_chute")))

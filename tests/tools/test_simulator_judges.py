@@ -256,7 +256,7 @@ def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(servi
 
 def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
     """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
-    epoch = Epoch(2, 0, 5 * S, contingency=3, configuration=Configuration())
+    epoch = Epoch(2, 0, 5 * S, 1, contingency=3, configuration=Configuration())
     epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
     service.activated(5 * S + MS, epoch, None)
     assert service.violations == []
@@ -279,12 +279,21 @@ def test_who_took_part_is_not_known_where_the_manager_dies_first(service: Servic
     assert called(service, 6 * S, PES) == []
 
 
+def test_who_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
+    service.alive(4 * S, PES)
+    for is_adopted in (True, False):
+        epoch = Epoch(2, 0, 5 * S, 1, configuration=Configuration(), is_adopted=is_adopted)
+        epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
+        service.activated(5 * S + MS, epoch, None)
+        assert bool(service.violations) is not is_adopted
+
+
 def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_have_taken_part() -> None:
     spec = load(Path(__file__).parent.parent / "scenarios" / "fast_far_bus.dg.yaml")  # ALIVE every 220 ms, f1 every 20
     for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
         service = ServiceCheck(spec)
         service.alive(4 * S, frozenset(spec.pes))
-        epoch = Epoch(2, 0, 5 * S, contingency=3, configuration=Configuration())
+        epoch = Epoch(2, 0, 5 * S, 1, contingency=3, configuration=Configuration())
         epoch.staged.update(pe.node_id for pe in spec.pes.values())
         service.activated(5 * S + MS, epoch, None)
         service.alive(alive_ns, frozenset(spec.pes))
@@ -354,7 +363,7 @@ def test_what_a_pe_has_told_is_unknown_to_the_next_reign_if_it_may_have_missed_a
 
 def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
     """What is said of an epoch that everybody stages, and that serves nothing."""
-    epoch = Epoch(2, 0, prepared_ns, configuration=Configuration())
+    epoch = Epoch(2, 0, prepared_ns, 1, configuration=Configuration())
     epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
     service.activated(activated_ns, epoch, None)
     return [violation.story for violation in service.violations]
@@ -629,6 +638,15 @@ def test_what_a_deposed_manager_promises_binds_nobody_who_reigns() -> None:
     check.ordered(3 * S, "glide", 5)
     assert tells(check, 4 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was glide"]
     assert begun == ["glide", "ascent", "glide"]
+
+
+def test_what_a_lower_term_tells_where_the_higher_one_is_silent_counts_for_nothing() -> None:
+    check, begun = phases(of_two=True)
+    assert tells(check, 0, "ascent", term=4) == []
+    check.ordered(S, "landing", 5)
+    assert tells(check, 2 * S, "ascent", term=4) == []
+    assert (check.current, begun) == ("landing", ["landing"])
+    assert tells(check, 3 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was landing"]
 
 
 def turns(*handovers: tuple[int, int]) -> list[str]:

@@ -400,6 +400,25 @@ def it_adopts_what_runs() -> None:
     equal(manager.lease().step, Step.GO_ALL, "its step")
 
 
+def what_is_adopted_is_newest_even_if_who_ran_it_is_gone() -> None:
+    """Whoever comes next gets a newer epoch, wherever this manager's own numbers begin."""
+    first = ManagerUnderTest()
+    manager = ManagerUnderTest()
+    for one in (first, manager):
+        for name in ("tail_a", "tail_b"):
+            one.pes[name].speaks = False
+    first.run(5500)
+    runs, played = first.pes["flight"], manager.pes["flight"]
+    played.epoch, played.digest, played.state, played.runs = 40, runs.digest, runs.state, runs.runs
+    manager.run(5500)
+    equal([one["epoch"] for one in manager.told("adopted")], [40], "adopted")
+    began_ns = _asks_anew(manager, "flight")
+    manager.pes["tail_a"].speaks = True
+    manager.run(600)
+    epochs = [one.epoch for _, one in manager.said(Prepare, began_ns)]
+    demand(bool(epochs) and min(epochs) > 40, f"epochs after 40 was adopted: {epochs}")
+
+
 def it_adopts_nothing_that_is_not_clean() -> None:
     """One PE with another digest, in another epoch, or not ACTIVE: a new epoch, newer than all that is run."""
     first = ManagerUnderTest().flies()
@@ -474,6 +493,7 @@ DRILLS = (
     who_has_staged_what_was_given_up_gets_a_newer_one,
     who_runs_what_nobody_commanded_is_failed,
     it_adopts_what_runs,
+    what_is_adopted_is_newest_even_if_who_ran_it_is_gone,
     it_adopts_nothing_that_is_not_clean,
     a_foreseen_fault_is_called_by_its_number,
     epochs_of_a_term_begin_with_its_block,

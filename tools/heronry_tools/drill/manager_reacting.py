@@ -216,6 +216,22 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(node, manager.pes[pe].node, "node")
 
 
+def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
+    """Each time that it changes, also when it comes back to what it was within one beat."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    manager.run_into_next_period(15)
+    began_ns, pe = manager.now_ns, next(iter(manager.pes))
+    asked = ((1, 1), (0, 2), (1, 3), (1, 4))
+    for index, number in asked:
+        manager.emergency(pe, _PHASE, index, number, FaultCode.PHASE_REQUEST)
+    manager.run(4)
+    said = [(one.operation, one.b) for _, one in manager.said(Control, began_ns) if one.a == _PHASE]
+    told = [(Operation.HOLDS, 1), (Operation.HOLDS, 0), (Operation.HOLDS, 1), None]
+    pairs = zip(told, asked, strict=True)
+    wanted = [one for holds, (_, n) in pairs for one in (holds, (Operation.ACKNOWLEDGE, n)) if one is not None]
+    equal(said, wanted, "what is said of phases within a beat")
+
+
 def it_tells_what_it_holds() -> None:
     """What is new with the next beat, then one fact with every fifth: phase and latched faults, in turn."""
     manager = ManagerUnderTest(example("phases")).flies()
@@ -488,6 +504,7 @@ DRILLS = (
     orders_that_name_nothing_are_refused,
     what_stopped_by_itself_is_started_by_another_epoch,
     a_phase_is_entered_by_whoever_may,
+    a_phase_that_is_asked_for_is_told_before_the_answer,
     it_tells_what_it_holds,
     a_planner_that_fails_is_asked_again,
     what_was_planned_at_once_is_bettered_at_leisure,

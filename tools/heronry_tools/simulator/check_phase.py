@@ -9,7 +9,8 @@ A new reign knows what it remembers, or has heard while it stood by, and may hav
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
 phase as it was, or one that is still requested; else also one that was left before, and a request that was acknowledged
 in an earlier term may count again, if that reign tells so. Who has begun a higher term, and was not heard for a while,
-need not know what a deposed manager has promised meanwhile: no PE has obeyed it.
+need not know what a deposed manager has promised meanwhile: no PE has obeyed it. Nor does who goes on in a lower term,
+because it hears nobody, know in which phase a higher one was that has fallen silent; what it tells counts for nothing.
 """
 
 from collections.abc import Callable
@@ -112,6 +113,8 @@ class PhaseCheck:
         return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
 
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
+        if term < self._entered_term:
+            return
         is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
             self._entered_term = max(term, self._entered_term)

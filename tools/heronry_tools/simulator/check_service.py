@@ -7,7 +7,7 @@ Twice:
   the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
   before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
   said by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late that who is
-  named in it may have been lost and have joined again.
+  named in it may have been lost and have joined again. Who adopts what runs drops nothing by that.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -175,6 +175,8 @@ class ServiceCheck:
 
     def activated(self, t_ns: int, epoch: Epoch, phase: str | None) -> None:
         """An epoch has been activated."""
+        if epoch.is_adopted:
+            return
         if epoch.contingency:
             self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
         else:

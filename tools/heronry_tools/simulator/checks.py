@@ -172,6 +172,7 @@ class Checks:
     def manager_died(self, t_ns: int, station: str) -> None:
         """A manager has died, and left its journal."""
         self._journals.died(t_ns, station)
+        self._terms.died(station)
 
     def declared(self, t_ns: int, element: str) -> None:
         """The operator has declared that an element has failed, and a manager plans without it."""

@@ -6,7 +6,8 @@ board under it, for whoever gets no head. While a new epoch is prepared, who is 
 that one: their commands come in turn, and each names its epoch. From the first ACTIVATE of the epoch on the slices
 become a configuration again, as soon as they are all there: nobody waits for a PE beyond a radio, and its slice may
 come later.
-What a manager prepares that does not reign is kept apart: nobody need follow it, and whoever reigns later may adopt it.
+What a manager prepares that does not reign is kept apart: nobody need follow it, and whoever reigns later may adopt it,
+by naming in his own term what was prepared in a lower one.
 Nothing here asks a manager: a slice that was never on the bus cannot be put together.
 """
 
@@ -60,11 +61,13 @@ class Epoch:
     number: int
     digest: int
     prepared_ns: int
+    term: int  # that prepared it first
     contingency: int = 0
     heads: dict[int, SliceHead] = field(default_factory=dict)  # by node: who gets a slice
     bodies: dict[int, dict[int, bytes]] = field(default_factory=dict)
     staged: set[int] = field(default_factory=set)  # nodes that have said so
     activated_ns: int | None = None  # when that was commanded first
+    is_adopted: bool = False  # by a higher term, before any other one that reigned had activated it
     configuration: Configuration | None = None
     flaw: str | None = None  # why there is none, and will not be
 
@@ -106,7 +109,9 @@ class Commanded:
         epoch = prepared.get(_low(message))
         match message:
             case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
-                prepared[message.epoch & 0xFF] = Epoch(message.epoch, message.digest, t_ns, message.contingency)
+                prepared[message.epoch & 0xFF] = Epoch(
+                    message.epoch, message.digest, t_ns, message.term, message.contingency
+                )
                 return None
             case SliceHead() if epoch is not None:
                 epoch.heads[message.node] = message
@@ -118,7 +123,8 @@ class Commanded:
                 epoch = next((one for one in self._named(message.epoch) if (one.number, one.digest) == named), None)
                 if epoch is not None:
                     self.epochs[epoch.number] = self.current = self._prepared[epoch.number & 0xFF] = epoch
-                    epoch.activated_ns = t_ns if epoch.activated_ns is None else epoch.activated_ns
+                    if epoch.activated_ns is None:
+                        epoch.activated_ns, epoch.is_adopted = t_ns, message.term > epoch.term
         if epoch is None or epoch.configuration is not None or epoch.flaw:
             return None
         if self.epochs.get(epoch.number) is not epoch:  # one of that number may have run, and be another
