@@ -49,6 +49,7 @@ from heronry_manager.topology import reached_by_wire
 from heronry_manager.turn import Turn
 from heronry_wire.management import (
     COMMAND_OF,
+    NO_EPOCH,
     Lease,
     PeState,
     Reason,
@@ -110,6 +111,7 @@ class Deployment:
         self._wired = reached_by_wire(spec)
         self._transitions = Transitions(spec)
         self._observed = {pe: Observed() for pe in spec.pes}
+        self._newest_lost = NO_EPOCH  # newest epoch that some PE ran when it was lost
         self._before = Configuration()  # what ran before the current epoch
         self.numbers = EpochNumbers(turn)
         self._code = ConfigurationCode(spec)
@@ -140,7 +142,7 @@ class Deployment:
 
     def _newest_seen(self) -> int:
         """Newest epoch that a PE has said it runs, whether it is counted on or not."""
-        return newest_epoch(seen.epoch for seen in self._observed.values())
+        return newest_epoch((self._newest_lost, *(seen.epoch for seen in self._observed.values())))
 
     def seen(self, pe: str) -> Observed:
         """What a PE said last that it runs."""
@@ -228,7 +230,8 @@ class Deployment:
 
     def lost(self, pe: str) -> None:
         """A PE is no longer counted on. What it has said last that it runs, it may run still."""
-        self._observed[pe] = Observed(epoch=self._observed[pe].epoch)
+        self._newest_lost = newest_epoch((self._newest_lost, self._observed[pe].epoch))
+        self._observed[pe] = Observed()
         if self.current is not None:
             self.current.drop(pe)
 
