@@ -8,8 +8,8 @@
 - Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
   epoch of a term never takes up, later, one of a lower term. It says so itself: a gateway may hand its states on out of
   order. (An epoch that a later reign adopts stays the one it was.)
-- Who has let an epoch go does not turn to an older one in the same term; unless it has died since, and has lost its
-  journal, and found nobody who runs anything.
+- In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
+  found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
   but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
   the other one takes: what one of them prepared first may be another epoch of the other one (`copied`).
@@ -23,7 +23,6 @@ from heronry_tools.simulator.violation import Violation
 from heronry_wire.management import (
     LEASE_PERIODS,
     NO_EPOCH,
-    Activate,
     Lease,
     ManagementMessage,
     Prepare,
@@ -44,7 +43,7 @@ class TermCheck:
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
-        self._let_go: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
+        self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
         self._reign = ReigningTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
@@ -73,8 +72,8 @@ class TermCheck:
         self._own[station] = max(term, self._own.get(station, 0))
         if isinstance(message, Prepare):
             self._prepares(t_ns, station, message)
-        if isinstance(message, Prepare | Activate | Lease) and message.epoch != NO_EPOCH:
-            self._turns_to(t_ns, station, message)
+        elif isinstance(message, Lease) and message.epoch != NO_EPOCH:
+            self._leases(t_ns, station, message)
         return self._reign.named(t_ns, term, station)
 
     def tagged(self, t_ns: int, station: str) -> None:
@@ -94,16 +93,14 @@ class TermCheck:
 
     def died(self, station: str) -> None:
         """A manager has died: whoever is started there may know nothing."""
-        self._let_go.pop(station, None)
+        self._leased.pop(station, None)
 
-    def _turns_to(self, t_ns: int, station: str, message: Prepare | Activate | Lease) -> None:
-        """A manager goes on to an epoch, or stays in it."""
-        term, before = self._let_go.get(station, (message.term, message.epoch))
+    def _leases(self, t_ns: int, station: str, message: Lease) -> None:
+        """A manager repeats what runs, or goes on to what runs next."""
+        term, before = self._leased.get(station, (message.term, message.epoch))
         if term == message.term and is_newer(before, message.epoch):
-            story = f"{station} turns to epoch {message.epoch} in term {term}, after epoch {before}"
-            self._tell(t_ns, "reign", story)
-        if not isinstance(message, Prepare):
-            self._let_go[station] = message.term, message.epoch
+            self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
+        self._leased[station] = message.term, message.epoch
 
     def _prepares(self, t_ns: int, station: str, message: Prepare) -> None:
         by, first = self._prepared.setdefault(message.epoch, (station, message))
