@@ -1,8 +1,9 @@
 """What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
 
-One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. A phase
-that a PE has asked for is told before the answer to that. A PE obeys none of it; a standby that has missed a fact hears
-it again, and believes no longer in what it has not heard for some turns (`known_situation`).
+One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before each
+answer to a request for a phase goes the phase, also if it was told before: a standby that was started since knows only
+what its journal says. A PE obeys none of it; a standby that has missed a fact hears it again, and believes no longer in
+what it has not heard for some turns (`known_situation`).
 """
 
 from heronry_dg.model import Spec
@@ -24,7 +25,7 @@ class Announcer:
     def next(self) -> Fact | None:
         """Give what is to be told with this beat."""
         self._beat += 1
-        facts = self._facts()
+        facts = self.look()
         fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
         if fact is None or (fact in self._told and self._beat % ANNOUNCED_EVERY):
             return None
@@ -32,17 +33,18 @@ class Announcer:
         return fact
 
     def phase(self) -> Fact | None:
-        """Give the phase, if that is to be told at once: nobody has been told of it."""
-        facts = self._facts()
-        new = [fact for fact in facts if fact[0] is ElementKind.PHASE and fact not in self._told]
-        self._told |= dict.fromkeys(new, self._beat)
-        return new[0] if new else None
+        """Give the phase, to be told at once."""
+        phase = self._phase()
+        self._told |= dict.fromkeys(phase, self._beat)
+        return phase[0] if phase else None
 
-    def _facts(self) -> list[Fact]:
-        """What is held now; what is not was told of another time, and is news if it is held again."""
-        phase = self._situation.phase
-        facts: list[Fact] = [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]
+    def look(self) -> list[Fact]:
+        """Give what is held now. What is not was told of another time, and is news if it is held again."""
         places = map(self._situation.failed.place, self._situation.failed.elements)
-        facts += sorted(place for place in places if place is not None)
+        facts = self._phase() + sorted(place for place in places if place is not None)
         self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
         return facts
+
+    def _phase(self) -> list[Fact]:
+        phase = self._situation.phase
+        return [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]

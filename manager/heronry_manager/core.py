@@ -643,7 +643,9 @@ class ManagerCore:
             return Reply(said.number, done=False, sentence=f"this manager only stands by: {where}")
         if self._reign is Reign.LISTENING:
             return Reply(said.number, done=False, sentence="the manager has just started and still listens: try again")
-        return self._orders.obey(said.number, said.order)
+        reply = self._orders.obey(said.number, said.order)
+        self._announcer.look()  # what this has ended may begin again before the next beat
+        return reply
 
     def status(self) -> dict[str, Any]:
         """Everything the manager knows, as plain data (`status`)."""

@@ -197,7 +197,8 @@ class Deployment:
             return "it runs nothing although it was configured"
         if known is not None and known.compiled.digest == page.digest:
             seen.configured = True
-            self._exclusion.reported(pe, known.placed)
+            newer = (one.placed for one in self._epochs.values() if is_newer(one.epoch, known.epoch))
+            self._exclusion.reported(pe, known.placed, *newer)
             known.reported(pe, page.state, self._turn.now_ns)
         elif seen.configured:
             return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded"

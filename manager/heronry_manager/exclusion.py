@@ -5,7 +5,8 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
 
     gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
              is found running what another manager gave it
-    keeps    only those, once it has reported that epoch (it is BROKEN or further)
+    keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer ones: while it
+             reports an older epoch it may be about to take them up, and say no more
     loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
              lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
              gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
@@ -93,9 +94,9 @@ class Exclusion:
         for pe, tokens in placed.items():
             self._holds[pe] |= tokens
 
-    def reported(self, pe: str, placed: Mapping[str, set[str]]) -> None:
-        """A PE has reported the epoch of these tokens: it has stopped everything else."""
-        self._holds[pe] = set(placed[pe])
+    def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
+        """A PE has reported the epoch of the first tokens: it has stopped everything else, and may take up the rest."""
+        self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
 
     def rebooted(self, pe: str) -> None:
         """A PE returned as a new incarnation, or says that it runs nothing."""

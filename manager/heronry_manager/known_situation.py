@@ -136,7 +136,8 @@ class KnownSituation:
 
     def requested(self, pe: str, request: Emergency) -> bool:
         """A PE asks for a phase; tells whether that was heard."""
-        if not self._health.is_counted_on(pe) or not self._mission.knows(request.index):
+        is_known = self._health.is_counted_on(pe) and self._health.incarnation(pe) is not None
+        if not is_known or not self._mission.knows(request.index):
             return False
         if self._request_obeyed(pe, request.detail) and self._mission.allows(request.index, request.detail):
             self.enter(list(self._spec.phases)[request.index], pe)

@@ -20,7 +20,8 @@ unless that is a module which it would run (`tell_again`).
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
 
-Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet. Late or doubled, nothing. After
+Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet, and another one if a new reign
+begins before the fault is found again: that is told what stayed told here. Late or doubled, nothing. After
 a pause what is due is sent once. Forged: an acknowledgement silences a fault for a second. A restart forgets
 everything, and so does nobody else.
 """
@@ -126,7 +127,7 @@ class Faults:
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
             self._quiet_until_ns[key] = now_ns + QUIET_NS
-            if key[1:] in self._told:
+            if key[0] is not FaultCode.MODULE_RESTARTED and key[1:] in self._told:
                 self._told[key[1:]] = (self._told[key[1:]][0], now_ns)
         self._drop(heard)
         return bool(heard)

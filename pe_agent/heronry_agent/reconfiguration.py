@@ -114,8 +114,11 @@ class Reconfiguration:
         return True
 
     def forgive(self, modules: Iterable[int]) -> Moves:
-        """Let modules that have failed run again, as far as the present step goes."""
-        self.failed -= set(modules)
+        """Let modules that have failed run again, as far as the present step goes; what would rest goes on resting."""
+        forgiven = self.failed.intersection(modules)
+        self.failed -= forgiven
+        if self.resting:
+            self.resting |= self.running.slice.expendable & forgiven
         start = self._startable() if self.step >= Step.GO else ()
         self.live.update(start)
         return Moves(start=start)

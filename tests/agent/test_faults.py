@@ -20,14 +20,24 @@ from agent.one_pe import (
     neighbour_state,
     sent,
 )
-from heronry_agent.faults import QUIET_NS
+from heronry_agent.faults import QUIET_NS, Faults
 from heronry_agent.schedule import OVERRUNS_IN_A_ROW, Schedule
 from heronry_agent.vocabulary import Action, Note, Stepped
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, emergency_event_id
-from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step, decode_emergency
+from heronry_wire.management import (
+    RESTART_HEARD,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    Step,
+    decode_emergency,
+)
 
 LEFT = 1  # the servo, as a device of the table
 CRITICAL = replace(TABLE, flight_critical=("device:left",))
@@ -173,3 +183,14 @@ def test_what_was_found_in_a_silence_and_acknowledged_after_it_is_told_to_the_ne
     pe.reports.clear()
     (told,) = emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))
     assert (told.kind, told.index) == ABOUT_LEFT
+
+
+def test_that_a_restart_was_heard_makes_no_fault_younger() -> None:
+    """It was found, and acknowledged, before this PE was alone: that it was cleared may have been missed."""
+    faults = Faults(NODE, BEAT_NS)
+    faults.found(FaultCode.MODULE_EXCEPTION, ElementKind.MODULE, MONITOR, 0, 0)
+    faults.acknowledge(ElementKind.MODULE, MONITOR, MS)
+    faults.found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, MONITOR, 1, 20 * MS)
+    assert faults.acknowledge(ElementKind.MODULE | RESTART_HEARD, MONITOR, 21 * MS)
+    assert faults.tell_all_again(10 * MS, 30 * MS) == []
+    assert len(faults.tell_all_again(MS, 30 * MS)) == 1

@@ -112,6 +112,19 @@ def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_o
     assert "says HOLDS of module:" in check.violations[0].story
 
 
+def test_a_phase_that_another_command_has_shown_to_be_over_may_wait_in_a_frame() -> None:
+    """The judge has looked at the journal since; what was the phase a few records ago may still be told."""
+    started = whole_journal(big_blue(), memory(*WHOLE, PhaseEntered(PHASES[0])))
+    number = len(memory(*WHOLE, PhaseEntered(PHASES[0])).records()) + 1
+    after = started + written(number, as_json(PhaseEntered(PHASES[1])))
+    check = JournalCheck(big_blue(), lambda _: after)
+    check.commanded(0, "manager 126", Lease(3, 33, Step.GO_ALL, 7))
+    check.commanded(1, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0))
+    assert check.violations == []
+    check.commanded(2, "manager 126", Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))
+    assert f"holds phase {PHASES[2]}" in check.violations[0].story
+
+
 @pytest.mark.parametrize(
     ("message", "lacks", "story"),
     [

@@ -257,6 +257,29 @@ def a_silent_driver_is_given_t_lease() -> None:
     demand(abs(waited_ns - LEASE_NS) < 3 * MS, f"GO_ALL comes {waited_ns / MS} ms after the last ALIVE that named it")
 
 
+def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
+    """A page 0 that was on its way at ACTIVATE is the last that is heard: T_lease for what it may take up now."""
+    manager = ManagerUnderTest().flies()
+    servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
+    for servo in servos:
+        manager.obey(FailElement(servo))
+    manager.run(300)
+    driver = manager.pes["tail_a"]
+    driver.steps = False
+    began_ns = manager.run_into_next_period(12)
+    for servo in servos:
+        manager.obey(ClearElement(servo))
+    manager.until(lambda: bool(manager.said(Activate, began_ns)), 200, "nothing is activated")
+    driver.beat()
+    manager.run(0.3)
+    driver.speaks = False
+    manager.run(300)
+    named_ns = [t_ns for t_ns, one in manager.said(Alive) if driver.node in one.nodes][-1]
+    epoch = manager.lease().epoch
+    gone = [t_ns for t_ns, one in manager.said(Activate) if (one.epoch, one.step) == (epoch, Step.GO_ALL)]
+    demand(gone[0] >= named_ns + LEASE_NS, f"the DEMUX goes {(gone[0] - named_ns) / MS} ms after the last ALIVE")
+
+
 def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
     """Before anybody sends under the identifiers of its modules: it goes on until it hears an ALIVE without it."""
     manager = ManagerUnderTest(example("fail_over")).flies()
@@ -484,6 +507,7 @@ DRILLS = (
     what_is_driven_breaks_before_it_makes,
     what_is_late_frees_nothing,
     a_silent_driver_is_given_t_lease,
+    who_says_once_more_what_it_ran_before_may_drive_what_comes,
     who_speaks_and_is_given_up_is_given_t_lease_too,
     a_jump_of_the_clock_frees_nothing,
     who_runs_nothing_any_more_is_not_waited_for,

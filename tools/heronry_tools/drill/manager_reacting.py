@@ -216,8 +216,47 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(node, manager.pes[pe].node, "node")
 
 
+def who_has_not_told_its_incarnation_is_not_answered() -> None:
+    """A request is counted in an incarnation: one that comes between a first page 1 and page 0 is repeated."""
+    manager = ManagerUnderTest(example("phases"))
+    pe = manager.pes["flight"]
+    pe.speaks = False
+    began_ns = manager.run(300)
+    pe.answer()
+    for answered in (False, True):
+        manager.emergency("flight", _PHASE, 1, 1, FaultCode.PHASE_REQUEST)
+        manager.run(5)
+        said = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+        equal(bool(said), answered, "whether a request is answered")
+        pe.speaks = True
+        manager.run(50)
+    equal([one["phase"] for one in manager.told("phase_changed")], [list(manager.spec.phases)[1]], "phases entered")
+
+
+def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> None:
+    """Who stands by has heard CLEAR; the other facts that it holds wait."""
+    manager = ManagerUnderTest().flies()
+    servo = "device:elevator_servo_1"
+    for element in (servo, "device:elevator_servo_2", "device:horizon_sensor", "module:servo_driver_2"):
+        manager.obey(FailElement(element))
+    manager.run(1000)
+
+    def held(since_ns: int) -> list[int]:
+        said = ((t_ns, one) for t_ns, one in manager.said(Control, since_ns) if one.operation is Operation.HOLDS)
+        return [t_ns for t_ns, one in said if (one.a, one.b) == (_DEVICE, 1)]
+
+    told_ns = manager.now_ns
+    manager.until(lambda: bool(held(told_ns)), 3000, "it is not told in turn")
+    manager.run_into_next_period(12)
+    began_ns = manager.now_ns
+    manager.obey(ClearElement(servo))
+    manager.obey(FailElement(servo))
+    manager.run(25)
+    equal(len(held(began_ns)), 1, "how often it is told within a beat")
+
+
 def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
-    """Each time that it changes, also when it comes back to what it was within one beat."""
+    """Each time, also when it comes back within one beat to what it was, or was the same before."""
     manager = ManagerUnderTest(example("phases")).flies()
     manager.run_into_next_period(15)
     began_ns, pe = manager.now_ns, next(iter(manager.pes))
@@ -226,9 +265,8 @@ def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
         manager.emergency(pe, _PHASE, index, number, FaultCode.PHASE_REQUEST)
     manager.run(4)
     said = [(one.operation, one.b) for _, one in manager.said(Control, began_ns) if one.a == _PHASE]
-    told = [(Operation.HOLDS, 1), (Operation.HOLDS, 0), (Operation.HOLDS, 1), None]
-    pairs = zip(told, asked, strict=True)
-    wanted = [one for holds, (_, n) in pairs for one in (holds, (Operation.ACKNOWLEDGE, n)) if one is not None]
+    pairs = (((Operation.HOLDS, phase), (Operation.ACKNOWLEDGE, number)) for phase, number in asked)
+    wanted = [one for pair in pairs for one in pair]
     equal(said, wanted, "what is said of phases within a beat")
 
 
@@ -504,7 +542,9 @@ DRILLS = (
     orders_that_name_nothing_are_refused,
     what_stopped_by_itself_is_started_by_another_epoch,
     a_phase_is_entered_by_whoever_may,
+    who_has_not_told_its_incarnation_is_not_answered,
     a_phase_that_is_asked_for_is_told_before_the_answer,
+    what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next,
     it_tells_what_it_holds,
     a_planner_that_fails_is_asked_again,
     what_was_planned_at_once_is_bettered_at_leisure,

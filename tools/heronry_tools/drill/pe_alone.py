@@ -8,13 +8,24 @@ from heronry_tools.drill.pe_under_test import (
     HEIGHT_ID,
     HELP_ID,
     HELPER,
+    LAMP,
     LEASE_NS,
+    NODE,
     PERIOD_NS,
     TABLE,
     PeUnderTest,
 )
 from heronry_tools.drill.player import MS, demand, equal
-from heronry_wire.management import Lease, PeFlags, PeState, Step
+from heronry_wire.management import (
+    RESTART_HEARD,
+    Control,
+    ElementKind,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Step,
+)
 
 _EPOCH, _DIGEST = 17, 0x111111
 _PART = replace(EVERYTHING, expendable=frozenset((HELPER,)))
@@ -77,6 +88,32 @@ def what_rests_starts_when_it_is_named_again() -> None:
     equal(pe.page_1().load, 100, "load when everything runs again")
 
 
+def what_was_cleared_rests_with_the_others() -> None:
+    """A module that has failed and was cleared is expendable still: a new term that names nothing starts none."""
+    pe = PeUnderTest(replace(TABLE, without_manager="safe_mode")).attended()
+    puppets.pull_all()
+    pe.flies(replace(EVERYTHING, expendable=frozenset((HELPER, LAMP))))
+    helps, puppets.PULLED["helper"] = puppets.PULLED["helper"], puppets.raising
+    pe.run(800)
+    puppets.PULLED["helper"] = helps
+    for operation, kind in (
+        (Operation.ACKNOWLEDGE, ElementKind.MODULE),
+        (Operation.ACKNOWLEDGE, ElementKind.MODULE | RESTART_HEARD),
+        (Operation.CLEAR, ElementKind.MODULE),
+    ):
+        pe.main.command(Control(pe.term, NODE, operation, kind, HELPER))
+        pe.run(5)
+    pe.lease = pe.alive = None
+    pe.run(400)
+    for lease, starts in (
+        (Lease(pe.term + 2, 0, Step.PREPARED, 0), False),
+        (Lease(pe.term + 2, _EPOCH, Step.GO_ALL, _DIGEST), True),
+    ):
+        pe.lease = lease
+        began_ns = pe.run(300)
+        equal(bool(pe.data(HELP_ID, began_ns)), starts, f"what was cleared runs after {lease}")
+
+
 def a_new_configuration_starts_what_it_wants() -> None:
     """Also what rested in the one before; and what rests when its PE breaks is stopped."""
     pe = _flying()
@@ -109,6 +146,7 @@ DRILLS = (
     it_keeps_what_it_runs,
     what_is_expendable_rests_after_t_lease,
     what_rests_starts_when_it_is_named_again,
+    what_was_cleared_rests_with_the_others,
     a_new_configuration_starts_what_it_wants,
     it_rests_again,
 )

@@ -18,8 +18,8 @@ nothing that was said before on the disk that it had at another time.
 
 Not judged: a disk that takes nothing (the caller gives no bytes), who only follows and has said nothing yet, and what a
 deposed manager says (the caller tells nothing of it). A frame that waited may be older than the journal: an epoch is
-then older, and not another; a phase and a fault are as the journal had them when it was last looked at, and a fault may
-have been latched and cleared since, in the last records that are there.
+then older, and not another; a phase and a fault are as the journal had them when it was last looked at, or in one of
+the last records that are there.
 """
 
 from collections.abc import Callable
@@ -81,7 +81,7 @@ class JournalCheck:
         if memory is not None:
             was_so = before is not None and not self._facts(before, message)
             facts = [] if was_so else self._facts(memory, message)
-            if facts and self._was_latched(manager, message):
+            if facts and self._was_held(manager, message):
                 facts = []
             self._tell(t_ns, manager, _numbers(said, memory) + facts)
 
@@ -106,15 +106,14 @@ class JournalCheck:
             self._last_read[manager] = data, memory
         return memory
 
-    def _was_latched(self, manager: str, message: ManagementMessage) -> bool:
-        """Tell whether what a manager HOLDS was latched a few records ago."""
-        match message:
-            case Control(_, _, Operation.HOLDS, kind, _) if kind != ElementKind.PHASE:
-                pass
-            case _:
-                return False
+    def _was_held(self, manager: str, message: ManagementMessage) -> bool:
+        """Tell whether what a manager HOLDS was so a few records ago."""
+        if not isinstance(message, Control) or message.operation is not Operation.HOLDS:
+            return False
         lines = self._last_read[manager][0].splitlines(keepends=True)
         lately = (recovered(b"".join(lines[:end]))[0] for end in range(max(1, len(lines) - _WAITED), len(lines)))
+        if message.a == ElementKind.PHASE:  # of a journal that was written anew the first lines name none
+            return any(memory.phase == self._phases[message.b] for memory in lately)
         return any(not self._facts(memory, message) for memory in lately)
 
     def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
