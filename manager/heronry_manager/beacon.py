@@ -1,8 +1,9 @@
 """What the manager says whatever happens: LEASE and ALIVE every heartbeat period, PINGs, a CANopen heartbeat.
 
 LEASE repeats the epoch and its step, so that a PE that missed ACTIVATE catches up; ALIVE names the PEs counted on, and
-a PE that it does not name drives nothing exclusive (protocol rules 4 and 6). A beat that came late is not made up for:
-two in a row would say nothing new.
+a PE that it does not name drives nothing exclusive (protocol rules 4 and 6). Whoever is counted on no more is left out
+at once, and not with the next beat only: T_lease begins then. A beat that came late is not made up for: two in a row
+would say nothing new.
 """
 
 from heronry_wire.frame import Frame
@@ -28,15 +29,19 @@ class Beacon:
         """Give the frames of one beat."""
         frames = [
             self._send(Command.LEASE, lease.encode()),
-            self._send(Command.ALIVE, Alive(lease.term, self._sequence, alive).encode()),
+            self.alive(lease.term, alive),
             *(self.ping(lease.term, node) for node in sorted(suspects)),
         ]
         if now_ns >= self._canopen_ns:
             frames.append(Send(0, Frame(heartbeat_id(self._node), _OPERATIONAL)))
             self._canopen_ns = now_ns + CANOPEN_HEARTBEAT_NS
-        self._sequence = (self._sequence + 1) % 256
         self.next_ns += ((now_ns - self.next_ns) // self._period_ns + 1) * self._period_ns
         return frames
+
+    def alive(self, term: int, nodes: frozenset[int]) -> Send:
+        """Name the PEs that are counted on."""
+        self._sequence = (self._sequence + 1) % 256
+        return self._send(Command.ALIVE, Alive(term, (self._sequence - 1) % 256, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
         """Ask one PE for its state."""

@@ -191,9 +191,10 @@ class Deployment:
             return None
         known = self._epochs.get(page.epoch)
         if page.state is PeState.UNCONFIGURED:
+            if seen.configured or self.current is None:
+                self._exclusion.rebooted(pe)
             if not seen.configured:
                 return None
-            self._exclusion.rebooted(pe)
             return "it runs nothing although it was configured"
         if known is not None and known.compiled.digest == page.digest:
             seen.configured = True
@@ -315,11 +316,10 @@ class Deployment:
         self._remember(adopted, plan)
         self._exclusion.activated(adopted.placed)  # whoever is missing may still hold what it was given
         for pe in self._health.counted_on():
+            self._exclusion.reported(pe, adopted.placed)  # who runs nothing may have staged it, and take it up by LEASE
             if self._observed[pe].state is PeState.UNCONFIGURED:
-                self._exclusion.rebooted(pe)
                 continue
             self._observed[pe].configured = True
-            self._exclusion.reported(pe, adopted.placed)
             adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
         self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
 

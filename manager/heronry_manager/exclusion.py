@@ -4,14 +4,14 @@ A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), o
 run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that it may be running places it there:
 
     gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
-             is found running what another manager gave it
+             is found running what another manager gave it, or a reign begins and has heard nothing of it
     keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer ones: while it
              reports an older epoch it may be about to take them up, and say no more
     loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
              lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
              gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
              been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
-             the last ALIVE that named it: by then it has stopped by itself
+             the first ALIVE that names it no more: it may have heard others until then, and has stopped by itself now
 
 Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
 of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
@@ -25,7 +25,7 @@ What is not known: whether a silent PE is dead or cut off. That is why a DEMUX w
 speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
@@ -43,7 +43,8 @@ class Exclusion:
             pe: LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
         }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
-        self._last_named_ns: dict[str, int] = {}
+        self._named: frozenset[str] = frozenset()  # by the last ALIVE
+        self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
         self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
         self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
@@ -69,15 +70,19 @@ class Exclusion:
             tokens.add(f"module:{module}")
         return tokens
 
-    def begun(self, now_ns: int) -> None:
-        """A reign begins: who it does not hear may have been named by another one until now."""
+    def begun(self, now_ns: int, counted_on: Collection[str]) -> None:
+        """A reign begins: who it does not hear may have been named by another one until now, and drive anything."""
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
+        for pe in self._spec.pes.keys() - set(counted_on):
+            self.unknown(pe)
 
-    def named(self, pes: Iterable[str], now_ns: int) -> None:
-        """ALIVE has just named these PEs."""
-        for pe in pes:
+    def named(self, pes: Collection[str], now_ns: int) -> None:
+        """ALIVE has just named these PEs, and no others."""
+        for pe in self._named.union(pes):
             self._last_named_ns[pe] = now_ns
+        for pe in pes:
             self._unsent_ns.pop(pe, None)
+        self._named = frozenset(pes)
 
     def heard(self, pe: str) -> None:
         """A PE was heard: if it is declared down, its silence begins now."""
