@@ -31,7 +31,11 @@ _SHA_256 = re.compile("[0-9a-f]{64}")
 
 
 class TableError(HeronryError, ValueError):
-    """A table that cannot be used; the message says why and what to do."""
+    """A table that cannot be used; the message says why and what to do, in one line whatever the table has in it."""
+
+    def __init__(self, sentence: str) -> None:
+        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
+        super().__init__("".join(shown))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@
     decide      is given: the planner has no deadline. A table look-up has
     distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
     activate    for every step of the transition one command and its last answer. Before GO_ALL a DEMUX that a silent PE
-                may still drive waits until T_lease has passed since the last ALIVE that named it
+                may still drive waits until T_lease has passed since the ALIVE that left it out when it was declared
 
 Where several PEs fall silent together, each is declared at its own moment and begins the rest anew; what counts is the
 last one. Each of them may have brought an epoch under way, whose frames are counted as well.

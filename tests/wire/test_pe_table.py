@@ -87,6 +87,10 @@ json_values = st.recursive(
 )
 
 
+def test_a_key_that_is_no_word_breaks_no_line() -> None:
+    assert "gives.\\n holds None" in refused(changed(("modules", 0, "modes", 0, "gives"), {"\n": None}))
+
+
 @given(st.data(), json_values)
 def test_a_change_anywhere_gives_a_table_or_an_error(data: st.DataObject, value: Json) -> None:
     path = data.draw(st.sampled_from(list(places(json.loads(small_text())))))
