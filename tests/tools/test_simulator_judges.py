@@ -668,6 +668,12 @@ def test_a_handover_is_a_newer_epoch_or_any_other_one_of_a_higher_term() -> None
     assert turns((1, 51), (2, 40), (2, 40)) == [f"{again} 40"]
 
 
+def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbers() -> None:
+    assert turns((1, 51), (2, 60), (1, 52)) == []
+    assert turns((1, 51), (2, 60), (1, 51)) != []
+    assert turns((1, 51), (2, 60), (1, 50)) != []
+
+
 def test_the_judges_know_the_limits_that_are_promised() -> None:
     assert {name: value for name, value in vars(promised).items() if name.isupper()} == {
         "START_UP_WINDOW_NS": core.START_UP_WINDOW_NS,

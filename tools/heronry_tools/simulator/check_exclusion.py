@@ -6,10 +6,11 @@ holder may lose its thing to another one, and may get it back with a later hando
 another one took over since the last handover: then both believed to hold it. Modules that drive in turn are caught at
 the second turn, at the latest, whatever their rates are.
 
-A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch heard on the manager's
-bus; of a higher term any other epoch will do: a manager that has lost its journal may begin with an older number. BREAK
-is none: until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time
-when BREAK is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
+A handover is a GO, or the GO_ALL that follows it for what waited longer, of the newest epoch of its term heard on the
+manager's bus. What a term begins with may be any other epoch than the last: a manager that has lost its journal may
+begin with an older number, and where a higher term falls silent the one before goes on with its own. BREAK is none:
+until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time when BREAK
+is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
 """
 
 from heronry_dg.model import Spec
@@ -32,8 +33,8 @@ class ExclusionCheck:
         self._moving = frozenset(self._thing_of)
         for demux in spec.demuxes.values():
             self._thing_of |= dict.fromkeys(demux.branches, ("DEMUX", demux.name))
-        self._term = 0
         self._epoch, self._step = 0, Step.PREPARED  # the one that may begin to drive, and how far it has got
+        self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
         self._handover = 0  # counts up
         self._holders: dict[_Thing, _Holder] = {}
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
@@ -42,11 +43,13 @@ class ExclusionCheck:
         """A manager was heard: it may have let an epoch go."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
-        if message.epoch == self._epoch:
-            is_handover = message.step > self._step
+        epoch, step = self._last.get(message.term, (self._epoch, self._step))
+        if message.epoch == epoch:
+            is_handover = message.step > step
         else:
-            is_handover = is_newer(message.epoch, self._epoch) or message.term > self._term
-        self._term = max(self._term, message.term)
+            is_handover = is_newer(message.epoch, epoch) or message.term not in self._last
+        if is_handover or message.term not in self._last:
+            self._last[message.term] = message.epoch, message.step
         if is_handover:
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
 
