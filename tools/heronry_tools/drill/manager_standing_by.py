@@ -227,6 +227,38 @@ def what_is_held_no_more_is_cleared() -> None:
     demand(44 <= waited <= 47, f"of two faults one is told in turn, and is given up after {waited} beats without")
 
 
+def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
+    """It has heard the answer; the operator may have gone back since. A later request counts."""
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    manager.run(300)
+    node, nobody = manager.pes["flight"].node, 120
+    for operation, to, value in (
+        (Operation.HOLDS, 0, 1),
+        (Operation.ACKNOWLEDGE, node, 1),
+        (Operation.ACKNOWLEDGE, nobody, 9),
+        (Operation.HOLDS, 0, 0),
+    ):
+        manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
+        manager.run(5)
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(200)
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.run(400)
+    demand(bool(manager.said(Lease)), "it does not take over")
+    for number, entered in ((1, 0), (2, 1)):
+        began_ns = manager.now_ns
+        manager.emergency("flight", ElementKind.PHASE, 1, number, FaultCode.PHASE_REQUEST)
+        manager.run(50)
+        answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
+        equal(answers, [number], "requests that are answered")
+        equal(len(manager.told("phase_changed", began_ns)), entered, f"phases entered by request {number}")
+
+
 def what_it_has_overheard_is_adopted() -> None:
     """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
     first = ManagerUnderTest(example("phases")).flies()
@@ -718,6 +750,7 @@ DRILLS = (
     where_nobody_reigns_127_lets_126_go_first,
     of_a_deposed_manager_it_believes_nothing,
     what_is_held_no_more_is_cleared,
+    a_request_that_another_manager_has_obeyed_is_obeyed_no_more,
     what_it_has_overheard_is_adopted,
     what_was_called_by_its_number_is_adopted,
     what_is_no_configuration_is_not_remembered,

@@ -135,6 +135,30 @@ def what_is_cleared_is_taken_back_and_told_anew() -> None:
     equal([said for _, said in pe.emergencies(began_ns)], [reset], "EMCYs after CLEAR of what nobody has acknowledged")
 
 
+def a_new_term_is_told_what_was_heard_since_the_last_silence() -> None:
+    """Of what was acknowledged before, a CLEAR may have been missed; that a restart was heard tells nothing of it."""
+    for heard_after in (True, False):
+        pe = _flying(Slice((_HELPER,), publish={2: 1}))
+        puppets.PULLED["helper"] = puppets.reporting("device:servo_motor", detail=1)
+        pe.run(50)
+        puppets.PULLED["helper"] = puppets.giving()
+        heard = Control(pe.term, NODE, Operation.ACKNOWLEDGE, ElementKind.DEVICE, SERVO_DEVICE)
+        if not heard_after:
+            pe.main.command(heard)
+        others = pe.lease, pe.alive, pe.neighbour
+        pe.lease = pe.alive = pe.neighbour = None
+        pe.run(300)
+        pe.lease, pe.alive, pe.neighbour = others
+        pe.run(50)
+        pe.main.command(heard)
+        pe.run(50)
+        pe.term += 2
+        pe.lease = Lease(pe.term, _EPOCH, Step.GO_ALL, _DIGEST)
+        began_ns = pe.run(50)
+        found = {said.kind for _, said in pe.emergencies(began_ns)}
+        equal(found, {ElementKind.DEVICE} if heard_after else set(), "what a new term is told of")
+
+
 def what_is_critical_is_told_to_everybody() -> None:
     """With each EMCY of what serves a function of class A goes a CANaerospace emergency event; with others none."""
     pe = _flying()
@@ -599,6 +623,7 @@ DRILLS = (
     a_value_goes_down_a_chain_at_once,
     a_report_is_repeated_until_it_is_acknowledged,
     what_is_cleared_is_taken_back_and_told_anew,
+    a_new_term_is_told_what_was_heard_since_the_last_silence,
     what_is_critical_is_told_to_everybody,
     nothing_is_reported_while_outputs_are_held,
     a_module_that_fails_is_built_anew_and_then_given_up,
