@@ -27,11 +27,8 @@ class Beacon:
 
     def beat(self, now_ns: int, lease: Lease, alive: frozenset[int], suspects: frozenset[int]) -> list[Send]:
         """Give the frames of one beat."""
-        frames = [
-            self._send(Command.LEASE, lease.encode()),
-            self.alive(lease.term, alive),
-            *(self.ping(lease.term, node) for node in sorted(suspects)),
-        ]
+        pings = [self.ping(lease.term, node) for node in sorted(suspects)]  # with the number of this ALIVE
+        frames = [self._send(Command.LEASE, lease.encode()), self.alive(lease.term, alive), *pings]
         if now_ns >= self._canopen_ns:
             frames.append(Send(0, Frame(heartbeat_id(self._node), _OPERATIONAL)))
             self._canopen_ns = now_ns + CANOPEN_HEARTBEAT_NS
@@ -40,8 +37,8 @@ class Beacon:
 
     def alive(self, term: int, nodes: frozenset[int]) -> Send:
         """Name the PEs that are counted on."""
-        self._sequence = (self._sequence + 1) % 256
-        return self._send(Command.ALIVE, Alive(term, (self._sequence - 1) % 256, nodes).encode())
+        sequence, self._sequence = self._sequence, (self._sequence + 1) % 256
+        return self._send(Command.ALIVE, Alive(term, sequence, nodes).encode())
 
     def ping(self, term: int, node: int) -> Send:
         """Ask one PE for its state."""

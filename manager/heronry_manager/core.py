@@ -156,7 +156,6 @@ class ManagerCore:
         self._key, self._on_board = key, on_board
         self._journal_problem: str | None = None
         self._refused_ns: int | None = None  # since when most PEs say that they hear no LEASE
-        self._is_left_out = False  # somebody who is counted on no more, by no ALIVE so far
         self._refusals = 0  # reigns, one after the other, that have ended for it
         self._has_leapt = False  # more often, who is not heard for another reason would use up all terms
         term = next_term(node, memory.term)
@@ -188,6 +187,7 @@ class ManagerCore:
     def _begin(self) -> None:
         """Begin with nothing but what is remembered."""
         spec, turn = self._spec, self._turn
+        self._has_to_leave_out = False  # somebody who is counted on no more, and whom the last ALIVE named
         self._health = Health(spec, turn.now_ns, self._window_ns)
         self._exclusion = Exclusion(spec)
         self._situation = KnownSituation(
@@ -564,23 +564,21 @@ class ManagerCore:
         now_ns = self._turn.now_ns
         self._situation.channels.beat()
         suspects = [pe for pe in self._health.counted_on() if self._health.standing(pe) is Standing.SUSPECT]
-        named = self._named()
         lease = self._deployment.lease()
-        self._turn.ask(*self._beacon.beat(now_ns, lease, self._nodes(named), self._nodes(suspects)))
-        self._exclusion.named(named, now_ns)
+        self._turn.ask(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         self._tell_held(self._announcer.next())
-
-    def _named(self) -> list[str]:
-        """PEs that ALIVE is to name."""
-        return [*self._health.counted_on(), *self._health.awaited_again()]
 
     def _leave_out(self) -> None:
         """Say at once that somebody is counted on no more: until it may hear that, it drives what it was given."""
-        if self._is_left_out and self._speaks():
-            named = self._named()
-            self._turn.ask(self._beacon.alive(self._turn.term, self._nodes(named)))
-            self._exclusion.named(named, self._turn.now_ns)
-        self._is_left_out = False
+        if self._has_to_leave_out:
+            self._turn.ask(self._beacon.alive(self._turn.term, self._named()))
+
+    def _named(self) -> frozenset[int]:
+        """Nodes that an ALIVE names which goes out now."""
+        named = [*self._health.counted_on(), *self._health.awaited_again()]
+        self._exclusion.named(named, self._turn.now_ns)
+        self._has_to_leave_out = False
+        return self._nodes(named)
 
     def _tell_held(self, fact: Fact | None) -> None:
         if fact is not None:
@@ -621,7 +619,7 @@ class ManagerCore:
                 if self._health.is_quarantined(pe):
                     self._turn.keep(Quarantined(pe, self._health.losses(pe)))
                 self._deployment.lost(pe)
-                self._is_left_out = True
+                self._has_to_leave_out = self._speaks()
                 self._situation.links.restarted(pe)
                 self._replan(f"pe:{pe}: {change.cause}", since_ns=last)
             case Change.ABSENT:
