@@ -25,10 +25,12 @@ raises LinkError, with one sentence; one channel of a replicated bus (`replicate
 A node need not hear everything: `accept` has the kernel (or the hub of a software bus) keep back what means nothing to
 it. Filters keep back echoes as well, so an identifier that is sent for the first time is let in before it goes out.
 
-That a back-end echoes, and stamps frames by this machine's clock, is known of SocketCAN and the software bus. Others
-are driven without: there a frame counts as sent when `send` returns, and has arrived when it is taken.
+That a back-end echoes, stamps frames by this machine's clock, and has nothing left when it gives nothing, is known of
+SocketCAN and the software bus. Others are driven without: there a frame counts as sent when `send` returns, and has
+arrived when it is taken; what means nothing is dropped here, and they are asked again while there is something to read.
 """
 
+import select
 import socket
 import time
 from collections import deque
@@ -173,14 +175,14 @@ class Link:
                     self.health.counts["not understood"] += 1
                     continue
                 if message is None:
-                    if self._connection is not None:
-                        see_whether_it_ended(self._connection)
-                    return arrivals
+                    if self._has_nothing_left():
+                        return arrivals
+                    continue
                 frame = frame_of(message)
                 age_ns = max(0, wall_ns - int(message.timestamp * 1e9)) if self._is_well_known else 0
                 if frame.error:
                     self._take_error_frame(frame, now_ns)
-                elif not self._is_echo(frame, now_ns, age_ns):
+                elif self._wants(frame) and not self._is_echo(frame, now_ns, age_ns):
                     arrivals.append(Arrival(now_ns - age_ns, frame))
             self.has_more = True
             self._count_overruns(now_ns)
@@ -250,6 +252,7 @@ class Link:
             bus.recv(0)  # an interface that is down can be opened, and says so here
             look_at_interface(self._config)  # again: it may have come up, at another bit rate, in between
             self._bus = bus
+            self._is_well_known = bus.channel_info.partition(" ")[0] in _WELL_KNOWN
             self._set_filters()
         except Exception as error:
             self._bus = None
@@ -258,7 +261,6 @@ class Link:
                 raise
             raise LinkError(f"{self.name} cannot be opened: {sentence_of(error)}") from error
         self._overruns = 0
-        self._is_well_known = bus.channel_info.partition(" ")[0] in _WELL_KNOWN
 
     def _open_again(self, now_ns: int) -> None:
         if self._is_well_known or self._config.get("interface") in _WELL_KNOWN:
@@ -320,8 +322,22 @@ class Link:
         self.health.overrun(dropped - self._overruns, now_ns)
         self._overruns = dropped
 
+    def _has_nothing_left(self) -> bool:
+        """After nothing was given, which may have been an answer of a modem; raises OSError where there is no more."""
+        if self._is_well_known or self._bus is None:
+            return True
+        if self._connection is not None:
+            see_whether_it_ended(self._connection)
+        return not select.select([self._fileno], [], [], 0)[0]
+
+    def _wants(self, frame: Frame) -> bool:
+        """Tell whether a frame means anything; filters have seen to it where they are known to."""
+        if self._is_well_known or self._wanted is None:
+            return True
+        return frame.can_id in self._wanted and not frame.extended
+
     def _set_filters(self) -> None:
-        if self._wanted is None or self._bus is None:
+        if self._wanted is None or self._bus is None or not self._is_well_known:
             return
         accepted = sorted(self._wanted | self._sent)
         self._bus.set_filters([{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in accepted])

@@ -16,12 +16,14 @@ lost of each sender, and the frame of ours that was stuck in it not at all.
     gone        nothing at all was heard for as many periods as may be missed there, and an eighth (so all who are there
                 are lost before the first of them is missed by itself); heard again, the measuring begins anew
 
-A reboot beyond begins a sequence anew; a frame that comes twice, or late, counts as no loss. A forged state looks like
-loss: that costs the ground bandwidth, and the aircraft nothing.
+A reboot beyond begins a sequence anew, and so does what was not heard for ten periods while others were: its route may
+have led elsewhere, and its numbers gone on there. A frame that comes twice, or late, counts as no loss. A forged state
+looks like loss: that costs the ground bandwidth, and the aircraft nothing.
 """
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import PER_MILLE
@@ -48,6 +50,14 @@ class _Period:
     came: int = 0
 
 
+class _Numbered(NamedTuple):
+    """The last frame of a sequence."""
+
+    sequence: int
+    time_ns: int
+    outages: int  # how many were over when it was heard
+
+
 class LinkMeter:
     """Measures one radio."""
 
@@ -56,10 +66,11 @@ class LinkMeter:
         self._bitrate = bitrate
         self._patience_ns = misses * period_ns + period_ns // 8
         self._outage_ns, self._stuck_ns = 3 * period_ns // 2, period_ns // 2
+        self._window_ns = WINDOW_PERIODS * period_ns
         self._heard_ns = now_ns
         self._periods = deque((_Period(),), maxlen=WINDOW_PERIODS)
         self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
-        self._last: dict[tuple[int, int], tuple[int, int]] = {}  # (identifier, sender) -> sequence, number of outages
+        self._last: dict[tuple[int, int], _Numbered] = {}  # by identifier and sender
         self._outages = 0  # that are over
 
     def heard(self, frame: Frame, now_ns: int) -> bool:
@@ -71,7 +82,7 @@ class LinkMeter:
             self._in_flight_bits += exact_bits(frame)
         self._outages += now_ns - self._heard_ns >= self._outage_ns
         self._heard_ns = now_ns
-        self._number(frame)
+        self._number(frame, now_ns)
         return was_gone
 
     def handed_over(self) -> None:
@@ -126,17 +137,19 @@ class LinkMeter:
         due = sum(one.due for one in recent)
         return PER_MILLE if due < _FEWEST else PER_MILLE * sum(one.came for one in recent) // due
 
-    def _number(self, frame: Frame) -> None:
+    def _number(self, frame: Frame, now_ns: int) -> None:
         """Count what is missing before a numbered frame."""
         use, data = classify(frame.can_id).use, frame.data
         if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and data[0] >> 6):
             return
         key, sequence = (frame.can_id, 0 if use is Use.STATE else data[0]), data[4 if use is Use.STATE else 3]
-        last, outages = self._last.get(key, (sequence - 1, self._outages))
-        self._last[key] = sequence, self._outages
-        ahead = (sequence - last) % 256
+        last = self._last.get(key)
+        self._last[key] = _Numbered(sequence, now_ns, self._outages)
+        if last is None or now_ns - last.time_ns > self._window_ns:
+            return
+        ahead = (sequence - last.sequence) % 256
         if 0 < ahead <= _LONGEST_GAP:
-            self._periods[-1].due += ahead if outages == self._outages else min(ahead, 2)
+            self._periods[-1].due += ahead if last.outages == self._outages else min(ahead, 2)
             self._periods[-1].came += 1
 
     def _begin_anew(self) -> None:

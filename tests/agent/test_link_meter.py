@@ -109,6 +109,18 @@ def test_what_is_doubled_late_restarted_or_of_page_1_is_no_loss() -> None:
     assert one.delivered_percent() == 100
 
 
+@pytest.mark.parametrize(("away", "percent"), [(range(10, 31), 100), (range(10, 20), 100 * 86 // 106)])
+def test_what_led_elsewhere_for_as_long_as_is_looked_back_on_begins_anew(away: range, percent: int) -> None:
+    """The states go on, and so do the numbers of the datum, on the other way."""
+    one = meter()
+    for number in range(31 + WINDOW_PERIODS // 2):
+        one.heard(state(number), number * PERIOD_NS // 2)
+        if number not in away:
+            one.heard(datum(2 * number), number * PERIOD_NS // 2)
+            one.heard(datum(2 * number + 1), number * PERIOD_NS // 2)
+    assert one.delivered_percent() == percent
+
+
 def test_an_outage_counts_as_one_frame_of_each_sender() -> None:
     one = meter()
     for number in range(20):

@@ -81,6 +81,35 @@ def test_frames_come_and_go_and_none_is_left_lying(server: Server) -> None:
         assert joined.departures_ns() == [0]
 
 
+def test_what_nobody_wants_hides_nothing_that_is_wanted(server: Server) -> None:
+    with closing(linked(server)) as joined:
+        assert server.client is not None
+        joined.accept({0x0C9})
+        joined.send(Frame(0x0C8, b""), time.monotonic_ns())  # its echo would be let in, and none comes
+        for number in range(3):
+            unwanted = b"< frame 123 1.5 01 >" * 4 + b"< frame 000000C9 1.5 01 >"
+            server.client.sendall(unwanted + b"< frame 0C9 1.5 %02x >" % number)
+            select.select([joined], [], [], PATIENCE_S)
+            arrivals = joined.receive(time.monotonic_ns())
+            assert [arrival.frame for arrival in arrivals] == [Frame(0x0C9, bytes([number]))]
+            assert not joined.has_more
+        server.client.sendall(b"< frame 123 1.5 01 >" * 64 + b"< frame 0C9 1.5 ff >")
+        until_s, heard = time.monotonic() + PATIENCE_S, []
+        while not heard:
+            assert time.monotonic() < until_s
+            assert joined.has_more or select.select([joined], [], [], PATIENCE_S)[0]
+            heard = joined.receive(time.monotonic_ns())
+        assert [arrival.frame for arrival in heard] == [Frame(0x0C9, b"\xff")]
+
+
+def test_what_is_no_frame_hides_none(server: Server) -> None:
+    with closing(linked(server)) as joined:
+        assert server.client is not None
+        server.client.sendall(b"< hi >" * 400 + b"< frame 0C9 1.5 01 >")  # read 1 024 bytes at a time
+        time.sleep(0.1)  # loopback: all of it is there
+        assert [arrival.frame for arrival in joined.receive(time.monotonic_ns())] == [Frame(0x0C9, b"\1")]
+
+
 def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server) -> None:
     with closing(linked(server)) as joined:
         assert server.client is not None
