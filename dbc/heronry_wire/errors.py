@@ -7,3 +7,8 @@ where, and what to do, fit to be shown as it is. Whatever is not a HeronryError 
 
 class HeronryError(Exception):
     """Something that the caller can mend; the message is for people."""
+
+
+def on_one_line(text: str) -> str:
+    """Escape what is not printable, so that whatever is quoted breaks no sentence."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -21,7 +21,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from heronry_wire.contingency_block import Preloaded, read_block
-from heronry_wire.errors import HeronryError
+from heronry_wire.errors import HeronryError, on_one_line
 from heronry_wire.identifiers import GATEWAY_IDS, PE_NODES, Use, classify
 from heronry_wire.packing import PackingError
 
@@ -34,8 +34,7 @@ class TableError(HeronryError, ValueError):
     """A table that cannot be used; the message says why and what to do, in one line whatever the table has in it."""
 
     def __init__(self, sentence: str) -> None:
-        shown = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in sentence)
-        super().__init__("".join(shown))
+        super().__init__(on_one_line(sentence))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from heronry_dg.rules.rule import Rule, Severity
-from heronry_wire.errors import HeronryError
+from heronry_wire.errors import HeronryError, on_one_line
 
 _LONGEST_SHOWN = 60
 _LONGEST_CYCLE_SHOWN = 24
@@ -123,7 +123,7 @@ def shown(value: object) -> str:
             return "a list"
         case str():
             text = value if len(value) <= _LONGEST_SHOWN else value[: _LONGEST_SHOWN - 3] + "..."
-            return "'" + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text) + "'"
+            return f"'{on_one_line(text)}'"
         case _:
             return str(value)
 

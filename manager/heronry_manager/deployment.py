@@ -198,14 +198,19 @@ class Deployment:
             return "it runs nothing although it was configured"
         if known is not None and known.compiled.digest == page.digest:
             seen.configured = True
-            newer = (one.placed for one in self._epochs.values() if is_newer(one.epoch, known.epoch))
-            self._exclusion.reported(pe, known.placed, *newer)
+            self._exclusion.reported(pe, known.placed, *self._placed_since(known))
             known.reported(pe, page.state, self._turn.now_ns)
         elif seen.configured:
             return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded"
         else:
             self._exclusion.unknown(pe)  # it joined with what another manager, or an older reign, gave it
         return None
+
+    def _placed_since(self, known: Reconfiguration) -> Iterable[Mapping[str, set[str]]]:
+        """Tokens of the epochs that are newer than this one."""
+        if known is self.current:
+            return ()
+        return (one.placed for one in self._epochs.values() if is_newer(one.epoch, known.epoch))
 
     def staging(self, pe: str, page: StatePage1) -> str | None:
         """Page 1 of a PE; gives why it must be failed, if it must."""

@@ -20,10 +20,9 @@ unless that is a module which it would run (`tell_again`).
 A fault of what may serve a function of class A is flight-critical: a CANaerospace emergency event goes out with every
 EMCY. It says code, kind and index, these two in one signed byte each, and -1 where a number has no place there.
 
-Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet, and another one if a new reign
-begins before the fault is found again: that is told what stayed told here. Late or doubled, nothing. After
-a pause what is due is sent once. Forged: an acknowledgement silences a fault for a second. A restart forgets
-everything, and so does nobody else.
+Lost: an EMCY or an acknowledgement costs a repetition; a CLEAR costs a second of quiet, and the next reign is told once
+more what stayed told here: then it has to be cleared again. Late or doubled, nothing. After a pause what is due is sent
+once. Forged: an acknowledgement silences a fault for a second. A restart forgets everything, and so does nobody else.
 """
 
 from collections.abc import Collection

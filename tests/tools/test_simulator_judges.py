@@ -254,11 +254,16 @@ def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(servi
     assert len(service.silences([lasting], (), 30 * S)) == 1
 
 
+def epoch_for_nothing(spec: Spec, prepared_ns: int, contingency: int = 0, *, is_adopted: bool = False) -> Epoch:
+    """An epoch that everybody has staged, and that serves nothing."""
+    epoch = Epoch(2, 0, prepared_ns, 1, contingency=contingency, configuration=Configuration(), is_adopted=is_adopted)
+    epoch.staged.update(pe.node_id for pe in spec.pes.values())
+    return epoch
+
+
 def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
     """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
-    epoch = Epoch(2, 0, 5 * S, 1, contingency=3, configuration=Configuration())
-    epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
-    service.activated(5 * S + MS, epoch, None)
+    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3), None)
     assert service.violations == []
     if reigned:
         service.reigned(alive_ns)
@@ -282,9 +287,7 @@ def test_who_took_part_is_not_known_where_the_manager_dies_first(service: Servic
 def test_who_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
     service.alive(4 * S, PES)
     for is_adopted in (True, False):
-        epoch = Epoch(2, 0, 5 * S, 1, configuration=Configuration(), is_adopted=is_adopted)
-        epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
-        service.activated(5 * S + MS, epoch, None)
+        service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, is_adopted=is_adopted), None)
         assert bool(service.violations) is not is_adopted
 
 
@@ -293,9 +296,7 @@ def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_hav
     for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
         service = ServiceCheck(spec)
         service.alive(4 * S, frozenset(spec.pes))
-        epoch = Epoch(2, 0, 5 * S, 1, contingency=3, configuration=Configuration())
-        epoch.staged.update(pe.node_id for pe in spec.pes.values())
-        service.activated(5 * S + MS, epoch, None)
+        service.activated(5 * S + MS, epoch_for_nothing(spec, 5 * S, contingency=3), None)
         service.alive(alive_ns, frozenset(spec.pes))
         assert bool(service.violations) is is_known
 
@@ -363,9 +364,7 @@ def test_what_a_pe_has_told_is_unknown_to_the_next_reign_if_it_may_have_missed_a
 
 def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
     """What is said of an epoch that everybody stages, and that serves nothing."""
-    epoch = Epoch(2, 0, prepared_ns, 1, configuration=Configuration())
-    epoch.staged.update(pe.node_id for pe in two_tails().pes.values())
-    service.activated(activated_ns, epoch, None)
+    service.activated(activated_ns, epoch_for_nothing(two_tails(), prepared_ns), None)
     return [violation.story for violation in service.violations]
 
 

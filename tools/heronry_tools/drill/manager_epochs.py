@@ -259,6 +259,43 @@ def a_silent_driver_is_given_t_lease() -> None:
     demand(abs(waited_ns - LEASE_NS) < MS, f"GO_ALL comes {waited_ns / MS} ms after the first ALIVE without it")
 
 
+def who_a_reign_has_never_heard_is_given_t_lease() -> None:
+    """From its first ALIVE on, which names the others: it may drive what another manager gave it, and hear that."""
+    manager = ManagerUnderTest()
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest, pe.state = 16, 1, PeState.ACTIVE
+    manager.pes["tail_a"].speaks = False
+    manager.run(500)
+    _goes_t_lease_after(manager, manager.said(Alive)[0][0])
+
+
+def who_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
+    """It says that it runs nothing, and may have taken the epoch up by LEASE since."""
+    before = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(disk=before.disk)
+    manager.manager.planning = lambda _: None  # nothing comes between
+    for name in ("flight", "tail_b"):
+        pe, ran = manager.pes[name], before.pes[name]
+        pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+    manager.until(lambda: bool(manager.told("adopted")), 300, "what runs is not adopted")
+    manager.run(25)
+    manager.manager.planning = manager.plans
+    manager.pes["tail_a"].speaks = False
+    manager.until(lambda: bool(manager.told("pe_lost")), 100, "nobody is lost")
+    began_ns = manager.now_ns
+    manager.run(400)
+    _goes_t_lease_after(manager, manager.said(Alive, began_ns - MS)[0][0])
+
+
+def _goes_t_lease_after(manager: ManagerUnderTest, alive_ns: int) -> None:
+    """See that somebody drives the DEMUX again, and not before T_lease after an ALIVE."""
+    epoch = manager.lease().epoch
+    gone = [t_ns for t_ns, one in manager.said(Activate) if (one.epoch, one.step) == (epoch, Step.GO_ALL)]
+    demand(bool(gone), "nobody drives the DEMUX again")
+    waited_ns = gone[0] - alive_ns
+    demand(waited_ns > LEASE_NS - MS, f"GO_ALL comes {waited_ns / MS} ms after the ALIVE from which T_lease counts")
+
+
 def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
     """A page 0 that was on its way at ACTIVATE is the last that is heard: T_lease for what it may take up now."""
     manager = ManagerUnderTest().flies()
@@ -276,10 +313,7 @@ def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
     manager.run(0.3)
     driver.speaks = False
     manager.run(300)
-    named_ns = [t_ns for t_ns, one in manager.said(Alive) if driver.node in one.nodes][-1]
-    epoch = manager.lease().epoch
-    gone = [t_ns for t_ns, one in manager.said(Activate) if (one.epoch, one.step) == (epoch, Step.GO_ALL)]
-    demand(gone[0] >= named_ns + LEASE_NS, f"the DEMUX goes {(gone[0] - named_ns) / MS} ms after the last ALIVE")
+    _goes_t_lease_after(manager, [t_ns for t_ns, one in manager.said(Alive) if driver.node in one.nodes][-1])
 
 
 def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
@@ -509,6 +543,8 @@ DRILLS = (
     what_is_driven_breaks_before_it_makes,
     what_is_late_frees_nothing,
     a_silent_driver_is_given_t_lease,
+    who_a_reign_has_never_heard_is_given_t_lease,
+    who_has_only_staged_what_is_adopted_is_given_t_lease_too,
     who_says_once_more_what_it_ran_before_may_drive_what_comes,
     who_speaks_and_is_given_up_is_given_t_lease_too,
     a_jump_of_the_clock_frees_nothing,

@@ -72,6 +72,17 @@ def _standing_by() -> tuple[ManagerUnderTest, _Reigning]:
     return manager, reigning
 
 
+def _its_reign_ends(manager: ManagerUnderTest, reigning: _Reigning, after_ms: int) -> None:
+    """Let the other manager fall silent, and the PEs hear again the one that takes over; then let time pass."""
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(150)
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.run(after_ms)
+
+
 def it_takes_over_when_the_pes_hear_nobody() -> None:
     """The lease has expired, and more than half of those counted on say that they hear none; in its next term."""
     manager, reigning = _standing_by()
@@ -242,13 +253,7 @@ def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
     ):
         manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
         manager.run(5)
-    reigning.speaks = False
-    for pe in manager.pes.values():
-        pe.hears = False
-    manager.run(200)
-    for pe in manager.pes.values():
-        pe.hears = True
-    manager.run(400)
+    _its_reign_ends(manager, reigning, 400)
     demand(bool(manager.said(Lease)), "it does not take over")
     for number, entered in ((1, 0), (2, 1)):
         began_ns = manager.now_ns
@@ -301,13 +306,7 @@ def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderT
         played = manager.pes[name]
         played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
     manager.run(200)
-    reigning.speaks = False
-    for pe in manager.pes.values():
-        pe.hears = False
-    manager.run(150)
-    for pe in manager.pes.values():
-        pe.hears = True
-    manager.run(150)
+    _its_reign_ends(manager, reigning, 150)
     equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
@@ -327,13 +326,7 @@ def what_is_no_configuration_is_not_remembered() -> None:
         manager.run(10)
         manager.main.command(Activate(1, epoch, Step.GO_ALL, 0x77), manager=126)
         manager.run(30)
-    reigning.speaks = False
-    for pe in manager.pes.values():
-        pe.hears = False
-    manager.run(150)
-    for pe in manager.pes.values():
-        pe.hears = True
-    manager.run(250)
+    _its_reign_ends(manager, reigning, 250)
     equal(manager.told("adopted"), [], "adopted")
     demand(bool(manager.said(Prepare)), "it does not plan anew")
 

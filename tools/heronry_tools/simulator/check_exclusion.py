@@ -43,12 +43,11 @@ class ExclusionCheck:
         """A manager was heard: it may have let an epoch go."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return
+        is_first = message.term not in self._last  # of its term
         epoch, step = self._last.get(message.term, (self._epoch, self._step))
-        if message.epoch == epoch:
-            is_handover = message.step > step
-        else:
-            is_handover = is_newer(message.epoch, epoch) or message.term not in self._last
-        if is_handover or message.term not in self._last:
+        is_newest = is_first or is_newer(message.epoch, epoch)
+        is_handover = message.step > step if message.epoch == epoch else is_newest
+        if is_handover or is_first:
             self._last[message.term] = message.epoch, message.step
         if is_handover:
             self._epoch, self._step, self._handover = message.epoch, message.step, self._handover + 1
