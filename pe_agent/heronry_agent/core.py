@@ -97,6 +97,7 @@ class AgentCore:
         self.modules = RunningModules(turn, index, self.reconfiguration, self.permission)
         self._without_manager = WithoutManager(turn, self.reign, self.reconfiguration, self.modules)
         self._gateway = Gateway(index)
+        self._late_ns = table.ports[index.uplink].heartbeat_ns // 4  # a frame that is, was not taken when it came
         self.permission.revoked = self._take_back
         self._secret = secret
         self._echo_ids = ECHO_NODES.keys() if followed is None else _echo_ids(table, followed)
@@ -173,7 +174,7 @@ class AgentCore:
             if frame.extended or frame.remote or frame.error:
                 turn.count("not a data frame of 11 bits", identifier)
                 return out
-            turn.arrived_ns = now_ns - event.age_ns
+            turn.arrived(event.age_ns, self._late_ns)
             handler(event)
             if identifier in self._quiet:
                 return self._by_radio(out) if self._radios else out
@@ -387,7 +388,12 @@ class AgentCore:
 
     def _forward(self, event: Received) -> None:
         turn = self._turn
-        turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self.permission.identifiers_until_ns)
+        turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
+
+    def _contested_until_ns(self, now_ns: int) -> int | None:
+        """Until when what is exclusive may go up; None of what came while nobody ran: what moved it may be behind it."""
+        turn = self._turn
+        return None if turn.arrived_ns <= turn.held_until_ns else self.permission.identifiers_until_ns(now_ns)
 
     def _take_back(self) -> None:
         """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""

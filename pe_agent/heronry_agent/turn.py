@@ -14,11 +14,12 @@ from heronry_wire.sansio import Withdraw
 class Turn:
     """The call being served."""
 
-    __slots__ = ("arrived_ns", "counts", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
+    __slots__ = ("arrived_ns", "counts", "held_until_ns", "now_ns", "out", "rewired", "wants_page_0", "wants_page_1")
 
     def __init__(self, now_ns: int) -> None:
         self.now_ns = now_ns
         self.arrived_ns = now_ns  # when the frame being taken came: earlier than now after a pause of the process
+        self.held_until_ns = now_ns - 1  # until when the process was: what came before that may have news behind it
         self.counts: Counter[tuple[str, int]] = Counter()  # what was not understood or obeyed, by identifier; for ever
         self.out: list[Action] = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
@@ -31,6 +32,12 @@ class Turn:
         self.out = []
         self.wants_page_0 = self.wants_page_1 = self.rewired = False
         return self.out
+
+    def arrived(self, age_ns: int, late_ns: int) -> None:
+        """A frame is being taken that came so long ago; one that is later than `late_ns` shows that nobody ran."""
+        self.arrived_ns = self.now_ns - age_ns
+        if age_ns > late_ns:
+            self.held_until_ns = self.now_ns
 
     def withdraw(self, identifiers: frozenset[int]) -> None:
         """Take back what waits under these identifiers, if there are any."""

@@ -39,7 +39,7 @@ from heronry_wire.management import (
     SliceHead,
     Step,
 )
-from heronry_wire.sansio import Withdraw
+from heronry_wire.sansio import Received, Withdraw
 
 UPLINK, RADIO = 0, 1
 
@@ -186,8 +186,8 @@ CONTESTED_TABLE = replace(
 FROM_BEYOND = Slice(forward={RATE: (FAR, 0b01)})
 
 
-def datum_from_beyond(pe: OnePe) -> list[Action]:
-    return pe.hear(rate_frame(1.0, node=FAR), RADIO)
+def datum_from_beyond(pe: OnePe, age_ns: int = 0) -> list[Action]:
+    return pe.give(Received(RADIO, rate_frame(1.0, node=FAR), age_ns))
 
 
 def test_what_may_run_on_this_side_too_is_sent_up_only_while_others_are_heard_there() -> None:
@@ -212,6 +212,21 @@ def test_what_waits_of_it_is_withdrawn_when_nobody_counts_on_the_gateway_any_mor
     told = pe.command(Alive(1, 1, frozenset({NEIGHBOUR})))
     assert Withdraw(frozenset({RATE_ID})) in told
     assert not sent(datum_from_beyond(pe), RATE_ID, UPLINK)
+
+
+def test_what_came_while_nobody_ran_is_not_sent_up_as_behind_it_may_be_that_it_has_moved() -> None:
+    """The oldest of what waits shows for how long; where nothing is exclusive, all of it goes."""
+    for table, is_exclusive in ((CONTESTED_TABLE, True), (GATEWAY_TABLE, False)):
+        pe = OnePe(table)
+        pe.configure(FROM_BEYOND, 7)
+        pe.command(Alive(1, 0, frozenset({NODE, FAR, NEIGHBOUR})))
+        for shows_it_ns, is_held in ((5 * MS, False), (5 * MS + 1, True)):
+            pe.pass_time(10 * MS)
+            pe.give(Received(UPLINK, neighbour_state(7, 1007), age_ns=shows_it_ns))
+            assert bool(sent(datum_from_beyond(pe, age_ns=MS), RATE_ID, UPLINK)) is not (is_held and is_exclusive)
+        assert bool(sent(datum_from_beyond(pe), RATE_ID, UPLINK)) is not is_exclusive
+        pe.pass_time(1)
+        assert sent(datum_from_beyond(pe), RATE_ID, UPLINK)
 
 
 def test_what_is_sent_down_is_nobody_elses() -> None:
