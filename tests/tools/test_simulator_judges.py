@@ -261,8 +261,15 @@ def epoch_for_nothing(spec: Spec, prepared_ns: int, contingency: int = 0, *, is_
     return epoch
 
 
+def beats(check: ServiceCheck, pes: frozenset[str], period_ns: int = 20 * MS) -> None:
+    """ALIVE has come in every period, until just before 5 s."""
+    for before in range(3, 0, -1):
+        check.alive(5 * S - before * period_ns + MS, pes)
+
+
 def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
     """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
+    beats(service, PES)
     service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3), None)
     assert service.violations == []
     if reigned:
@@ -284,6 +291,19 @@ def test_who_took_part_is_not_known_where_the_manager_dies_first(service: Servic
     assert called(service, 6 * S, PES) == []
 
 
+@pytest.mark.parametrize(
+    ("beats_ms", "is_known"), [((-49, -29, -9), True), ((-39, -4), False), ((-74, -54, -34), False)]
+)
+def test_who_took_part_is_not_known_where_what_a_manager_says_has_waited(
+    service: ServiceCheck, beats_ms: tuple[int, ...], *, is_known: bool
+) -> None:
+    for beat_ms in beats_ms:
+        service.alive(5 * S + beat_ms * MS, PES)
+    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3), None)
+    service.alive(5 * S + 11 * MS, PES)
+    assert bool(service.violations) is is_known
+
+
 def test_who_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
     service.alive(4 * S, PES)
     for is_adopted in (True, False):
@@ -295,7 +315,7 @@ def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_hav
     spec = load(Path(__file__).parent.parent / "scenarios" / "fast_far_bus.dg.yaml")  # ALIVE every 220 ms, f1 every 20
     for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
         service = ServiceCheck(spec)
-        service.alive(4 * S, frozenset(spec.pes))
+        beats(service, frozenset(spec.pes), spec.buses[spec.manager.bus].heartbeat_ns)
         service.activated(5 * S + MS, epoch_for_nothing(spec, 5 * S, contingency=3), None)
         service.alive(alive_ns, frozenset(spec.pes))
         assert bool(service.violations) is is_known

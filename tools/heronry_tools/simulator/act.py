@@ -28,9 +28,9 @@ What is not promised, and why:
 - `raise` and `unfit` stop a module for good. Where it drove an actuator, a monitor that is not told who drives may take
   the idle actuator for a stuck one, and report it.
 - actuators do not fail by themselves here: whether a surface without a monitor moves, nobody can know.
-- `manager_cut`, `manager_deaf`: a manager that hears nobody for just so long that it loses some PEs and not yet the
-  others plans without them. (One that has lost all of them says nothing.) For one whose clock jumps ahead
-  (`manager_clock_jump`) they have been silent for just so long.
+- `manager_cut`, `manager_deaf`, `manager_loose`: a manager that hears nobody for just so long that it loses some PEs
+  and not yet the others plans without them. (One that has lost all of them says nothing.) For one whose clock jumps
+  ahead (`manager_clock_jump`) they have been silent for just so long.
 - `bus_split`: both halves live on, with whatever managers they have, and each may drive what is exclusive: nobody can
   tell the other half from a dead one. When the wire is mended, the two collide until the lower term has given way.
 - `manager_double`: two managers of one number send under one number, until one of them hears the other; where both open
@@ -109,6 +109,7 @@ KINDS: Mapping[str, Kind] = {
     "mute": Kind("pe", (20, 2000), "a PE hears, and is not heard"),
     "deaf": Kind("pe", (20, 2000), "a PE is heard, and does not hear"),
     "cut": Kind("pe", (20, 2000), "the wires of a PE break"),
+    "loose": Kind("pe", (50, 1500), "a PE's plug is loose: in turn it is mute, deaf, cut off, and well"),
     "pause": Kind("pe", (5, 1500), "a PE's processor stands still; its controller goes on"),
     "slow": Kind("pe", (100, 3000), "every step of a module takes up to 8 ms"),
     "stuck": Kind("pe", (100, 2000), "modules hang, and the heart beats"),
@@ -138,6 +139,12 @@ KINDS: Mapping[str, Kind] = {
         MANAGER,
         (20, 1000),
         "a manager is heard, and does not hear",
+        unpromised=frozenset(("silence",)),
+    ),
+    "manager_loose": Kind(
+        MANAGER,
+        (50, 1500),
+        "a manager's plug is loose: in turn it is mute, deaf, cut off, and well",
         unpromised=frozenset(("silence",)),
     ),
     "manager_power": Kind(

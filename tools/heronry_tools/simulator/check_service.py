@@ -7,7 +7,8 @@ Twice:
   the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
   before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
   said by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late that who is
-  named in it may have been lost and have joined again. Who adopts what runs drops nothing by that.
+  named in it may have been lost and have joined again; or where an ALIVE was late within the last period, since what
+  its manager could not send comes then, in the order of its identifiers. Who adopts what runs drops nothing by that.
 - A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
   patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
   everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
@@ -77,6 +78,9 @@ class ServiceCheck:
         self._missed_ns = missed_ns
         self._told_by: dict[str, str] = {}  # who has told of an element last
         self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._alive_ns = 0  # the last ALIVE
+        self._late_ns = 0  # the last one that came late
+        self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
         self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
         self._reigns: list[int] = []  # when they began
@@ -129,6 +133,8 @@ class ServiceCheck:
 
     def alive(self, t_ns: int, pes: frozenset[str]) -> None:
         """ALIVE names these PEs."""
+        self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
+        self._alive_ns = t_ns
         _, before = self._counted_on[-1] if self._counted_on else (0, frozenset[str]())
         if pes != before:
             self._counted_on.append((t_ns, pes))
@@ -178,9 +184,14 @@ class ServiceCheck:
         if epoch.is_adopted:
             return
         if epoch.contingency:
-            self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
+            if t_ns - self._late_ns > self._beat_ns and not self._is_late(t_ns):
+                self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
         else:
             self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
+
+    def _is_late(self, t_ns: int) -> bool:
+        """Tell whether there should have been an ALIVE before."""
+        return t_ns - self._alive_ns > self._beat_ns * 5 // 4 + _UNDER_WAY_NS
 
     def _participants(self, epoch: Epoch) -> set[str]:
         return {pe for pe, node in self._node_of.items() if epoch.has(node)}

@@ -19,6 +19,7 @@ from heronry_tools.simulator.act import KINDS, MANAGERS, WAITS_MS, Act, replicat
 from heronry_tools.simulator.bus import Sent, SimulatedBus
 from heronry_tools.simulator.check_service import Struck
 from heronry_tools.simulator.forger import Forger
+from heronry_tools.simulator.node import Node
 from heronry_tools.simulator.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.simulator.simulation import MS, Simulation
 from heronry_tools.simulator.stranger import Stranger
@@ -37,6 +38,8 @@ _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
 _BIAS = 40.0
 _CORRUPT_SHARE = 0.2
 _FORGE_SHARE = 0.02
+_PLUGS = ((True, False), (False, True), (True, True), (False, False))  # mute, deaf
+_PLUG_HOLDS_MS = (6, 40, 200)  # at most, so or so
 
 
 class Strikes:
@@ -190,6 +193,36 @@ def _mute(pe: SimulatedPe, _act: Act, _random: Random) -> End:
 def _deaf(pe: SimulatedPe, _act: Act, _random: Random) -> End:
     pe.wire(deaf=True)
     return lambda: pe.wire(deaf=False)
+
+
+def _loose(simulation: Simulation, node: Node, random: Random) -> End:
+    """What one direction does, the other may do a moment later: within a beat, or some beats apart."""
+    over = False
+
+    def turn() -> None:
+        if not over and node.running:
+            mute, deaf = random.choice(_PLUGS)
+            node.wire(mute=mute, deaf=deaf)
+            simulation.at(simulation.now_ns + random.randint(1, random.choice(_PLUG_HOLDS_MS)) * MS, turn)
+
+    def end() -> None:
+        nonlocal over
+        over = True
+        if node.running:
+            node.wire(mute=False, deaf=False)
+
+    turn()
+    return end
+
+
+def _loose_pe(simulation: Simulation, act: Act, random: Random) -> End | None:
+    pe = simulation.pes.get(act.name)
+    return None if pe is None else _loose(simulation, pe, random)
+
+
+def _loose_manager(simulation: Simulation, act: Act, random: Random) -> End | None:
+    struck = _struck_manager(simulation, act)
+    return None if struck is None else _loose(simulation, struck[1], random)
 
 
 def _cut(simulation: Simulation, act: Act, _: Random) -> End | None:
@@ -576,6 +609,7 @@ _DO: dict[str, _Do] = {
     "mute": _on_pe(_mute),
     "deaf": _on_pe(_deaf),
     "cut": _cut,
+    "loose": _loose_pe,
     "half_cut": _half_cut,
     "channel_loss": _channel_loss,
     "pause": _on_pe(_pause),
@@ -591,6 +625,7 @@ _DO: dict[str, _Do] = {
     "manager_cut": _manager_wire("cut_off"),
     "manager_mute": _manager_wire("mute"),
     "manager_deaf": _manager_wire("deaf"),
+    "manager_loose": _loose_manager,
     "manager_power": _manager_power,
     "manager_clock_jump": _manager_clock_jump,
     "manager_double": _manager_double,
