@@ -391,7 +391,7 @@ class AgentCore:
         turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
 
     def _contested_until_ns(self, now_ns: int) -> int | None:
-        """Until when what is exclusive may go up; None: not what came while nobody ran, as its news may be behind it."""
+        """Until when what is exclusive may go up; not at all what came while nobody ran: its news may be behind it."""
         turn = self._turn
         return None if turn.arrived_ns <= turn.held_until_ns else self.permission.identifiers_until_ns(now_ns)
 
