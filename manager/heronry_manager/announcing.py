@@ -2,8 +2,9 @@
 
 One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before each
 answer to a request for a phase goes the phase, also if it was told before: a standby that was started since knows only
-what its journal says. A PE obeys none of it; a standby that has missed a fact hears it again, and believes no longer in
-what it has not heard for some turns (`known_situation`).
+what its journal says. Right behind the phase in turn goes which requests have been obeyed. A PE obeys none of it; a
+standby that has missed a fact hears it again, and believes no longer in what it has not heard for some turns
+(`known_situation`).
 """
 
 from heronry_dg.model import Spec

@@ -46,6 +46,7 @@ from enum import Enum
 from typing import Any
 
 from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.plan import Plan
 from heronry_dg.verify import verify
 from heronry_manager.announcing import Announcer, Fact
@@ -107,7 +108,7 @@ START_UP_WINDOW_NS = 5_000_000_000
 _EVERYBODY = 0
 _MOST_DOUBLINGS = 9
 _LEAPS_AFTER, _LEAP = 2, 256  # reigns that were refused one after the other; terms
-_FOLLOWED_BY_DIGEST = (Command.PREPARE, Command.SLICE, Command.ACTIVATE)  # a LEASE that is proven names the digest
+_FOLLOWED_BY_DIGEST = (Command.PREPARE, Command.SLICE)  # an ACTIVATE or a LEASE that is proven names the digest
 
 
 class Reign(Enum):
@@ -322,7 +323,7 @@ class ManagerCore:
         believed = self._authenticity.believed(pe, page, data)
         self._on_state(pe, believed)
         if believed is None and isinstance(page, StatePage0):
-            self._health.spoke(pe, self._turn.now_ns)
+            self._health.spoke(pe, page.incarnation, self._turn.now_ns)
             self._following.state(pe, page, is_proven=False)
 
     def _hear_emergency(self, pe: str, data: bytes) -> None:
@@ -360,7 +361,7 @@ class ManagerCore:
 
     def _on_state(self, pe: str, page: StatePage | Malformed | None) -> None:
         now_ns = self._turn.now_ns
-        if self._reign is Reign.LISTENING and self._listen_until_ns is None:
+        if self._reign is Reign.LISTENING and self._listen_until_ns is None and not isinstance(page, Malformed):
             self._begin()
             if self._key is None:  # with one nobody can be believed before this reigns, and commands
                 self._health.in_flight(now_ns)  # who was down before it fell silent need not be waited for
@@ -566,7 +567,10 @@ class ManagerCore:
         suspects = [pe for pe in self._health.counted_on() if self._health.standing(pe) is Standing.SUSPECT]
         lease = self._deployment.lease()
         self._turn.ask(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
-        self._tell_held(self._announcer.next())
+        fact = self._announcer.next()
+        self._tell_held(fact)
+        if fact is not None and fact[0] is ElementKind.PHASE:
+            self._tell_obeyed()
 
     def _leave_out(self) -> None:
         """Say at once that somebody is counted on no more: until it may hear that, it drives what it was given."""
@@ -583,6 +587,13 @@ class ManagerCore:
     def _tell_held(self, fact: Fact | None) -> None:
         if fact is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
+
+    def _tell_obeyed(self) -> None:
+        """Say once more which requests for a phase have been obeyed: a standby may have missed that, or been away."""
+        for pe, asked in self._turn.memory.asked.items():
+            if self._health.incarnation(pe) == asked.incarnation:
+                obeyed = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
+                self._turn.send(Command.CONTROL, Control(self._turn.term, self._spec.pes[pe].node_id, *obeyed))
 
     def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
         return frozenset(self._spec.pes[pe].node_id for pe in pes)
@@ -745,9 +756,13 @@ class ManagerCore:
             self._planning.ask(self._situation.now(), self._deployment.running)
 
     def _may_stay(self) -> bool:
-        """Tell whether what runs can go on as it is: it is legal now, and nobody waits to be taken in."""
-        plan = self._deployment.plan
+        """Tell whether what runs can go on as it is: legal, with all that is critical, and nobody waits outside."""
+        plan, phase = self._deployment.plan, self._situation.phase
         if plan is None or not self._deployment.everybody_runs_it():
+            return False
+        functions = self._spec.functions.values()
+        wanted = sum(f.priority_in(phase) for f in functions if f.criticality_in(phase) in CRITICAL_CLASSES)
+        if sum(plan.objective.critical) < wanted:
             return False
         return not verify(self._spec, self._situation.now(), plan.configuration)
 

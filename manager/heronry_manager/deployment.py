@@ -163,6 +163,8 @@ class Deployment:
 
     def next_deadlines_ns(self) -> list[int]:
         """When `tick` has something to do."""
+        if self._turn.silent:
+            return []
         deadlines = [epoch.next_deadline_ns() for epoch in (self.current, self.next) if epoch is not None]
         return [deadline for deadline in deadlines if deadline is not None]
 
@@ -391,7 +393,9 @@ class Deployment:
             self.next = None
 
     def tick(self) -> list[str]:
-        """Repeat what was not acknowledged; gives the PEs that have not answered for too long."""
+        """Repeat what was not acknowledged; gives the PEs that have not answered for too long, where any were asked."""
+        if self._turn.silent:
+            return []
         return [pe for epoch in (self.current, self.next) if epoch is not None for pe in epoch.tick(self._turn.now_ns)]
 
     def advance(self) -> Reconfiguration | None:

@@ -98,6 +98,7 @@ class _Record:
     barred: bool = False
     awaited_again: bool = False  # another reign counted on it
     spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
+    unproven: int | None = None  # incarnation that it has said so
 
     def suspect_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * 5 // 4
@@ -140,6 +141,11 @@ class Health:
     def incarnation(self, pe: str) -> int | None:
         """Incarnation that a PE has told last; None before its first page 0."""
         return self._records[pe].incarnation
+
+    def said_incarnation(self, pe: str) -> int | None:
+        """The same, or where it has proven none, the one that it says: enough to tell one request from another."""
+        record = self._records[pe]
+        return record.unproven if record.incarnation is None else record.incarnation
 
     def losses(self, pe: str) -> int:
         """How often a PE was lost since it was last forgiven."""
@@ -254,9 +260,9 @@ class Health:
             if record.standing is Standing.RETURNING
         ]
 
-    def spoke(self, pe: str, now_ns: int) -> None:
+    def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
         """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
-        self._records[pe].spoke_ns = now_ns
+        self._records[pe].spoke_ns, self._records[pe].unproven = now_ns, incarnation
 
     def awaited_again(self) -> list[str]:
         """Who has not done so yet, while the window is open."""

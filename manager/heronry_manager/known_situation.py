@@ -69,6 +69,7 @@ class KnownSituation:
         self.own_bus = f"bus:{spec.manager.bus}"
         self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
         self._told_phase: int | None = None  # by another manager, last
+        self._has_just_told_phase = False  # with nothing after it but which requests have been obeyed
         self._remember()
 
     @property
@@ -145,7 +146,7 @@ class KnownSituation:
 
     def _request_obeyed(self, pe: str, detail: int) -> bool:
         """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
-        incarnation = self._health.incarnation(pe)
+        incarnation = self._health.said_incarnation(pe)
         if incarnation is None or not self._mission.obeyed(pe, incarnation, detail):
             return False
         self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
@@ -155,10 +156,11 @@ class KnownSituation:
         """Another manager reigns, and has said what it holds, what is cleared, or which request it has obeyed."""
         by = f"manager {manager}"
         if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
-            if told.node in self._pe_of_node:
+            if told.node in self._pe_of_node and self._has_just_told_phase:
                 self._request_obeyed(self._pe_of_node[told.node], told.b)
             return
-        if told.operation is Operation.HOLDS and told.a == ElementKind.PHASE:
+        self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
+        if self._has_just_told_phase:
             if self._mission.knows(told.b) and told.b != self._told_phase:
                 self._told_phase, phase = told.b, list(self._spec.phases)[told.b]
                 if phase != self.phase:

@@ -22,6 +22,7 @@ from heronry_manager.memory import Runs
 from heronry_manager.turn import Turn
 from heronry_wire.configuration_slice import SliceError, decode_slice, slice_digest
 from heronry_wire.management import (
+    NO_EPOCH,
     SLICE_BYTES_PER_FRAME,
     Activate,
     Lease,
@@ -47,6 +48,7 @@ class Overheard:
         self._prepared: Prepare | None = None
         self._heads: dict[int, SliceHead] = {}
         self._bodies: dict[int, dict[int, bytes]] = {}
+        self._activated_as = NO_EPOCH, 0  # epoch and digest, whether it is known or not
         self.runs = turn.memory.runs
         if self.runs is not None:
             self.know(self._code.decode(bytes.fromhex(self.runs.row)))
@@ -55,6 +57,8 @@ class Overheard:
         """Take a command of the manager that reigns."""
         prepared = self._prepared
         match message:
+            case Prepare(_, epoch, digest) if (epoch, digest) == self._activated_as:
+                pass  # for who comes late to what runs, while the next one may be prepared
             case Prepare() if prepared is None or (prepared.epoch, prepared.digest) != (message.epoch, message.digest):
                 self._prepared, self._heads, self._bodies = message, {}, {}
             case SliceHead(node, epoch_low) if prepared is not None and epoch_low == prepared.epoch & 0xFF:
@@ -64,6 +68,7 @@ class Overheard:
                 self._bodies.setdefault(node, {})[index] = body
                 self._collect(node)
             case Activate(_, epoch, step, digest) | Lease(_, epoch, step, digest) if step is not Step.PREPARED:
+                self._activated_as = epoch, digest
                 if prepared is not None and (prepared.epoch, prepared.digest) == (epoch, digest):
                     self._activated(epoch, digest)
             case _:

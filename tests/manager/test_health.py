@@ -80,7 +80,7 @@ def test_a_new_reign_waits_no_longer_for_who_does_not_even_speak(spec: Spec) -> 
     health.tick(25 * MS)
     health.tick(65 * MS)
     health.await_again(["sensor_pe", "tail_pe"], 70 * MS, 1000 * MS)
-    health.spoke("tail_pe", 90 * MS)
+    health.spoke("tail_pe", 1, 90 * MS)
     assert health.next_deadline_ns() == 135 * MS
     assert health.tick(134 * MS) == []
     assert changes(health.tick(135 * MS)) == [("sensor_pe", Change.ABSENT)]

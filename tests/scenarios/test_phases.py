@@ -123,8 +123,8 @@ def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> N
         for sent in management_frames(recorded.trace, started_ns, recorded.now_ns)
         if sent.frame.can_id in asked or (sent.frame.can_id == answers and sent.frame.data[3] == Operation.ACKNOWLEDGE)
     ]
-    assert len(told) == 2
-    for sent in told:
+    assert len(told) > 2  # the answer again, each time that the phase is told
+    for sent in told[:2]:
         simulation = flying(ASKING)
         simulation.tamper(sent, Tampering(0))
         simulation.run_for(1_500 * MS)

@@ -97,6 +97,19 @@ def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it
     assert f"holds phase {PHASES[0]}" in check.violations[0].story
 
 
+def test_the_first_phase_may_wait_in_a_frame_for_a_while_though_nothing_records_it() -> None:
+    known = memory(*(one for one in WHOLE if not isinstance(one, PhaseEntered)))
+    before = whole_journal(big_blue(), known)
+    after = before + written(len(known.records()) + 1, as_json(PhaseEntered(PHASES[1])))
+    for waited_ns, is_told in ((999_999_999, False), (1_000_000_000, True)):
+        disks = iter((before, after, after))
+        check = JournalCheck(big_blue(), lambda _, disks=disks: next(disks))  # type: ignore[misc]
+        first, second = (Control(3, 0, Operation.HOLDS, ElementKind.PHASE, i) for i in (0, 1))
+        for t_ns, holds in ((5, first), (6, second), (5 + waited_ns, first)):
+            check.commanded(t_ns, "manager 126", holds)
+        assert bool(check.violations) is is_told
+
+
 def test_a_fault_that_is_cleared_while_its_frame_waits_is_no_contradiction_and_one_that_never_was_is_one() -> None:
     """It is latched and cleared within an instant: the judge has not looked at the journal in between."""
     element = f"module:{MODULES[2]}"

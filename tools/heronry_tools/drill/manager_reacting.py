@@ -270,6 +270,39 @@ def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
     equal(said, wanted, "what is said of phases within a beat")
 
 
+def which_requests_it_has_obeyed_it_tells_again_with_the_phase() -> None:
+    """For who has missed the answer; of an incarnation that is gone it tells none."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    pe = manager.pes["flight"]
+    manager.emergency(pe.name, _PHASE, 1, 5, FaultCode.PHASE_REQUEST)
+    manager.run(100)
+    for is_told in (True, False):
+        began_ns = manager.run(500)
+        said = [(one.node, one.operation, one.b) for one in manager.acknowledged(began_ns) if one.a == _PHASE]
+        held, obeyed = (0, Operation.HOLDS, 1), (pe.node, Operation.ACKNOWLEDGE, 5)
+        equal(said[:4], [held, obeyed] * 2 if is_told else [held] * 4, "what is told in turn")
+        pe.reboot()
+        manager.run(500)
+
+
+def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure() -> None:
+    """It was planned before the operator cleared an element: the reign that knew of that has ended since."""
+    before = ManagerUnderTest().flies()
+    servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
+    for is_cleared in (False, True):
+        for servo in servos:
+            before.obey((ClearElement if is_cleared else FailElement)(servo))
+        before.run(0 if is_cleared else 300)
+    manager = ManagerUnderTest(before.spec, disk=before.disk)
+    for name, ran in before.pes.items():
+        pe = manager.pes[name]
+        pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+    manager.run(500)
+    equal(len(manager.told("adopted")), 1, "epochs that are adopted")
+    demand(not manager.asked()[0].at_leisure, "what is critical, and wanted, is asked for at leisure")
+    equal(len(manager.told("reconfigured")), 1, "reconfigurations")
+
+
 def it_tells_what_it_holds() -> None:
     """What is new with the next beat, then one fact with every fifth: phase and latched faults, in turn."""
     manager = ManagerUnderTest(example("phases")).flies()
@@ -526,6 +559,19 @@ def who_only_advises_says_nothing() -> None:
     demand(bool(manager.obey(AskStatus()).status), "it has no status")
 
 
+def who_only_advises_waits_for_no_answer() -> None:
+    """Where nobody reigns, a PE that has restarted is asked by nobody, and not given up for that."""
+    reigning = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(advise=True)
+    for name, ran in reigning.pes.items():
+        pe = manager.pes[name]
+        pe.epoch, pe.digest, pe.state = ran.epoch, ran.digest, ran.state
+    manager.run(300)
+    manager.pes["tail_b"].reboot()
+    manager.run(3000)
+    equal([one["cause"] for one in manager.told("pe_lost")], ["it rebooted (incarnation 2)"], "why somebody is lost")
+
+
 def commands_keep_their_order() -> None:
     """A turn's frames go out in order: LEASE, then ALIVE; and every one is of its own identifiers."""
     manager = ManagerUnderTest().flies()
@@ -545,6 +591,8 @@ DRILLS = (
     who_has_not_told_its_incarnation_is_not_answered,
     a_phase_that_is_asked_for_is_told_before_the_answer,
     what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next,
+    which_requests_it_has_obeyed_it_tells_again_with_the_phase,
+    what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure,
     it_tells_what_it_holds,
     a_planner_that_fails_is_asked_again,
     what_was_planned_at_once_is_bettered_at_leisure,
@@ -554,5 +602,6 @@ DRILLS = (
     reports_that_are_old_or_of_others_do_not_count,
     the_journal_s_word_is_told_on,
     who_only_advises_says_nothing,
+    who_only_advises_waits_for_no_answer,
     commands_keep_their_order,
 )

@@ -45,6 +45,7 @@ from heronry_wire.management import (
 )
 
 _WAITED = 8 * 3  # lines of records that may be written while a frame waits: both copies, and an empty one
+_FIRST_PHASE_NS = 1_000_000_000  # for which a frame may wait that names it
 Read = Callable[[str], bytes | None]  # what is on the disk of who has this station; None where nobody promises anything
 
 
@@ -67,6 +68,7 @@ class JournalCheck:
         self._phases = list(spec.phases)
         self._said: dict[str, _Said] = {}  # by station
         self._prepared: dict[int, str] = {}  # by epoch: the station that prepared it first, "" on a former disk
+        self._none_entered_ns: dict[str, int] = {}  # by station: when its journal named no phase yet, last
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
 
     def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
@@ -81,7 +83,9 @@ class JournalCheck:
         if memory is not None:
             was_so = before is not None and not self._facts(before, message)
             facts = [] if was_so else self._facts(memory, message)
-            if facts and self._was_held(manager, message):
+            if memory.phase is None:
+                self._none_entered_ns[manager] = t_ns
+            if facts and (self._was_held(manager, message) or self._was_first(t_ns, manager, message)):
                 facts = []
             self._tell(t_ns, manager, _numbers(said, memory) + facts)
 
@@ -115,6 +119,11 @@ class JournalCheck:
         if message.a == ElementKind.PHASE:  # of a journal that was written anew the first lines name none
             return any(memory.phase == self._phases[message.b] for memory in lately)
         return any(not self._facts(memory, message) for memory in lately)
+
+    def _was_first(self, t_ns: int, manager: str, message: ManagementMessage) -> bool:
+        """Tell whether a manager HOLDS the first phase, which has no record, and had entered no other lately."""
+        is_first = isinstance(message, Control) and (message.a, message.b) == (ElementKind.PHASE, 0)
+        return is_first and t_ns - self._none_entered_ns.get(manager, -_FIRST_PHASE_NS) < _FIRST_PHASE_NS
 
     def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
