@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -251,6 +252,9 @@ def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_noth
         told = process.communicate(timeout=20)
     assert process.returncode == 128 + number
     assert told in (("", ""), ("", "heronry: stopped; the same command goes on from plans.partial\n"))
+    until_s = time.monotonic() + 5  # the last ones see by the end of a pipe that they are to go
+    while members(process.pid) and time.monotonic() < until_s:
+        time.sleep(0.01)
     assert members(process.pid) == 0
 
 
