@@ -348,6 +348,19 @@ def who_hears_nobody_says_nothing() -> None:
     )
 
 
+def who_hears_nobody_puts_nobody_in_quarantine() -> None:
+    """Who was lost before, and now with all others, is held down no longer for that; the journal says so, too."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_b"].reboot()
+    manager.run(800)
+    demand("tail_b" in manager.counts_on(), "who has restarted is not taken back")
+    began_ns = _silence(manager, "flight", "tail_a", "tail_b")
+    manager.run(300)
+    lost = [one["pe"] for one in manager.told("pe_lost", began_ns)]
+    equal(sorted(lost), ["flight", "tail_a", "tail_b"], "who is lost")
+    equal(manager.disk.opened().quarantined, {}, "who is in quarantine after a restart")
+
+
 def who_is_refused_by_most_falls_silent() -> None:
     """When most have said for T_lease that they hear no LEASE; the next reign waits for twice as long, and so on."""
     manager = ManagerUnderTest(standby=True).flies()
@@ -461,6 +474,7 @@ DRILLS = (
     what_page_1_says_of_the_lease_counts_too,
     when_most_do_not_hear_nobody_is_failed,
     who_hears_nobody_says_nothing,
+    who_hears_nobody_puts_nobody_in_quarantine,
     who_is_refused_by_most_falls_silent,
     who_is_far_behind_leaps_once,
     of_two_managers_the_lower_term_gives_way,
