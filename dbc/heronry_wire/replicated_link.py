@@ -25,7 +25,7 @@ A bus with one channel is a plain `Link` (`open_link`), and none of this runs.
 """
 
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from time import monotonic_ns
 from typing import Any
@@ -53,6 +53,7 @@ class ReplicatedLink:
         self._latest_copy_ns = latest_copy_ns(heartbeat_ns)
         self._leaving = ChannelMerge(heartbeat_ns)  # which of two copies is the first to leave
         self._departed: deque[int] = deque(maxlen=_DEPARTURES_KEPT)
+        self.on_departure: Callable[[Frame, int, int], None] | None = None  # of its first copy: as a link's
         for channel, link in enumerate(self.links):
             link.on_departure = partial(self._left, channel)
 
@@ -156,6 +157,8 @@ class ReplicatedLink:
         self.links[1 - channel].queue.limit(frame, now_ns + self._latest_copy_ns, now_ns)
         if self._leaving.take(channel, frame, now_ns):
             self._departed.append(took_ns)
+            if self.on_departure is not None:
+                self.on_departure(frame, now_ns, took_ns)
 
 
 AnyLink = Link | ReplicatedLink

@@ -66,6 +66,7 @@ from heronry_manager.reconfiguration import Cause
 from heronry_manager.status import status
 from heronry_manager.turn import Turn
 from heronry_manager.vocabulary import (
+    AliveLeft,
     AskStatus,
     ChannelsLost,
     JournalTold,
@@ -84,6 +85,7 @@ from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     LEASE_PERIODS,
+    Alive,
     Control,
     ElementKind,
     Emergency,
@@ -136,6 +138,7 @@ class ManagerCore:
         on_board: ContingencyNumbers | None = None,
         key: Key | None = None,
         standby: bool = False,
+        tells_departures: bool = False,
     ) -> None:
         """Start listening at `now_ns` as manager `node` (126 or 127), with what is remembered of this spec.
 
@@ -143,9 +146,11 @@ class ManagerCore:
         on_board: what PEs that were given their part of the contingency file can be switched to by number.
         key: of the fleet; with one every command is tagged, and nothing is believed that was not.
         standby: stand by while another manager reigns, instead of ending.
+        tells_departures: whoever drives this says when an ALIVE is on the bus; else it is taken to be there at once.
         Raises NoTermError where all terms have been used.
         """
         self._spec, self._node = spec, node
+        self.alive_id = management_id(node, Command.ALIVE)
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
         self._longest_gap_ns = period_ns * 5 // 4  # between two steps of a manager that reigns, as long as it runs
@@ -154,7 +159,7 @@ class ManagerCore:
         self._listen_until_ns: int | None = now_ns + self.lease_ns  # None: until somebody is heard, and longer
         self._goes_first = node == FIRST_MANAGER or not standby  # where nobody reigns
         self._advise, self._standby, self._window_ns = advise, standby, window_ns
-        self._key, self._on_board = key, on_board
+        self._key, self._on_board, self._tells_departures = key, on_board, tells_departures
         self._journal_problem: str | None = None
         self._refused_ns: int | None = None  # since when most PEs say that they hear no LEASE
         self._refusals = 0  # reigns, one after the other, that have ended for it
@@ -190,7 +195,7 @@ class ManagerCore:
         spec, turn = self._spec, self._turn
         self._has_to_leave_out = False  # somebody who is counted on no more, and whom the last ALIVE named
         self._health = Health(spec, turn.now_ns, self._window_ns)
-        self._exclusion = Exclusion(spec)
+        self._exclusion = Exclusion(spec, tells_departures=self._tells_departures)
         self._situation = KnownSituation(
             spec, turn, self._health, self._take, self._replan, limited=self._limited, stopped=self._stopped
         )
@@ -246,10 +251,8 @@ class ManagerCore:
                 self._plan_failed(event)
             case OperatorSaid():
                 self._turn.ask(self._obey(event))
-            case JournalTold(problem):
-                self._journal_told(problem)
-            case ChannelsLost(channels):  # pragma: no branch - nothing else is left
-                self._situation.channels.own(channels)
+            case JournalTold() | AliveLeft() | ChannelsLost():  # pragma: no branch - nothing else is left
+                self._driver_told(event)
         if self._reign is Reign.STANDBY and self._following.is_orphaned():
             self._follow_up()
         if self.reigns:
@@ -461,8 +464,11 @@ class ManagerCore:
     def _follow_up(self) -> None:
         """Nobody reigns any more: take over from whom this one has followed."""
         followed, now_ns = self._following, self._turn.now_ns
-        self._take(self._health.vouched_for(filter(self._deployment.is_active, followed.counted_on()), now_ns))
+        vouched_for = self._health.vouched_for(filter(self._deployment.is_active, followed.counted_on()), now_ns)
+        self._take(vouched_for)
         self._begin_term()
+        for change in vouched_for:
+            self._exclusion.unknown(change.pe)  # nothing that it has taken up was counted here
         if not self.reigns:
             return
         silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
@@ -556,7 +562,7 @@ class ManagerCore:
             self._end(str(error))
             return
         self._turn.keep(TermBegun(term))
-        self._deployment.numbers.begin(term)
+        self._deployment.begin(term)
         self._exclusion.begun(now_ns, self._health.counted_on())
         self._beacon = Beacon(self._node, self._bus.heartbeat_ns, now_ns)
 
@@ -577,6 +583,13 @@ class ManagerCore:
         if self._has_to_leave_out:
             self._turn.ask(self._beacon.alive(self._turn.term, self._named()))
 
+    def _has_said(self, frame: Frame) -> None:
+        """An ALIVE of this manager is on the bus: whoever it leaves out is counted on no more from now on."""
+        alive = decode_command(Command.ALIVE, frame.data)
+        if isinstance(alive, Alive) and alive.term == self._turn.term:
+            pes = {pe.name for pe in self._spec.pes.values() if pe.node_id in alive.nodes}
+            self._exclusion.said(pes, self._turn.now_ns)
+
     def _named(self) -> frozenset[int]:
         """Nodes that an ALIVE names which goes out now."""
         named = [*self._health.counted_on(), *self._health.awaited_again()]
@@ -591,7 +604,7 @@ class ManagerCore:
     def _tell_obeyed(self) -> None:
         """Say once more which requests for a phase have been obeyed: a standby may have missed that, or been away."""
         for pe, asked in self._turn.memory.asked.items():
-            if self._health.incarnation(pe) == asked.incarnation:
+            if self._health.said_incarnation(pe, self._turn.now_ns) == asked.incarnation:
                 obeyed = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
                 self._turn.send(Command.CONTROL, Control(self._turn.term, self._spec.pes[pe].node_id, *obeyed))
 
@@ -692,7 +705,16 @@ class ManagerCore:
             authenticity=self._authenticity,
         )
 
-    # The journal
+    # What its driver says
+
+    def _driver_told(self, event: JournalTold | AliveLeft | ChannelsLost) -> None:
+        match event:
+            case JournalTold(problem):
+                self._journal_told(problem)
+            case AliveLeft(frame):
+                self._has_said(frame)
+            case ChannelsLost(channels):  # pragma: no branch - nothing else is left
+                self._situation.channels.own(channels)
 
     def _journal_told(self, problem: str | None) -> None:
         before, self._journal_problem = self._journal_problem, problem

@@ -51,6 +51,7 @@ from heronry_wire.management import (
     COMMAND_OF,
     NO_EPOCH,
     Lease,
+    PeFlags,
     PeState,
     Reason,
     StatePage0,
@@ -76,6 +77,7 @@ class Observed:
     digest: int = 0
     state: PeState = PeState.UNCONFIGURED
     configured: bool = False  # has been seen to run something of ours in this incarnation
+    hears: bool = False  # has said since this reign began that it hears a LEASE
     said: tuple[int, int] | None = None  # incarnation and sequence of its last page 0
 
     def is_late(self, page: StatePage0) -> bool:
@@ -123,6 +125,12 @@ class Deployment:
         self._has_given_up = False  # an epoch, since the current one was activated
         self._advised: tuple[Plan, int] | None = None  # what was advised last, and its digest
         self._stopped: set[str] = set()  # modules that some PE has stopped, and that are wanted again
+
+    def begin(self, term: int) -> None:
+        """Begin to speak in this term: nobody has heard it yet."""
+        self.numbers.begin(term)
+        for seen in self._observed.values():
+            seen.hears = False
 
     @property
     def running(self) -> Placement | None:
@@ -189,6 +197,7 @@ class Deployment:
             return None
         seen.said = page.incarnation, page.sequence
         seen.epoch, seen.digest, seen.state = page.epoch, page.digest, page.state
+        seen.hears = seen.hears or PeFlags.HEARS_LEASE in page.flags
         if not self._health.is_counted_on(pe):
             return None
         known = self._epochs.get(page.epoch)
@@ -201,8 +210,11 @@ class Deployment:
         if known is not None and known.compiled.digest == page.digest:
             seen.configured = True
             self._exclusion.reported(pe, known.placed, *self._placed_since(known))
+            if not seen.hears:
+                self._exclusion.unknown(pe)  # it may obey another reign yet, and take up what that one gives it
             known.reported(pe, page.state, self._turn.now_ns)
         elif seen.configured:
+            self._exclusion.unknown(pe)
             return f"it runs epoch {page.epoch} with digest {page.digest:06X}, which nobody commanded"
         else:
             self._exclusion.unknown(pe)  # it joined with what another manager, or an older reign, gave it
@@ -289,6 +301,9 @@ class Deployment:
         compiled = self._compiler.configuration(plan.configuration)
         seen = [self._observed[pe] for pe in self._health.counted_on()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
+        runs = self._turn.memory.runs
+        if runs is not None and is_newer(runs.epoch, self._newest_seen()):
+            return False  # who was given what came after that is silent, and may run it
         if not clean or {one.epoch for one in seen} != {self._newest_seen()}:
             return False
         self._adopt(seen[0].epoch, plan, compiled)
@@ -323,7 +338,7 @@ class Deployment:
         self._remember(adopted, plan)
         self._exclusion.activated(adopted.placed)  # whoever is missing may still hold what it was given
         for pe in self._health.counted_on():
-            self._exclusion.reported(pe, adopted.placed)  # who runs nothing may have staged it, and take it up by LEASE
+            self._exclusion.unknown(pe)  # before it hears this reign it may take up what another one gave it
             if self._observed[pe].state is PeState.UNCONFIGURED:
                 continue
             self._observed[pe].configured = True

@@ -16,6 +16,7 @@ import os
 import select
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,7 @@ from heronry_manager.events import event
 from heronry_manager.journal import Journal
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.vocabulary import (
+    AliveLeft,
     ChannelsLost,
     Emit,
     JournalTold,
@@ -36,6 +38,7 @@ from heronry_manager.vocabulary import (
     Settled,
     Stop,
 )
+from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink
@@ -76,6 +79,8 @@ class ManagerDriver:
         self._stood_still_ns = 0  # so far is the core's clock behind
         self._frozen_ns: int | None = None  # what it says while the bus is lost
         self._lost_channels: frozenset[int] = frozenset()  # as the core was told
+        self._said: deque[Frame] = deque()  # ALIVEs that are on the bus, and the core does not know it yet
+        self._link.on_departure = self._departed
         self._stop_reason: str | None = None
         self._stopping = False
 
@@ -152,8 +157,15 @@ class ManagerDriver:
             arrivals = self._link.receive(time.monotonic_ns())
             for _, frame in arrivals:
                 self._step(Received(0, frame))
+            while self._said:
+                self._step(AliveLeft(self._said.popleft()))
             if not arrivals:
                 return
+
+    def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
+        """A frame is on the bus; this may be in the middle of a step."""
+        if frame.can_id == self._core.alive_id:
+            self._said.append(frame)
 
     def _step(self, happened: ManagerEvent) -> None:
         self._carry_out(self._core.step(self._now_ns(), happened))

@@ -11,7 +11,8 @@ run on several PEs (`module:NAME`). A PE *holds* a token when a configuration th
              lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
              gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
              been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
-             the first ALIVE that names it no more: it may have heard others until then, and has stopped by itself now
+             the first ALIVE that names it no more is on the bus: it may have heard others until then, and has stopped
+             by itself now
 
 Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
 of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
@@ -37,14 +38,16 @@ from heronry_wire.management import LEASE_PERIODS
 class Exclusion:
     """Tokens held by each PE, as far as the manager can know."""
 
-    def __init__(self, spec: Spec) -> None:
-        self._spec = spec
+    def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
+        """`tells_departures`: an ALIVE is not said before `said` is called."""
+        self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
             pe: LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
         }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._named: frozenset[str] = frozenset()  # by the last ALIVE
         self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
+        self._unsaid: set[str] = set()  # left out by no ALIVE that is on the bus
         self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
         self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
@@ -73,16 +76,26 @@ class Exclusion:
     def begun(self, now_ns: int, counted_on: Collection[str]) -> None:
         """A reign begins: who it does not hear may have been named by another one until now, and drive anything."""
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
+        self._unsaid = set(self._spec.pes) if self._tells_departures else set()
         for pe in self._spec.pes.keys() - set(counted_on):
             self.unknown(pe)
 
     def named(self, pes: Collection[str], now_ns: int) -> None:
-        """ALIVE has just named these PEs, and no others."""
+        """ALIVE names these PEs, and no others."""
+        if self._tells_departures:
+            self._unsaid |= self._named
+        self._unsaid.difference_update(pes)
         for pe in self._named.union(pes):
             self._last_named_ns[pe] = now_ns
         for pe in pes:
             self._unsent_ns.pop(pe, None)
         self._named = frozenset(pes)
+
+    def said(self, pes: Collection[str], now_ns: int) -> None:
+        """An ALIVE that names these PEs, and no others, is on the bus."""
+        for pe in self._unsaid.difference(pes):
+            self._last_named_ns[pe] = now_ns
+        self._unsaid.intersection_update(pes)
 
     def heard(self, pe: str) -> None:
         """A PE was heard: if it is declared down, its silence begins now."""
@@ -132,7 +145,8 @@ class Exclusion:
     ) -> int | None:
         ends = []
         for pe in self._holds.keys() - set(counted_on):
-            lease_ends_ns = self._last_named_ns.get(pe, now_ns) + self._lease_ns[pe]
+            since_ns = now_ns if pe in self._unsaid else self._last_named_ns.get(pe, now_ns)
+            lease_ends_ns = since_ns + self._lease_ns[pe]
             unsent_ns = self._unsent_ns.get(pe, lease_ends_ns)
             if lease_ends_ns <= now_ns:
                 self._holds[pe] = set()

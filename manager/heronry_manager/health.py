@@ -98,7 +98,12 @@ class _Record:
     barred: bool = False
     awaited_again: bool = False  # another reign counted on it
     spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
-    unproven: int | None = None  # incarnation that it has said so
+    said: int | None = None  # incarnation that it has said last, proven or not
+    said_since_ns: int = 0
+
+    def says(self, incarnation: int, now_ns: int) -> None:
+        if incarnation != self.said:
+            self.said, self.said_since_ns = incarnation, now_ns
 
     def suspect_ns(self) -> int:
         return (self.heard_ns or 0) + self.period_ns * 5 // 4
@@ -142,10 +147,10 @@ class Health:
         """Incarnation that a PE has told last; None before its first page 0."""
         return self._records[pe].incarnation
 
-    def said_incarnation(self, pe: str) -> int | None:
-        """The same, or where it has proven none, the one that it says: enough to tell one request from another."""
+    def said_incarnation(self, pe: str, since_ns: int) -> int | None:
+        """Incarnation that a PE has said since some time, proven or not: enough to tell one request from another."""
         record = self._records[pe]
-        return record.unproven if record.incarnation is None else record.incarnation
+        return record.said if record.said_since_ns <= since_ns else None
 
     def losses(self, pe: str) -> int:
         """How often a PE was lost since it was last forgiven."""
@@ -208,6 +213,7 @@ class Health:
                 cause = f"it rebooted (incarnation {incarnation})"
                 changes += self._lose(record, last, now_ns, cause, Change.REBOOTED)
             record.incarnation = incarnation
+            record.says(incarnation, now_ns)
         match record.standing:
             case Standing.UP:
                 pass
@@ -262,7 +268,9 @@ class Health:
 
     def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
         """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
-        self._records[pe].spoke_ns, self._records[pe].unproven = now_ns, incarnation
+        record = self._records[pe]
+        record.spoke_ns = now_ns
+        record.says(incarnation, now_ns)
 
     def awaited_again(self) -> list[str]:
         """Who has not done so yet, while the window is open."""

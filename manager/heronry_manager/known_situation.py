@@ -31,7 +31,7 @@ from heronry_manager.radio_links import RadioLinks
 from heronry_manager.restarts_told import RestartsTold
 from heronry_manager.turn import Turn
 from heronry_wire.frame import Frame
-from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.management import FORWARD_ONLY, LEASE_PERIODS, Control, ElementKind, Emergency, FaultCode, Operation
 
 ANNOUNCED_EVERY = 5
 """Beats from one thing that the manager who reigns tells in turn to the next."""
@@ -61,6 +61,7 @@ class KnownSituation:
         self._spec, self._turn, self._health = spec, turn, health
         self._take, self._replan, self._limited, self._stopped = take, replan, limited, stopped
         self._mission = MissionPhase(spec)
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns  # for which a frame may wait
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)
@@ -137,17 +138,23 @@ class KnownSituation:
 
     def requested(self, pe: str, request: Emergency) -> bool:
         """A PE asks for a phase; tells whether that was heard."""
-        is_known = self._health.is_counted_on(pe) and self._health.incarnation(pe) is not None
-        if not is_known or not self._mission.knows(request.index):
+        incarnation = self._health.incarnation(pe) if self._health.is_counted_on(pe) else None
+        if incarnation is None or not self._mission.knows(request.index):
             return False
-        if self._request_obeyed(pe, request.detail) and self._mission.allows(request.index, request.detail):
+        is_new = self._request_obeyed(pe, incarnation, request.detail)
+        if is_new and self._mission.allows(request.index, request.detail):
             self.enter(list(self._spec.phases)[request.index], pe)
         return True
 
-    def _request_obeyed(self, pe: str, detail: int) -> bool:
+    def _request_answered(self, pe: str, detail: int) -> None:
+        """Another manager has said, perhaps a moment ago, that it has obeyed a request of the incarnation of then."""
+        incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
+        if incarnation is not None:
+            self._request_obeyed(pe, incarnation, detail)
+
+    def _request_obeyed(self, pe: str, incarnation: int, detail: int) -> bool:
         """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
-        incarnation = self._health.said_incarnation(pe)
-        if incarnation is None or not self._mission.obeyed(pe, incarnation, detail):
+        if not self._mission.obeyed(pe, incarnation, detail):
             return False
         self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
         return True
@@ -157,7 +164,7 @@ class KnownSituation:
         by = f"manager {manager}"
         if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
             if told.node in self._pe_of_node and self._has_just_told_phase:
-                self._request_obeyed(self._pe_of_node[told.node], told.b)
+                self._request_answered(self._pe_of_node[told.node], told.b)
             return
         self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
         if self._has_just_told_phase:

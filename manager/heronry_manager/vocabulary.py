@@ -11,6 +11,7 @@ from typing import Any
 
 from heronry_dg.plan import Plan
 from heronry_manager.memory import Record
+from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received, Send, Tick
 
 Limits = Mapping[str, Fraction]
@@ -87,6 +88,13 @@ class ChannelsLost:
 
 
 @dataclass(frozen=True, slots=True)
+class AliveLeft:
+    """An ALIVE that was asked for is on the bus."""
+
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """The manager must end; `reason` is a sentence for the user."""
 
@@ -147,5 +155,5 @@ class Reply:
     status: Mapping[str, Any] | None = None
 
 
-ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold | ChannelsLost
+ManagerEvent = Received | Tick | PlanReady | PlanFailed | OperatorSaid | JournalTold | ChannelsLost | AliveLeft
 ManagerAction = Send | RequestPlan | Settled | Emit | Keep | Reply | Stop

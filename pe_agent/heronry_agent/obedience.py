@@ -153,6 +153,8 @@ class Obedience:
             case Activate():
                 self._take(message)
             case Ping() if message.node in (_BROADCAST, self.index.node):
+                if message.node == self.index.node:
+                    self.permission.asked(turn.arrived_ns)
                 turn.wants_page_0 = turn.wants_page_1 = True
             case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
@@ -175,7 +177,7 @@ class Obedience:
         """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
-        self.reign.has_activated = True
+        self.reign.has_activated |= order.step is Step.GO_ALL
         running, staged = self.reconfiguration.running, self.staging.staged
         if self.reconfiguration.is_at(order.epoch, order.digest):
             target = running

@@ -21,17 +21,21 @@ while all four hold, asked before every output with the time of that moment, so 
 Hearing somebody again after a silence is no such proof. A PE that has restarted runs nothing, and one that was cut off
 as well runs what was given to it before: neither could tell. Nor could a manager that has only begun to reign, and
 counts on whoever it hears. So after a silence that was too long for (b) this PE is in *doubt*, and holds back until an
-ALIVE names it again, of a manager that has said which configuration runs; or, where there is none, until it has heard
-others for T_lease: whoever took its place is among those, and tells its newer epoch every period.
+ALIVE names it again, of a manager that has brought a configuration to its last step (before, who took its place may not
+have let go); or, where there is none, until it has heard others for T_lease: whoever took its place is among those, and
+tells its newer epoch every period.
 
 For the frames of a module that may run elsewhere (b) is stricter: two periods, and a frame that could not start by then
 does not start at all. A manager that hears nothing of this PE gives its identifiers away after three periods and a
-quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided. What
-waits to be sent under them when a word ends (a), (c) or (d) is withdrawn (`revoked`): a PE that hears and is not heard
-has been replaced, and must not send it when it is heard again.
+quarter, and a PE whose wire is mended in between must not send under them before it has heard what was decided. Where
+it is the PE that is not heard, the manager asks it (PING), once in a period: two periods after the first of these,
+unless an ALIVE has come a period and an eighth after the last, it holds them back as well. What waits to be sent under
+them when a word ends (a), (c) or (d) is withdrawn (`revoked`): a PE that hears and is not heard has been replaced, and
+must not send it when it is heard again.
 
 Lost, late or doubled frames make it more cautious at most. A forged LEASE or state frame can hold the outputs until
-the next true LEASE; only a forged ALIVE could release them, and the management protocol is what must be protected.
+the next true LEASE, and forged PINGs those frames; only a forged ALIVE could release them, and the management protocol
+is what must be protected.
 """
 
 from collections.abc import Callable
@@ -56,6 +60,8 @@ class Permission:
         self._identifiers_doubted_ns: int | None = None  # the same, longer than two periods
         self._clashed_ns: int | None = None  # when another node was heard under this one's node-ID
         self._overtaken = False
+        self._missed_ns: int | None = None  # when the manager asked for this PE first, if it may not have heard it yet
+        self._asked_ns = 0  # ... and last
 
     def allows(self, now_ns: int) -> bool:
         """Tell whether an exclusive output may be driven at this moment."""
@@ -73,7 +79,8 @@ class Permission:
         """Until when frames may be sent that another PE could send as well; None: not now."""
         if not self.allows(now_ns) or self._heard_ns is None or not self._is_past(self._identifiers_doubted_ns, now_ns):
             return None
-        until_ns = self._heard_ns + self._identifier_ns
+        since_ns = self._heard_ns if self._missed_ns is None else min(self._heard_ns, self._missed_ns)
+        until_ns = since_ns + self._identifier_ns
         return until_ns if now_ns <= until_ns else None
 
     def heard(self, arrived_ns: int) -> None:
@@ -94,14 +101,22 @@ class Permission:
     def named(self, is_named: bool, arrived_ns: int, *, by_who_knows: bool) -> None:
         """ALIVE of the reigning manager counts on this PE, or does not; it is heard like any other frame.
 
-        by_who_knows: this manager has said which configuration runs.
+        by_who_knows: this manager has brought a configuration to its last step.
         """
         self.heard(arrived_ns)
+        if arrived_ns - self._asked_ns >= self._identifier_ns * 9 // 16:
+            self._missed_ns = None
         was_named, self._named = self._named, is_named
         if is_named and by_who_knows:
             self._doubted_ns = self._identifiers_doubted_ns = None
         elif was_named and not is_named:
             self.revoked()
+
+    def asked(self, arrived_ns: int) -> None:
+        """The manager asks for a state of this PE: it has missed one."""
+        self._asked_ns = arrived_ns
+        if self._missed_ns is None:
+            self._missed_ns = arrived_ns
 
     def _is_past(self, doubted_ns: int | None, now_ns: int) -> bool:
         """Tell whether there is no doubt, or no more."""

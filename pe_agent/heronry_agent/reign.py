@@ -3,7 +3,8 @@
 A term belongs to the manager that was first heard with it: the other one cannot have the same, and a command that says
 so is as stale as one with a lower term. The lease is heard as long as a LEASE of the reigning term came within T_lease.
 Losing it stops nothing (`keep`); it shows in the state frames, where a standby manager counts it. A manager that has
-just begun to reign does not know what runs until a LEASE or ACTIVATE of its term says so (`has_activated`).
+just begun to reign does not know what runs, nor who has let go, until a LEASE or ACTIVATE of its term is at the last
+step (`has_activated`).
 
 Lost: T_lease bridges four LEASEs. Doubled: nothing happens twice. Late: it counts from when it arrived here, not from
 when it is read, so that a pause is no sign of a manager; one of a lower term is refused. Forged: see `authenticity`.
@@ -25,7 +26,7 @@ class Reign:
         self._lease_ns = lease_ns
         self.term = NO_TERM
         self.manager = 0
-        self.has_activated = False  # the one that reigns has said which configuration runs
+        self.has_activated = False  # the one that reigns has brought a configuration to its last step
         self._leased_ns: int | None = None
 
     def admits(self, manager: int, term: int) -> bool:

@@ -75,6 +75,21 @@ def test_the_demux_of_a_silent_pe_waits_for_its_lease_to_run_out(exclusion: Excl
     assert exclusion.demux_free_ns(placed, left, 160 * MS) is None
 
 
+def test_where_departures_are_told_a_lease_runs_out_from_the_first_alive_on_the_bus_without_it(spec: Spec) -> None:
+    exclusion = Exclusion(spec, tells_departures=True)
+    activate(exclusion, with_servo(1, "tail_pe"))
+    left = ["sensor_pe", "control_pe"]
+    placed = exclusion.tokens(with_servo(2, "control_pe"))
+    exclusion.named(left, 65 * MS)
+    assert exclusion.demux_free_ns(placed, left, 300 * MS) == 400 * MS
+    exclusion.said(PES, 301 * MS)  # an older one, that names it
+    assert exclusion.demux_free_ns(placed, left, 302 * MS) == 402 * MS
+    exclusion.said(left, 303 * MS)
+    exclusion.said(left, 304 * MS)
+    assert exclusion.demux_free_ns(placed, left, 305 * MS) == 403 * MS
+    assert exclusion.demux_free_ns(placed, left, 403 * MS) is None
+
+
 def test_time_in_which_the_manager_did_not_run_is_no_part_of_a_lease(exclusion: Exclusion) -> None:
     activate(exclusion, with_servo(1, "tail_pe"))
     exclusion.named(PES, 0)

@@ -84,6 +84,7 @@ def reign(arguments: argparse.Namespace) -> int:
                 on_board=numbers,
                 key=key,
                 standby=arguments.standby,
+                tells_departures=True,
             )
             foresight = Foresight(spec, planner, start_thinker, table)
             driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)

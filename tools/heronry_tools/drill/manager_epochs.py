@@ -6,6 +6,7 @@ from itertools import pairwise
 from heronry_manager.vocabulary import ClearElement, FailElement
 from heronry_tools.drill.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, example
 from heronry_tools.drill.player import MS, demand, equal
+from heronry_tools.simulator.disk import Disk
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, state_id
 from heronry_wire.management import (
@@ -287,6 +288,70 @@ def who_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
     _goes_t_lease_after(manager, manager.said(Alive, began_ns - MS)[0][0])
 
 
+def an_alive_that_waits_leaves_nobody_out() -> None:
+    """The manager is not heard when it leaves a driver out: T_lease counts from when that ALIVE is on the bus."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_a"].speaks = False
+    manager.run_into_next_period(15)
+    manager.manager.wire(mute=True)
+    manager.run(60)
+    equal([one["pe"] for one in manager.told("pe_lost")], ["tail_a"], "who is lost")
+    manager.manager.wire(mute=False)
+    heard_ns = manager.run(500)
+    node = manager.pes["tail_a"].node
+    left_out_ns = next(t_ns for t_ns, one in manager.said(Alive, heard_ns) if node not in one.nodes)
+    _goes_t_lease_after(manager, left_out_ns)
+
+
+def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
+    """Those who are heard run the very plan that would be made, in an older epoch: the newer one may run elsewhere."""
+    before = ManagerUnderTest().flies()
+    older = {name: (pe.epoch, pe.digest, pe.state, pe.runs) for name, pe in before.pes.items()}
+    before.pes["tail_a"].speaks = False
+    before.run(400)
+    newest = before.lease().epoch
+    manager = ManagerUnderTest(disk=before.disk)
+    for name in ("flight", "tail_a"):
+        pe = manager.pes[name]
+        pe.epoch, pe.digest, pe.state, pe.runs = older[name]
+    manager.pes["tail_b"].speaks = False
+    manager.run(500)
+    equal(manager.told("adopted"), [], "epochs that are adopted")
+    demand(manager.lease().epoch > newest, f"epoch {manager.lease().epoch} runs, and {newest} is remembered")
+    _goes_t_lease_after(manager, manager.said(Alive)[0][0])
+
+
+def who_may_obey_another_reign_yet_is_given_t_lease() -> None:
+    """It runs what is adopted, and has not said that it hears a LEASE since; or it runs what nobody here commanded."""
+    servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
+    before = ManagerUnderTest().flies()
+    for servo in servos:
+        before.obey(FailElement(servo))
+    before.run(300)
+    for hears, epoch, waits in ((True, 0, False), (False, 0, True), (True, 5, True)):
+        manager = ManagerUnderTest(disk=Disk(before.spec, before.disk.data))
+        for name, pe in manager.pes.items():
+            ran = before.pes[name]
+            pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+        silent = manager.pes["tail_a"]
+        silent.hears = hears
+        manager.until(lambda m=manager: bool(m.told("adopted")), 300, "what runs is not adopted")  # type: ignore[misc]
+        manager.run_into_next_period(15)
+        silent.epoch += epoch
+        manager.run(20)
+        silent.speaks = False
+        manager.until(lambda m=manager: bool(m.told("pe_lost")), 100, "nobody is lost")  # type: ignore[misc]
+        left_out_ns = manager.told("pe_lost")[0]["t_ns"]
+        for servo in servos:
+            manager.obey(ClearElement(servo))
+        manager.run(300)
+        goes_ns = next(
+            one["t_ns"] for one in manager.told("reconfigured", left_out_ns) if "servo_driver_2" in one["started"]
+        )
+        took_ms = (goes_ns - left_out_ns) / MS
+        demand((took_ms > 99) is waits, f"hearing {hears}, {epoch} epochs on: the DEMUX goes after {took_ms} ms")
+
+
 def _goes_t_lease_after(manager: ManagerUnderTest, alive_ns: int) -> None:
     """See that somebody drives the DEMUX again, and not before T_lease after an ALIVE."""
     epoch = manager.lease().epoch
@@ -545,6 +610,9 @@ DRILLS = (
     a_silent_driver_is_given_t_lease,
     who_a_reign_has_never_heard_is_given_t_lease,
     who_has_only_staged_what_is_adopted_is_given_t_lease_too,
+    an_alive_that_waits_leaves_nobody_out,
+    what_is_remembered_and_newer_is_not_given_up_for_what_is_seen,
+    who_may_obey_another_reign_yet_is_given_t_lease,
     who_says_once_more_what_it_ran_before_may_drive_what_comes,
     who_speaks_and_is_given_up_is_given_t_lease_too,
     a_jump_of_the_clock_frees_nothing,

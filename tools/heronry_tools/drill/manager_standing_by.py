@@ -275,6 +275,10 @@ def an_answer_counts_right_behind_the_phase_alone() -> None:
     obeyed = Control(1, manager.pes["flight"].node, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)
     manager.main.command(obeyed, held, fault, obeyed, manager=126)
     manager.run(5)
+    manager.pes["flight"].reboot()  # an answer that follows at once may have waited, and be for the one before
+    manager.run(25)
+    manager.main.command(held, obeyed, manager=126)
+    manager.run(5)
     _its_reign_ends(manager, reigning, 400)
     began_ns = manager.now_ns
     manager.emergency("flight", ElementKind.PHASE, 1, 1, FaultCode.PHASE_REQUEST)
@@ -396,6 +400,37 @@ def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderT
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
     equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
+
+
+def who_is_vouched_for_may_drive_anything() -> None:
+    """The reign before counted on it to the last; what it took up then was counted nowhere here."""
+    manager, reigning = _standing_by()
+    driver = manager.pes["tail_a"]
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
+    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    manager.run_into_next_period(15)
+    driver.reboot()  # to be held down, and counted on all the same
+    manager.run(25)
+    driver.epoch, driver.digest, driver.state = 7, 0x99, PeState.ACTIVE
+    manager.run(20)
+    manager.manager.planning = lambda _: None
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(80)
+    driver.speaks = False
+    manager.until(lambda: bool(manager.told("taken_over")), 100, "it does not take over")
+    manager.run(1)
+    demand("tail_a" in manager.counts_on(), "who the reign before counted on is not vouched for")
+    manager.manager.planning = manager.plans
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - 5 * MS)), 100, "nobody is lost")
+    lost_ns = manager.now_ns
+    manager.run(400)
+    goes = [t_ns for t_ns, one in manager.said(Activate, lost_ns) if one.step is Step.GO_ALL]
+    demand(bool(goes) and goes[0] - lost_ns > LEASE_NS - MS, "nobody waits for who was vouched for")
 
 
 def what_is_no_configuration_is_not_remembered() -> None:
@@ -835,6 +870,7 @@ DRILLS = (
     who_comes_late_to_what_runs_does_not_hide_what_comes,
     what_it_has_overheard_is_adopted,
     what_was_called_by_its_number_is_adopted,
+    who_is_vouched_for_may_drive_anything,
     what_is_no_configuration_is_not_remembered,
     who_reigns_stands_by_before_a_higher_term,
     every_command_is_tagged,

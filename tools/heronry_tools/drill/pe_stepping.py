@@ -43,6 +43,7 @@ from heronry_wire.management import (
     Lease,
     PeFlags,
     PeState,
+    Ping,
     Reason,
     StatePage0,
     StatePage1,
@@ -421,6 +422,17 @@ def who_begins_to_reign_ends_no_doubt() -> None:
     demand(bool(pe.data(DEMAND_ID, began_ns)), "what could run elsewhere is sent no more")
 
 
+def a_step_before_the_last_ends_no_doubt() -> None:
+    """Whoever took its place may not have let go yet."""
+    pe = _back_under_another(after_ms=200)
+    pe.lease = Lease(6, _EPOCH, Step.GO, _DIGEST)
+    began_ns = pe.run(75)
+    equal([t for t in pe.drives if t > began_ns], [], "its branch is driven before the last step")
+    pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST)
+    began_ns = pe.run(45)
+    demand(bool([t for t in pe.drives if t > began_ns]), "at the last step its branch stands still")
+
+
 def _back_under_another(after_ms: float) -> PeUnderTest:
     """A PE that has heard nobody for so long, and then a manager that begins, and counts on it."""
     pe = _attended().flies()
@@ -476,6 +488,25 @@ def what_could_run_elsewhere_is_sent_for_two_periods() -> None:
     demand(bool(pe.data(HEIGHT_ID, last_ns + 250 * MS)), "what cannot be elsewhere is sent no more")
     codes = [d.message_code for _, d in pe.data(DEMAND_ID, -1)]
     equal(codes, [(codes[0] + number) % 256 for number in range(len(codes))], "message codes")
+
+
+def who_is_not_heard_sends_nothing_that_could_run_elsewhere() -> None:
+    """It is asked (PING) once in a period: from two periods after the first on, until nobody has asked for a while."""
+    pe = _attended().flies()
+    for beats in (1, 6):
+        pe.run_into_next_period(2)
+        asked_ns = pe.now_ns
+        for number in range(beats):
+            pe.main.command(Ping(pe.term, NODE, number))
+            pe.run(PERIOD_NS / MS)
+        last_ns = pe.now_ns - PERIOD_NS
+        pe.run(150)
+        sent = moments(pe.data(DEMAND_ID, asked_ns - PERIOD_NS))
+        held = [t_ns for t_ns in sent if asked_ns + 41 * MS < t_ns < last_ns + 20 * MS]
+        equal(held, [], f"what could run elsewhere, while it is asked {beats} times")
+        longest_ms = max(gaps([*sent, pe.now_ns])) / MS
+        wanted = longest_ms < 30 if beats == 1 else 60 < longest_ms < 125
+        demand(wanted, f"asked {beats} times it sends nothing for {longest_ms} ms")
 
 
 def an_output_is_echoed() -> None:
@@ -568,6 +599,8 @@ DRILLS = (
     a_branch_needs_somebody_to_be_heard,
     after_a_silence_an_alive_must_name_it,
     who_begins_to_reign_ends_no_doubt,
+    a_step_before_the_last_ends_no_doubt,
+    who_is_not_heard_sends_nothing_that_could_run_elsewhere,
     a_silence_within_t_lease_raises_no_doubt,
     a_newer_epoch_elsewhere_stops_it,
     what_could_run_elsewhere_is_sent_for_two_periods,

@@ -42,8 +42,8 @@ from heronry_agent.vocabulary import (
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_manager.core import ManagerCore
-from heronry_manager.vocabulary import ChannelsLost as OwnChannelsLost
 from heronry_manager.vocabulary import (
+    AliveLeft,
     Emit,
     JournalTold,
     Keep,
@@ -56,6 +56,7 @@ from heronry_manager.vocabulary import (
     RequestPlan,
     Stop,
 )
+from heronry_manager.vocabulary import ChannelsLost as OwnChannelsLost
 from heronry_tools.simulator.bus import SimulatedBus
 from heronry_tools.simulator.clock import Clock
 from heronry_tools.simulator.disk import Disk
@@ -419,11 +420,20 @@ class SimulatedManager(Node):
         self.stopped: str | None = None  # why the core wanted to end
         memory = disk.opened()
         self.core = ManagerCore(
-            spec, node, memory, time.now_ns(), advise=advise, on_board=ahead.numbers, key=key, standby=standby
+            spec,
+            node,
+            memory,
+            time.now_ns(),
+            advise=advise,
+            on_board=ahead.numbers,
+            key=key,
+            standby=standby,
+            tells_departures=True,
         )
         self.disk = disk
         self._journal_problem: str | None = None
         self._join(name, bus, spec.buses[spec.manager.bus], witness, _Heard(self.core))
+        self._ears[0].left = self._left
         self._set_alarm()
 
     def say(self, order: Order) -> Reply:
@@ -495,6 +505,11 @@ class SimulatedManager(Node):
         ready = PlanReady(asked.request, plan(self._spec, now, asked.running))
         after_ns = _AT_ONCE_NS if at_once else self._decide_ns()
         self._clock.at(self._clock.now_ns + after_ns, lambda: self._told(ready))
+
+    def _left(self, frame: Frame) -> None:
+        """A frame is on the bus; while the processor stands still nobody is told."""
+        if frame.can_id == self.core.alive_id and self.is_awake:
+            self._hand_over(AliveLeft(frame))
 
     def _channels_lost(self, _: int, lost: frozenset[int]) -> None:
         self._told(OwnChannelsLost(lost))
