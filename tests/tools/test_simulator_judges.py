@@ -668,11 +668,15 @@ def test_what_a_lower_term_tells_where_the_higher_one_is_silent_counts_for_nothi
     assert tells(check, 3 * S, "ascent", term=5) == ["ascent is told in term 5, and asked for was landing"]
 
 
-def turns(*handovers: tuple[int, int]) -> list[str]:
+def turns(*handovers: tuple[int, int], leased: bool = True, spoken: bool = True) -> list[str]:
     """What is said when two modules drive a DEMUX in turn, each after a LEASE of this term and epoch."""
     check = ExclusionCheck(two_tails())
     for n, (term, epoch) in enumerate(handovers):
         check.commanded(Lease(term, epoch, Step.GO_ALL, 0))
+        if leased or n == 0:
+            check.leased(n * S)
+        if spoken:
+            check.spoke(n * S, "right")
         check.moved(Moved(n * S, *(("left", "servo_driver_1"), ("right", "servo_driver_2"))[n % 2]))
     return [violation.story for violation in check.violations]
 
@@ -685,6 +689,12 @@ def test_a_handover_is_a_newer_epoch_or_any_other_one_of_a_higher_term() -> None
     assert turns((1, 51), (1, 52), (2, 52)) == [f"{again} 52"]
     assert turns((1, 51), (1, 52), (2, 40)) == []
     assert turns((1, 51), (2, 40), (2, 40)) == [f"{again} 40"]
+
+
+def test_where_nobody_reigns_and_the_other_one_is_not_heard_it_may_have_let_go() -> None:
+    assert turns((1, 51), (1, 52), (1, 52), leased=False, spoken=False) == []
+    assert turns((1, 51), (1, 52), (1, 52), leased=False) != []
+    assert turns((1, 51), (1, 52), (1, 52), spoken=False) != []
 
 
 def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbers() -> None:

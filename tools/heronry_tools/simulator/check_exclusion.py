@@ -11,6 +11,9 @@ manager's bus. What a term begins with may be any other epoch than the last: a m
 begin with an older number, and where a higher term falls silent the one before goes on with its own. BREAK is none:
 until GO everything still belongs to the epoch before, and what that epoch gave may drive for the first time when BREAK
 is on the bus already (a frame that waits in its sender's controller leaves before its `broken`).
+
+Where nobody has reigned for T_lease, and the other one was not heard for as long, it may have let go by itself, and a
+holder from before may drive again. If it had not, it is seen driving again after that.
 """
 
 from heronry_dg.model import Spec
@@ -18,7 +21,7 @@ from heronry_tools.simulator.bus import Sent
 from heronry_tools.simulator.nodes import Driven, Moved
 from heronry_tools.simulator.violation import Violation
 from heronry_wire.frame import Malformed
-from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
+from heronry_wire.management import LEASE_PERIODS, Activate, Lease, ManagementMessage, Step, is_newer
 
 _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]
@@ -37,7 +40,18 @@ class ExclusionCheck:
         self._last: dict[int, tuple[int, Step]] = {}  # the same, by term
         self._handover = 0  # counts up
         self._holders: dict[_Thing, _Holder] = {}
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._leased_ns = 0  # when a manager was heard last
+        self._spoke_ns: dict[str, int] = {}  # when each PE was
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
+
+    def leased(self, t_ns: int) -> None:
+        """A LEASE was heard."""
+        self._leased_ns = t_ns
+
+    def spoke(self, t_ns: int, pe: str) -> None:
+        """A PE has said how it is."""
+        self._spoke_ns[pe] = t_ns
 
     def commanded(self, message: ManagementMessage | Malformed) -> None:
         """A manager was heard: it may have let an epoch go."""
@@ -74,8 +88,15 @@ class ExclusionCheck:
         self._holders[thing] = holder
         if before is not None:
             self._lost[thing, before] = self._handover
-        if before is not None and self._lost.pop((thing, holder), None) == self._handover:
+        was_lost = before is not None and self._lost.pop((thing, holder), None) == self._handover
+        if before is not None and was_lost and not self._may_have_gone(t_ns, before):
             who = " on ".join(filter(None, holder))
             rival = " on ".join(filter(None, before))
             story = f"{thing[0]} {thing[1]} is driven by {who} again, after {rival}, in epoch {self._epoch}"
             self.violations.append(Violation(t_ns, "exclusion", story))
+
+    def _may_have_gone(self, t_ns: int, holder: _Holder) -> bool:
+        """Tell whether nobody reigns, and this one is not heard: it hears nobody then, or is seen driving again."""
+        speaker = holder[1] or holder[0]
+        heard_ns = max(self._leased_ns, self._spoke_ns.get(speaker, 0))
+        return t_ns - heard_ns > self._lease_ns

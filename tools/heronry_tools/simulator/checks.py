@@ -264,6 +264,7 @@ class Checks:
         if isinstance(page, StatePage0) and sent.sender == self._pe_of[node]:
             self._solitude.heard(sent.end_ns, sent.bus, sent.sender)
             self._solitude.started(sent.end_ns, sent.sender, page.incarnation)
+            self._exclusion.spoke(sent.end_ns, sent.sender)
             self._publishing.state(sent.sender, sent.end_ns, page)
             self._terms.state(sent.bus, node, sent.end_ns, page)
             self._transitions.state(sent.sender, page)
@@ -294,6 +295,7 @@ class Checks:
             self._orphans.commanded(sent.end_ns)
             if command is Command.LEASE:
                 self._safe_mode.leased(sent.end_ns)
+                self._exclusion.leased(sent.end_ns)
         if sent.bus != self._bus or self._last_commands.get(identifier) == data:
             return
         if command is Command.LEASE:
