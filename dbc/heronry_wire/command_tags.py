@@ -150,12 +150,20 @@ class CommandVerifier:
         return refusal
 
     def _believe(self, manager: int, place: Place, held: deque[Held], waiting: int) -> Held:
-        """Those before it were sent before it, and so were their TAGs: these were lost."""
+        """Those before it were sent before it, and so were their TAGs: these were lost.
+
+        One that has come twice counts from the second time, and is not left for the TAG of the next one that says the
+        same: that would count from now, and each after it from the one before.
+        """
         self.places[manager] = place
         for _ in range(waiting):
             held.popleft()
             self.refused[Refusal.UNTAGGED] += 1
-        return held.popleft()
+        found = held.popleft()
+        same = [one for one in held if one.event.frame.data == found.event.frame.data]
+        for one in same:
+            held.remove(one)
+        return found._replace(arrived_ns=same[-1].arrived_ns) if same else found
 
     def _place(self, manager: int, kind: int, payload: bytes, low: int) -> Place | Refusal:
         """Place that a command would have if its TAG were true."""

@@ -3,6 +3,7 @@
 import pytest
 
 from heronry_manager.core import START_UP_WINDOW_NS
+from heronry_manager.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import (
@@ -35,6 +36,13 @@ def test_it_listens_for_t_lease_before_it_says_anything() -> None:
     assert manager.commands == []
     manager.pass_time(2 * MS)
     assert [type(said) for said in manager.commands] == [Lease, Alive]
+
+
+def test_an_alive_that_has_left_asks_for_nothing_of_whatever_term_it_is() -> None:
+    manager = OneManager()
+    manager.pass_time(101 * MS)
+    for data in (Alive(manager.core.term, 0, frozenset()).encode(), Alive(99, 0, frozenset()).encode(), b""):
+        assert manager.give(AliveLeft(Frame(manager.core.alive_id, data))) == []
 
 
 def test_while_it_listens_a_fault_is_not_acknowledged_and_a_silent_pe_is_not_asked() -> None:

@@ -141,6 +141,24 @@ def test_what_was_lost_takes_nothing_else_with_it() -> None:
     assert listener.verifier.refused == {Refusal.UNTAGGED: 1, Refusal.STRAY: 1}
 
 
+def test_one_that_comes_twice_makes_those_after_it_no_older() -> None:
+    """A LEASE says the same each period."""
+    signer, verifier = CommandSigner(KEY, 126, 3), CommandVerifier(KEY, 100 * MS)
+    answer, tag = signer.welcome(92, NONCE)
+    verifier.hold(126, Command.CONTROL, Received(0, answer), 0)
+    assert isinstance(verifier.tagged(126, tag.data, 0, NONCE), Held)
+    lease = commands()[0]
+    for beat, times in enumerate((1, 2, 3, 1, 1)):
+        signed = signer.tag(lease)
+        assert signed is not None
+        for copy in range(times):
+            verifier.hold(126, Command.LEASE, Received(0, lease), 20 * beat * MS + copy)
+        found = verifier.tagged(126, signed.data, 20 * beat * MS + MS)
+        assert isinstance(found, Held)
+        assert found.arrived_ns == 20 * beat * MS + times - 1
+    assert verifier.refused.total() == 0
+
+
 def test_a_command_does_not_wait_for_ever() -> None:
     signer = CommandSigner(KEY, 126, 3)
     listener = welcomed(signer)
