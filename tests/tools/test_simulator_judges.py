@@ -697,6 +697,16 @@ def test_where_nobody_reigns_and_the_other_one_is_not_heard_it_may_have_let_go()
     assert turns((1, 51), (1, 52), (1, 52), spoken=False) != []
 
 
+def test_who_is_named_by_a_stranger_may_take_that_for_new() -> None:
+    for named_ns, is_seen in ((2 * S - 101 * MS, True), (2 * S - 100 * MS, False)):
+        check = ExclusionCheck(two_tails())
+        for n, pe in enumerate(("left", "right", "left", "right")):
+            check.leased(n * S)
+            check.misled(named_ns, ["left"])
+            check.moved(Moved(n * S, pe, f"servo_driver_{1 + n % 2}"))
+        assert bool(check.violations) is is_seen
+
+
 def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbers() -> None:
     assert turns((1, 51), (2, 60), (1, 52)) == []
     assert turns((1, 51), (2, 60), (1, 51)) != []

@@ -34,6 +34,15 @@ def test_managers_that_keep_to_their_terms_are_well() -> None:
     assert check.violations == []
 
 
+def test_an_epoch_that_a_later_reign_adopts_is_of_that_one() -> None:
+    for digest, is_seen in ((7, False), (8, True)):
+        check = terms()
+        check.commanded(3, 126, Lease(3, 1, Step.GO_ALL, digest), "manager 126")
+        check.state("can0", NODE, 4, running(17))
+        check.state("can0", NODE, 5, running(1))
+        assert bool(check.violations) is is_seen
+
+
 def test_two_managers_in_one_term_are_seen() -> None:
     check = terms()
     check.commanded(9, 126, Ping(2, NODE, 0), "manager 126")

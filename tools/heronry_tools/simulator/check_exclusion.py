@@ -14,7 +14,12 @@ is on the bus already (a frame that waits in its sender's controller leaves befo
 
 Where nobody has reigned for T_lease, and the other one was not heard for as long, it may have let go by itself, and a
 holder from before may drive again. If it had not, it is seen driving again after that.
+
+Nor is it judged what a PE drives within T_lease of a stranger's ALIVE that names it: said again, it is as good as new
+to who was cut off when it was said first (docs/limits.md).
 """
+
+from collections.abc import Iterable
 
 from heronry_dg.model import Spec
 from heronry_tools.simulator.bus import Sent
@@ -43,6 +48,7 @@ class ExclusionCheck:
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._leased_ns = 0  # when a manager was heard last
         self._spoke_ns: dict[str, int] = {}  # when each PE was
+        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
 
     def leased(self, t_ns: int) -> None:
@@ -52,6 +58,10 @@ class ExclusionCheck:
     def spoke(self, t_ns: int, pe: str) -> None:
         """A PE has said how it is."""
         self._spoke_ns[pe] = t_ns
+
+    def misled(self, t_ns: int, pes: Iterable[str]) -> None:
+        """A stranger has sent an ALIVE that names these PEs."""
+        self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, message: ManagementMessage | Malformed) -> None:
         """A manager was heard: it may have let an epoch go."""
@@ -83,7 +93,8 @@ class ExclusionCheck:
 
     def _follow(self, t_ns: int, thing: _Thing, holder: _Holder) -> None:
         before = self._holders.get(thing)
-        if before == holder:
+        misled_ns = self._misled_ns.get(holder[1] or holder[0])
+        if before == holder or (misled_ns is not None and t_ns - misled_ns <= self._lease_ns):
             return
         self._holders[thing] = holder
         if before is not None:

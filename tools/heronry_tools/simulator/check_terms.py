@@ -5,9 +5,9 @@
   their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
   bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
   clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`.
-- Terms never go back at a PE: an epoch belongs to the term that prepared it. Within an incarnation a PE that has run an
-  epoch of a term never takes up, later, one of a lower term. It says so itself: a gateway may hand its states on out of
-  order. (An epoch that a later reign adopts stays the one it was.)
+- Terms never go back at a PE: an epoch belongs to the term that prepared it, or to the highest that has adopted it (its
+  LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up, later, one of a lower
+  term. It says so itself: a gateway may hand its states on out of order.
 - In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
   found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
@@ -47,6 +47,7 @@ class TermCheck:
         self._reign = ReigningTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
+        self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
         self._twins: dict[str, str] = {}  # stations of one number, each by the other one
         self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
         self._is_split = False
@@ -101,6 +102,8 @@ class TermCheck:
         if term == message.term and is_newer(before, message.epoch):
             self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
         self._leased[station] = message.term, message.epoch
+        named = message.epoch, message.digest
+        self._adopted[named] = max(message.term, self._adopted.get(named, 0))
 
     def _prepares(self, t_ns: int, station: str, message: Prepare) -> None:
         by, first = self._prepared.setdefault(message.epoch, (station, message))
@@ -129,7 +132,7 @@ class TermCheck:
         if page.epoch not in self._prepared:
             return
         _, prepared = self._prepared[page.epoch]
-        term = prepared.term
+        term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
         incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"

@@ -115,8 +115,9 @@ class Checks:
         self._watchers |= dict.fromkeys(map(emcy_id, PE_NODES), self._emergency)
         self._watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
         self._watchers |= dict.fromkeys(GATEWAY_IDS, self._link)
+        self._alive_ids = frozenset(management_id(manager, Command.ALIVE) for manager in MANAGER_NODES)
+        self._watchers |= dict.fromkeys(self._alive_ids, self._alive)
         for manager in MANAGER_NODES:
-            self._watchers[management_id(manager, Command.ALIVE)] = self._alive
             self._watchers[management_id(manager, Command.TAG)] = self._tagged
             for command in (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL):
                 self._watchers[management_id(manager, command)] = partial(self._commanded, manager, command)
@@ -124,8 +125,12 @@ class Checks:
     def see(self, sent: Sent) -> None:
         """Take a frame from any bus."""
         watcher = self._watchers.get(sent.frame.can_id)
-        if watcher is not None and not sent.sender.startswith(STRANGER):
+        if watcher is None:
+            return
+        if not sent.sender.startswith(STRANGER):
             watcher(sent)
+        elif sent.frame.can_id in self._alive_ids:
+            self._misled(sent)
 
     @property
     def reported(self) -> dict[str, int]:
@@ -337,6 +342,12 @@ class Checks:
                 self._service.reigned(sent.end_ns)
             self._losses.alive(sent.end_ns, message)
             self._service.alive(sent.end_ns, self._losses.counted_on)
+
+    def _misled(self, sent: Sent) -> None:
+        """A stranger names who is counted on."""
+        message = decode_command(Command.ALIVE, sent.frame.data)
+        if isinstance(message, Alive):
+            self._exclusion.misled(sent.end_ns, [self._pe_of[node] for node in message.nodes])
 
     def _tagged(self, sent: Sent) -> None:
         if sent.bus == self._bus:
