@@ -43,6 +43,14 @@ def test_an_epoch_that_a_later_reign_adopts_is_of_that_one() -> None:
         assert bool(check.violations) is is_seen
 
 
+def test_who_adopts_an_epoch_binds_nobody_who_runs_it_and_has_not_heard_of_that() -> None:
+    check = terms()
+    check.commanded(3, 126, Lease(3, 1, Step.GO_ALL, 7), "manager 126")
+    check.state("can0", NODE, 4, running(1))
+    check.state("can0", NODE, 5, running(17))
+    assert check.violations == []
+
+
 def test_two_managers_in_one_term_are_seen() -> None:
     check = terms()
     check.commanded(9, 126, Ping(2, NODE, 0), "manager 126")

@@ -5,9 +5,9 @@
   their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
   bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
   clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`.
-- Terms never go back at a PE: an epoch belongs to the term that prepared it, or to the highest that has adopted it (its
-  LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up, later, one of a lower
-  term. It says so itself: a gateway may hand its states on out of order.
+- Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
+  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up, later,
+  one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
 - In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
   found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
@@ -133,11 +133,11 @@ class TermCheck:
             return
         _, prepared = self._prepared[page.epoch]
         term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
-        incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, term))
+        incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, prepared.term))
         if incarnation == page.incarnation and epoch != page.epoch and term < before:
             story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
             self._tell(t_ns, "term", story)
-        self._taken[bus, node] = (page.incarnation, page.epoch, term)
+        self._taken[bus, node] = (page.incarnation, page.epoch, prepared.term)
 
     def _tell(self, t_ns: int, rule: str, story: str) -> None:
         self.violations.append(Violation(t_ns, rule, story))
