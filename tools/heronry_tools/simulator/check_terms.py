@@ -6,8 +6,8 @@
   bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
   clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
-  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up, later,
-  one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
+  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up,
+  later, one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
 - In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
   found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
