@@ -649,6 +649,24 @@ def test_of_two_managers_one_may_know_less_and_two_that_are_apart_do_not_agree()
     assert tells(check, 5 * S, "landing", term=2) == ["term 2 begins in landing, and the phase was glide"]
 
 
+@pytest.mark.parametrize(("is_answered", "phase"), [(False, "ascent"), (True, "glide")])
+def test_what_was_just_left_is_on_its_way_though_a_request_for_it_is_made_again(
+    *, is_answered: bool, phase: str
+) -> None:
+    check, _ = phases(of_two=True)
+    requests(check, "glide", 3)
+    assert tells(check, S, "glide") == []
+    repeated = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, list(big_blue().phases).index("glide"), 3)
+    assert tells(check, 2 * S, "glide", term=2) == []
+    check.ordered(2 * S + MS, "ascent", 2)
+    check.requested(92, repeated)
+    assert tells(check, 2 * S + 2 * MS, "glide", term=2) == []
+    if is_answered:
+        check.commanded(2 * S + 3 * MS, Control(2, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
+    assert check.current == phase
+    assert tells(check, 3 * S, phase, term=2) == []
+
+
 def test_what_a_deposed_manager_promises_binds_nobody_who_reigns() -> None:
     check, begun = phases(of_two=True)
     assert tells(check, 0, "ascent", term=5) == []

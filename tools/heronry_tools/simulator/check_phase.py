@@ -3,7 +3,8 @@
 Asked for is what the operator has ordered and the manager obeyed, and what a PE has requested (EMCY, PHASE_REQUEST)
 once the manager that reigns has acknowledged it, or tells that phase. A request carries a number: acknowledged twice it
 counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
-back. Told is what HOLDS names.
+back. Told is what HOLDS names; for a moment that may be what was just left, and then a request that somebody could obey
+once more counts only when it is answered with that.
 
 A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
@@ -85,12 +86,13 @@ class PhaseCheck:
         index = self._requested.pop((node, number), None)
         if index is None:
             return
-        is_new = not self._is_known(node, number)
+        is_new, may_count = not self._is_known(node, number), self._may_count(node, number)
         self._known_term[node] = self._heard_term
         if is_new:
             self._acknowledged[node] = number & ~FORWARD_ONLY
-            if not self._leads_back(index, number):
-                self._enter(t_ns, self._names[index], term)
+        is_obeyed = is_new or (may_count and self.told == self._names[index])
+        if is_obeyed and not self._leads_back(index, number):
+            self._enter(t_ns, self._names[index], term)
 
     def _is_known(self, node: int, number: int) -> bool:
         """Tell whether a request, or a later one, was acknowledged before."""
@@ -119,12 +121,13 @@ class PhaseCheck:
         if phase == self.current:
             self._entered_term = max(term, self._entered_term)
             return
-        if self._is_wanted(phase) or (not is_new and term > self._entered_term):
+        left_ns = self._left.get(phase)
+        is_on_its_way = not is_new and left_ns is not None and t_ns - left_ns <= self._on_its_way_ns
+        if (self._is_wanted(phase) and not is_on_its_way) or (not is_new and term > self._entered_term):
             self._enter(t_ns, phase, term)
             return
         if not is_new and not self._is_apart:
-            left_ns = self._left.get(phase)
-            if left_ns is None or t_ns - left_ns > self._on_its_way_ns:
+            if not is_on_its_way:
                 self._complain(t_ns, f"{phase} is told in term {term}, and asked for was {self.current}")
             return
         if not (self._names.index(phase) in self._requested.values() or (self._may_forget and phase in self._left)):
