@@ -585,6 +585,8 @@ class ManagerCore:
 
     def _has_said(self, frame: Frame) -> None:
         """An ALIVE of this manager is on the bus: whoever it leaves out is counted on no more from now on."""
+        if not self._exclusion.waits:
+            return
         alive = decode_command(Command.ALIVE, frame.data)
         if isinstance(alive, Alive) and alive.term == self._turn.term:
             pes = {pe.name for pe in self._spec.pes.values() if pe.node_id in alive.nodes}

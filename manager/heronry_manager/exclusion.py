@@ -91,6 +91,11 @@ class Exclusion:
             self._unsent_ns.pop(pe, None)
         self._named = frozenset(pes)
 
+    @property
+    def waits(self) -> bool:
+        """Tell whether `said` has anything to say."""
+        return bool(self._unsaid)
+
     def said(self, pes: Collection[str], now_ns: int) -> None:
         """An ALIVE that names these PEs, and no others, is on the bus."""
         for pe in self._unsaid.difference(pes):

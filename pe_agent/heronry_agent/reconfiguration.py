@@ -12,7 +12,8 @@ made up for by the next one that is heard. A restart runs nothing.
 
 A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
 mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
-branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it.
+branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it, or this PE is in
+doubt (`permission`).
 
 A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where the
 operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it

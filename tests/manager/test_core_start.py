@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_manager.core import START_UP_WINDOW_NS
+from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
 from heronry_manager.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
@@ -40,8 +40,10 @@ def test_it_listens_for_t_lease_before_it_says_anything() -> None:
 
 def test_an_alive_that_has_left_asks_for_nothing_of_whatever_term_it_is() -> None:
     manager = OneManager()
+    manager.core = ManagerCore(manager.spec, manager.node, manager.memory, manager.now_ns, tells_departures=True)
     manager.pass_time(101 * MS)
-    for data in (Alive(manager.core.term, 0, frozenset()).encode(), Alive(99, 0, frozenset()).encode(), b""):
+    left = Alive(manager.core.term, 0, frozenset()).encode()
+    for data in (b"", Alive(99, 0, frozenset()).encode(), left, left):
         assert manager.give(AliveLeft(Frame(manager.core.alive_id, data))) == []
 
 

@@ -276,8 +276,7 @@ def who_has_only_staged_what_is_adopted_is_given_t_lease_too() -> None:
     manager = ManagerUnderTest(disk=before.disk)
     manager.manager.planning = lambda _: None  # nothing comes between
     for name in ("flight", "tail_b"):
-        pe, ran = manager.pes[name], before.pes[name]
-        pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+        manager.pes[name].goes_on_as(before.pes[name])
     manager.until(lambda: bool(manager.told("adopted")), 300, "what runs is not adopted")
     manager.run(25)
     manager.manager.planning = manager.plans
@@ -330,9 +329,8 @@ def who_may_obey_another_reign_yet_is_given_t_lease() -> None:
     before.run(300)
     for hears, epoch, waits in ((True, 0, False), (False, 0, True), (True, 5, True)):
         manager = ManagerUnderTest(disk=Disk(before.spec, before.disk.data))
-        for name, pe in manager.pes.items():
-            ran = before.pes[name]
-            pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+        for name, ran in before.pes.items():
+            manager.pes[name].goes_on_as(ran)
         silent = manager.pes["tail_a"]
         silent.hears = hears
         manager.until(lambda m=manager: bool(m.told("adopted")), 300, "what runs is not adopted")  # type: ignore[misc]
@@ -514,9 +512,8 @@ def it_adopts_what_runs() -> None:
     first = ManagerUnderTest().flies()
     lease = first.lease()
     manager = ManagerUnderTest()
-    for name, pe in first.pes.items():
-        played = manager.pes[name]
-        played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+    for name, ran in first.pes.items():
+        manager.pes[name].goes_on_as(ran)
     manager.run(400)
     equal([one["epoch"] for one in manager.told("adopted")], [lease.epoch], "adopted")
     equal(manager.said(Prepare), [], "PREPAREs")
@@ -548,9 +545,8 @@ def it_adopts_nothing_that_is_not_clean() -> None:
     first = ManagerUnderTest().flies()
     for change in ({"digest": 0x99}, {"epoch": 4000}, {"state": PeState.BROKEN}):
         manager = ManagerUnderTest()
-        for name, pe in first.pes.items():
-            played = manager.pes[name]
-            played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+        for name, ran in first.pes.items():
+            manager.pes[name].goes_on_as(ran)
         for name, value in change.items():
             setattr(manager.pes["tail_a"], name, value)
         manager.run(600)

@@ -295,8 +295,7 @@ def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure() 
         before.run(0 if is_cleared else 300)
     manager = ManagerUnderTest(before.spec, disk=before.disk)
     for name, ran in before.pes.items():
-        pe = manager.pes[name]
-        pe.epoch, pe.digest, pe.state, pe.runs = ran.epoch, ran.digest, ran.state, ran.runs
+        manager.pes[name].goes_on_as(ran)
     manager.run(500)
     equal(len(manager.told("adopted")), 1, "epochs that are adopted")
     demand(not manager.asked()[0].at_leisure, "what is critical, and wanted, is asked for at leisure")
@@ -544,9 +543,8 @@ def who_only_advises_says_nothing() -> None:
     equal(manager.main.heard, [], "frames of a manager that advises")
     equal(len(manager.told("advice")), 1, "advice")
     reigning = ManagerUnderTest().flies()
-    for name, pe in reigning.pes.items():
-        played = manager.pes[name]
-        played.epoch, played.digest, played.state = pe.epoch, pe.digest, pe.state
+    for name, ran in reigning.pes.items():
+        manager.pes[name].goes_on_as(ran)
     manager.run(100)
     equal([one["epoch"] for one in manager.told("adopted")], [reigning.lease().epoch], "epochs that it follows")
     manager.pes["tail_a"].speaks = False
@@ -564,8 +562,7 @@ def who_only_advises_waits_for_no_answer() -> None:
     reigning = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
     for name, ran in reigning.pes.items():
-        pe = manager.pes[name]
-        pe.epoch, pe.digest, pe.state = ran.epoch, ran.digest, ran.state
+        manager.pes[name].goes_on_as(ran)
     manager.run(300)
     manager.pes["tail_b"].reboot()
     manager.run(3000)

@@ -391,9 +391,8 @@ def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderT
     """Demand that what another manager has brought about goes on when its reign ends."""
     manager.manager.planning = lambda _: None  # what it knows is enough
     reigning.lease = first.lease()
-    for name, pe in first.pes.items():
-        played = manager.pes[name]
-        played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+    for name, ran in first.pes.items():
+        manager.pes[name].goes_on_as(ran)
     manager.run(200)
     _its_reign_ends(manager, reigning, 150)
     equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
@@ -788,9 +787,8 @@ def who_advises_follows_no_more_than_is_known() -> None:
     """An epoch that was advised, and is replaced by one that is not known, is not what runs."""
     reigning = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
-    for name, pe in reigning.pes.items():
-        played = manager.pes[name]
-        played.epoch, played.digest, played.state = pe.epoch, pe.digest, pe.state
+    for name, ran in reigning.pes.items():
+        manager.pes[name].goes_on_as(ran)
     manager.run(300)
     status = manager.obey(AskStatus()).status
     assert status is not None
@@ -829,9 +827,8 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
     equal([one["element"] for one in status["latched"]], [_UNUSED], "latched")
     manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
     reigning.lease = first.lease()
-    for name, played in first.pes.items():
-        pe = manager.pes[name]
-        pe.epoch, pe.digest, pe.state = played.epoch, played.digest, played.state
+    for name, ran in first.pes.items():
+        manager.pes[name].goes_on_as(ran)
     fly(5)
     status = manager.obey(AskStatus()).status
     assert status is not None

@@ -106,6 +106,10 @@ class PlayedPe:
         self.state, self.epoch, self.digest, self.runs = PeState.UNCONFIGURED, NO_EPOCH, 0, (0, 0)
         self._staged, self._prepare = (NO_EPOCH, 0), None
 
+    def goes_on_as(self, other: "PlayedPe") -> None:
+        """Run what this PE ran under another manager."""
+        self.epoch, self.digest, self.state, self.runs = other.epoch, other.digest, other.state, other.runs
+
     def take(self, message: ManagementMessage) -> None:
         """Take a command."""
         match message:
