@@ -665,6 +665,20 @@ def test_what_was_just_left_is_on_its_way_though_a_request_for_it_is_made_again(
         check.commanded(2 * S + 3 * MS, Control(2, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
     assert check.current == phase
     assert tells(check, 3 * S, phase, term=2) == []
+    assert (tells(check, 4 * S, "ascent", term=2) == []) is not is_answered
+
+
+def test_an_answer_from_before_an_order_was_on_its_way() -> None:
+    check, _ = phases()
+    check.ordered(0, "glide", 1)
+    check.ordered(S, "ascent", 1)
+    index = list(big_blue().phases).index("glide")
+    check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, 3))
+    check.commanded(S + MS, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
+    assert check.current == "glide"
+    assert tells(check, S + 110 * MS, "ascent") == []
+    assert tells(check, 2 * S, "ascent") == []
+    assert tells(check, 3 * S, "glide") == ["glide is told in term 1, and asked for was ascent"]
 
 
 def test_what_a_deposed_manager_promises_binds_nobody_who_reigns() -> None:

@@ -170,6 +170,19 @@ def test_two_of_one_number_that_go_on_in_one_term_are_seen() -> None:
     assert voices(*both) == ["manager 126 and manager 126 again both speak for term 3"]
 
 
+def test_with_a_key_two_that_say_the_same_at_once_are_one() -> None:
+    check = TermCheck(two_tails(), has_key=True)
+    for t_ms in range(0, 2000, 20):
+        for station in ("manager 126", "manager 126 again"):
+            check.commanded(t_ms * MS, 126, Lease(3, 0, Step.PREPARED, 0), station)
+            check.alive(t_ms * MS, station, 3)
+            if station == "manager 126" or t_ms >= 1000:
+                check.tagged(t_ms * MS, station)
+        assert check.violations == [] or t_ms > 1200
+    stories = {violation.story for violation in check.violations}
+    assert stories == {"manager 126 and manager 126 again both speak for term 3"}
+
+
 def test_one_that_gives_way_soon_and_one_that_speaks_alone_are_well() -> None:
     alone = [(t_ms, "manager 126") for t_ms in range(0, 2000, 20)]
     assert voices(*alone, (60, "manager 126 again"), (80, "manager 126 again")) == []

@@ -16,7 +16,8 @@ Where nobody has reigned for T_lease, and the other one was not heard for as lon
 holder from before may drive again. If it had not, it is seen driving again after that.
 
 Nor is it judged what a PE drives within T_lease of a stranger's ALIVE that names it: said again, it is as good as new
-to who was cut off when it was said first (docs/limits.md).
+to who was cut off when it was said first. And nobody waits for a PE in whose name a stranger has said that it started
+anew, though it may only be unheard (docs/limits.md).
 """
 
 from collections.abc import Iterable
@@ -48,7 +49,7 @@ class ExclusionCheck:
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._leased_ns = 0  # when a manager was heard last
         self._spoke_ns: dict[str, int] = {}  # when each PE was
-        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE
+        self._misled_ns: dict[str, int] = {}  # when a stranger has named each PE, or spoken for it
         self._lost: dict[tuple[_Thing, _Holder], int] = {}  # the handover by which another one has it
 
     def leased(self, t_ns: int) -> None:
@@ -60,7 +61,7 @@ class ExclusionCheck:
         self._spoke_ns[pe] = t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
-        """A stranger has sent an ALIVE that names these PEs."""
+        """A stranger has sent an ALIVE that names these PEs, or a state of one."""
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
     def commanded(self, message: ManagementMessage | Malformed) -> None:

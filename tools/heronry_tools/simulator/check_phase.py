@@ -4,7 +4,8 @@ Asked for is what the operator has ordered and the manager obeyed, and what a PE
 once the manager that reigns has acknowledged it, or tells that phase. A request carries a number: acknowledged twice it
 counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
 back. Told is what HOLDS names; for a moment that may be what was just left, and then a request that somebody could obey
-once more counts only when it is answered with that.
+once more counts only when it is answered with that. Such an answer may be from before the operator's order, on its way:
+then the order counts as soon as it is told.
 
 A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
 did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
@@ -40,6 +41,8 @@ class PhaseCheck:
         self._names, self._entered = list(spec.phases), entered
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._left: dict[str | None, int] = {}  # phases that were, and when they ended
+        self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was obeyed
+        self._overtaken: str | None = None  # what was ordered, if what has come since may be older
         self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
         self._acknowledged: dict[int, int] = {}  # number of the last request by node
         self._known_term: dict[int, int] = {}  # in which it was acknowledged
@@ -61,6 +64,7 @@ class PhaseCheck:
         """The operator's order was obeyed in a term: what that one began with is over, though it may still be told."""
         self._told_term = max(term, self._told_term)
         self._enter(t_ns, phase, term)
+        self._ordered = phase, t_ns
 
     def requested(self, node: int, request: Emergency) -> None:
         """A PE asks for a phase, on the managers' bus."""
@@ -120,6 +124,11 @@ class PhaseCheck:
         is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
             self._entered_term = max(term, self._entered_term)
+            if t_ns - self._ordered[1] > self._on_its_way_ns:
+                self._overtaken = None
+            return
+        if phase == self._overtaken:
+            self._enter(t_ns, phase, term)
             return
         left_ns = self._left.get(phase)
         is_on_its_way = not is_new and left_ns is not None and t_ns - left_ns <= self._on_its_way_ns
@@ -137,6 +146,9 @@ class PhaseCheck:
     def _enter(self, t_ns: int, phase: str, term: int) -> None:
         self._entered_term = term
         if phase != self.current:
+            ordered, ordered_ns = self._ordered
+            is_young = ordered == self.current and t_ns - ordered_ns <= self._on_its_way_ns
+            self._overtaken = ordered if is_young else None
             self._left[self.current], self.current = t_ns, phase
             self._entered(t_ns, phase)
 

@@ -4,7 +4,9 @@
   from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
   their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
   bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
-  clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`.
+  clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`. With a
+  key neither believes the other one before its TAG; where both are sent at once and are the same, as everything before
+  them was, there is one frame, and neither hears it.
 - Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
   that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up,
   later, one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
@@ -44,13 +46,13 @@ class TermCheck:
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
         self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
+        self._has_key, self._is_split = has_key, False
         self._reign = ReigningTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
         self._twins: dict[str, str] = {}  # stations of one number, each by the other one
         self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
-        self._is_split = False
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
         self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
         self._apart_ns = self._reign.lease_ns * _APART_PERIODS // LEASE_PERIODS
@@ -79,6 +81,8 @@ class TermCheck:
 
     def tagged(self, t_ns: int, station: str) -> None:
         """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
+        if not self._is_split:
+            self._meet(t_ns, station, self._own.get(station, 0))
         self._reign.tagged(t_ns, station)
 
     def copied(self, station: str, twin: str) -> None:
@@ -88,7 +92,7 @@ class TermCheck:
 
     def alive(self, t_ns: int, station: str, term: int) -> bool:
         """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
-        if not self._is_split:
+        if not (self._is_split or self._has_key):
             self._meet(t_ns, station, term)
         return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
 
