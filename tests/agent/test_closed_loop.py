@@ -51,7 +51,7 @@ def test_the_paper_s_parachute_opens_when_neither_altitude_nor_command_is_left()
     assert flight.bench.position("chute_solenoid") == 0
     flight.fly(2)
     assert flight.bench.position("chute_solenoid") == 1
-    assert sorted(flight.reports) == ["device:barometer", "device:gps", "device:receiver"]
+    assert sorted(set(flight.reports)) == ["device:barometer", "device:gps", "device:receiver"]
 
 
 def test_big_blue_flies_its_whole_mission() -> None:

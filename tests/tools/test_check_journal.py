@@ -81,6 +81,14 @@ def test_a_manager_that_says_what_it_has_written_is_well() -> None:
     assert judged(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0), records=(TermBegun(3),)) == []
 
 
+def test_what_a_manager_has_adopted_it_may_prepare_for_who_is_late() -> None:
+    adopted = (TermBegun(3), Reserved(EPOCHS, 48), Runs(60, 7, "00"))
+    said = Lease(3, 60, Step.GO_ALL, 7), Prepare(3, 60, 7)
+    assert judged(*said, records=adopted) == []
+    beyond = "manager 126 has prepared epoch 61, and has reserved 48"
+    assert judged(*said, Prepare(3, 61, 7), records=adopted) == [beyond]
+
+
 def test_a_frame_that_waited_while_another_epoch_was_activated_is_no_contradiction() -> None:
     assert judged(Lease(3, 32, Step.GO_ALL, 9)) == []
 

@@ -1,10 +1,10 @@
 """Air data: one pressure out of three, and the airspeed.
 
 The voter takes the middle of three pressures, so that one sensor, however wrong, never leads. It reports the odd one
-out when that sensor has disagreed with the middle for a second without a break, and only while all three are there:
-of two that differ nobody can say which is right. It judges nothing in its first second, when some data are fresh and
-others still on their way. Which sensor a variable comes from it knows by the spec's names: `pressure_2` is measured by
-`device:pressure_sensor_2`.
+out when that sensor has disagreed with the middle for a second without a break, again for every second that this goes
+on (the operator may have cleared it), and only while all three are there: of two that differ nobody can say which is
+right. It judges nothing in its first second, when some data are fresh and others still on their way. Which sensor a
+variable comes from it knows by the spec's names: `pressure_2` is measured by `device:pressure_sensor_2`.
 
 A restart begins the second anew, and forgets which of two was nearer to the truth.
 """
@@ -57,7 +57,7 @@ class PressureVoter(Module):
         for channel in _CHANNELS:
             odd = complete and _differ(heard[channel], voted_hpa)
             self._odd[channel] = self._odd[channel] + 1 if odd else 0
-            if self._odd[channel] == self._patience:
+            if odd and self._odd[channel] % self._patience == 0:
                 detail = min(round(_DETAIL_PER_HPA * abs(heard[channel] - voted_hpa)), _DETAIL_MAX)
                 self.ctx.report_failed(f"device:pressure_sensor_{channel}", detail)
 

@@ -1,8 +1,9 @@
 """Device drivers of the sensors: from what a device says to variables in their units.
 
 What they decide: whether the device answers. One that has been silent, or has said what no such device says, for half
-a second is reported as `device:...`, once per silence; the half second covers a device that is still waking up when
-its driver starts. Nothing is published for a period without an answer: an old value is not repeated as a new one.
+a second is reported as `device:...`, and every half second from then on, since the operator may have cleared it; the
+half second covers a device that is still waking up when its driver starts. Nothing is published for a period without an
+answer: an old value is not repeated as a new one.
 
 A restart loses the count of silent periods and nothing else.
 """
@@ -34,7 +35,7 @@ class SensorDriver(Module):
         given = None if raw is None else self.convert(raw)
         if given is None:
             self._silent += 1
-            if self._silent == self._patience:
+            if self._silent % self._patience == 0:
                 self.ctx.report_failed(f"device:{self.device}")
             return {}
         self._silent = 0

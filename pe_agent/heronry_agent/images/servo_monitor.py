@@ -14,7 +14,8 @@ longer than a reconfiguration takes before it believes that a servo is to blame.
 
 A second servo is blamed only if the surface has followed for a while since the first one was: two servos in a row
 hardly fail at once, and one potentiometer that is stuck accuses both. Blaming both would leave the aircraft without an
-elevator for the sake of a sensor, so then it is the sensor that is reported.
+elevator for the sake of a sensor, so then it is the sensor that is reported. Whoever was reported and is still at work,
+is reported again, and nobody else: the operator may have cleared it.
 
 What it cannot see: a surface that is stuck where it is told to be. It shows with the next command.
 
@@ -98,13 +99,16 @@ class SurfaceMonitor(Module):
 
     def _accuse(self, servo: int, difference_deg: float) -> None:
         self._apart_ns = -_TIME_TO_SWITCH_NS
-        if servo in self._accused or _SENSOR in self._accused:
-            return
-        culprit = servo if self._followed_since_accused else _SENSOR
+        is_known = servo in self._accused or _SENSOR in self._accused  # and may have been cleared since
+        if is_known:
+            culprit = _SENSOR if _SENSOR in self._accused else servo
+        else:
+            culprit = servo if self._followed_since_accused else _SENSOR
         device = "elevator_angle_sensor" if culprit == _SENSOR else f"elevator_servo_{culprit}"
         self.ctx.report_failed(f"device:{device}", min(round(_DETAIL_PER_DEG * difference_deg), _DETAIL_MAX))
-        self._accused.append(culprit)
-        self._followed_since_accused = False
+        if not is_known:
+            self._accused.append(culprit)
+            self._followed_since_accused = False
 
 
 class ElevatorMonitor(SurfaceMonitor):

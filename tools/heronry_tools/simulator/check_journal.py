@@ -5,7 +5,8 @@ held against what it has said, in that reign:
 
     term         a frame that names a term: the journal has it, or a higher one. A term that is not on the disk before
                  it is spoken in might be spoken in twice
-    epochs       a PREPARE of a number that nobody has prepared before: it lies within what is reserved
+    epochs       a PREPARE of a number that nobody has prepared before, and that is not what this manager has adopted:
+                 it lies within what is reserved
     what runs    a LEASE that names another epoch, from BREAK on: the journal has this epoch with this digest
     phase        HOLDS of a phase: it is that one
     faults       HOLDS of an element: it is latched; CLEAR: it is not
@@ -131,6 +132,8 @@ class JournalCheck:
     def _news(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
         """Take a command down; tells whether it shows anything new."""
         match message:
+            case Prepare(_, epoch, digest) if (epoch, digest) == said.leased:
+                return False
             case Prepare(_, epoch, _) if self._prepared.setdefault(epoch, manager) == manager:
                 said.prepared = epoch
             case Lease(_, epoch, step, digest) if step is not Step.PREPARED and (epoch, digest) != said.leased:
