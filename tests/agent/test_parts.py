@@ -46,18 +46,17 @@ def test_the_median_is_the_middle_and_one_channel_never_leads(values: list[float
 
 
 @pytest.mark.parametrize("image", [MEDIAN, MAJORITY])
-def test_the_odd_one_out_is_reported_once_and_again_after_it_was_well(image: str) -> None:
+def test_the_odd_one_out_is_reported_for_every_second_without_a_break(image: str) -> None:
     rig = Rig(image)
     rig.run(0.9, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
     assert rig.host.reported == []
-    rig.run(2, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    rig.run(0.5, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
     assert rig.host.reported == ["device:pressure_sensor_3"]
-    rig.run(0.5, pressure_1=900.0, pressure_2=905.0, pressure_3=903.0)
-    rig.run(2, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
-    assert len(rig.host.reported) == 1, "it was not well for long"
-    rig.run(1, pressure_1=900.0, pressure_2=905.0, pressure_3=903.0)
     rig.run(1, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
-    assert len(rig.host.reported) == 2
+    assert rig.host.reported == ["device:pressure_sensor_3"] * 2
+    rig.step(pressure_1=900.0, pressure_2=905.0, pressure_3=903.0)
+    rig.run(0.9, pressure_1=900.0, pressure_2=905.0, pressure_3=700.0)
+    assert rig.host.reported == ["device:pressure_sensor_3"] * 2
 
 
 def test_of_two_that_differ_nobody_is_blamed_and_the_one_nearer_to_before_is_given() -> None:
@@ -102,7 +101,7 @@ def test_a_fail_over_is_at_once_and_the_way_back_takes_patience() -> None:
 def test_the_best_program_counts_unless_two_others_outvote_it() -> None:
     rig = Rig(f"{__name__}:ThreeWritten")
     assert written(rig, 1, v1=1.0, v2=2.0, v3=3.0) == 1.0
-    assert written(rig, 2, v1=30.0, v2=2.0, v3=3.0) == 2.0
+    assert written(rig, 1.5, v1=30.0, v2=2.0, v3=3.0) == 2.0
     assert rig.host.reported == ["module:first"]
     assert written(rig, 2, v2=2.0, v3=30.0) == 2.0
     assert written(rig, 0.1, v3=30.0) == 30.0

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from heronry_agent.images import atmosphere
 from heronry_agent.images.reading import number
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
 
 _CHANNELS = ("1", "2", "3")
 _PATIENCE_NS = 1_000_000_000
@@ -31,7 +32,7 @@ class PressureVoter(Module):
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
         self._steps = 0
-        self._odd = dict.fromkeys(_CHANNELS, 0)
+        self._odd = {channel: Lasting(_PATIENCE_NS, ctx.period_ns) for channel in _CHANNELS}
         self._last_hpa: float | None = None
         self._patience = max(3, -(-_PATIENCE_NS // ctx.period_ns))
 
@@ -56,8 +57,7 @@ class PressureVoter(Module):
         complete = len(heard) == len(_CHANNELS) and self._steps > self._patience
         for channel in _CHANNELS:
             odd = complete and _differ(heard[channel], voted_hpa)
-            self._odd[channel] = self._odd[channel] + 1 if odd else 0
-            if odd and self._odd[channel] % self._patience == 0:
+            if self._odd[channel].is_due(odd):
                 detail = min(round(_DETAIL_PER_HPA * abs(heard[channel] - voted_hpa)), _DETAIL_MAX)
                 self.ctx.report_failed(f"device:pressure_sensor_{channel}", detail)
 

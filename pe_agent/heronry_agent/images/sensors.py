@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
 
 _SILENCE_NS = 500_000_000
-_FEWEST_PERIODS = 3
 _ULONG_MASK = 0xFFFF_FFFF
 _SHORT_LIMIT = 32_767
 
@@ -26,20 +26,15 @@ class SensorDriver(Module):
 
     def __init__(self, ctx: Context) -> None:
         super().__init__(ctx)
-        self._silent = 0
-        self._patience = max(_FEWEST_PERIODS, -(-_SILENCE_NS // ctx.period_ns))
+        self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
-        """Publish what the device says, or count its silence."""
+        """Publish what the device says, or nothing while it is silent."""
         raw = self.ctx.read()
         given = None if raw is None else self.convert(raw)
-        if given is None:
-            self._silent += 1
-            if self._silent % self._patience == 0:
-                self.ctx.report_failed(f"device:{self.device}")
-            return {}
-        self._silent = 0
-        return given
+        if self._silence.is_due(given is None):
+            self.ctx.report_failed(f"device:{self.device}")
+        return {} if given is None else given
 
     def convert(self, raw: Value) -> Mapping[str, Value] | None:
         """Variables from a reading; None for a reading that no such device gives."""

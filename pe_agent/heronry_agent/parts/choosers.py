@@ -64,7 +64,7 @@ class NVersion(Module):
         middle = statistics.median(heard.values())
         outvoted = {v for v, value in heard.items() if len(heard) >= _BLAMING and abs(value - middle) > self.tolerance}
         for version, odd in self._odd.items():
-            if odd.begins(version in outvoted):
+            if odd.is_due(version in outvoted):
                 self.ctx.report_failed(self.authors[version])
         best = min(heard.keys() - outvoted, default=None)
         return {self.output: middle if best is None else heard[best]}

@@ -38,7 +38,7 @@ class Monitor(Module):
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Look, and give the health."""
-        if self._wrong.begins(self.is_wrong(inputs)):
+        if self._wrong.is_due(self.is_wrong(inputs)):
             self._health = 1
             self.ctx.report_failed(self.element)
         return {self.output: self._health}

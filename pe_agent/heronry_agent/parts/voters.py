@@ -43,7 +43,7 @@ class Voter(Module):
         chosen = self.choose(list(heard.values())) if heard else None
         for channel, odd in self._odd.items():
             is_odd = chosen is not None and channel in heard and abs(heard[channel] - chosen) > self.tolerance
-            if odd.begins(is_odd and len(heard) >= _BLAMING):
+            if odd.is_due(is_odd and len(heard) >= _BLAMING):
                 self.ctx.report_failed(self.channels[channel])
         self.last = chosen
         return {} if chosen is None else {self.output: chosen}
