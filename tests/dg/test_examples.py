@@ -132,7 +132,7 @@ def test_the_voter_reports_the_sensor_that_lies() -> None:
     flight = flight_of(load(named("triplex_voting")))
     flight.bench.fail("pressure_sensor_2", "bias", flight.now_ns, offset=200.0)
     flight.fly(3)
-    assert set(flight.reports) == {"device:pressure_sensor_2"}
+    assert flight.reports == ["device:pressure_sensor_2"] * 3
 
 
 def test_one_program_falls_silent_and_the_loop_goes_on_with_the_other() -> None:

@@ -13,9 +13,9 @@ import statistics
 from collections.abc import Mapping
 
 from heronry_agent.images import atmosphere
+from heronry_agent.images.lasting import Lasting, steps_of
 from heronry_agent.images.reading import number
 from heronry_agent.module import Context, Inputs, Module, Value
-from heronry_agent.parts.lasting import Lasting
 
 _CHANNELS = ("1", "2", "3")
 _PATIENCE_NS = 1_000_000_000
@@ -34,7 +34,7 @@ class PressureVoter(Module):
         self._steps = 0
         self._odd = {channel: Lasting(_PATIENCE_NS, ctx.period_ns) for channel in _CHANNELS}
         self._last_hpa: float | None = None
-        self._patience = max(3, -(-_PATIENCE_NS // ctx.period_ns))
+        self._patience = steps_of(_PATIENCE_NS, ctx.period_ns)
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Publish the voted pressure; nothing while no sensor is heard."""

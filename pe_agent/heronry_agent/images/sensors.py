@@ -11,8 +11,8 @@ A restart loses the count of silent periods and nothing else.
 from collections.abc import Mapping
 from typing import ClassVar
 
+from heronry_agent.images.lasting import Lasting
 from heronry_agent.module import Context, Inputs, Module, Value
-from heronry_agent.parts.lasting import Lasting
 
 _SILENCE_NS = 500_000_000
 _ULONG_MASK = 0xFFFF_FFFF

@@ -99,14 +99,11 @@ class SurfaceMonitor(Module):
 
     def _accuse(self, servo: int, difference_deg: float) -> None:
         self._apart_ns = -_TIME_TO_SWITCH_NS
-        is_known = servo in self._accused or _SENSOR in self._accused  # and may have been cleared since
-        if is_known:
-            culprit = _SENSOR if _SENSOR in self._accused else servo
-        else:
-            culprit = servo if self._followed_since_accused else _SENSOR
+        is_servo = servo in self._accused or self._followed_since_accused
+        culprit = servo if is_servo and _SENSOR not in self._accused else _SENSOR
         device = "elevator_angle_sensor" if culprit == _SENSOR else f"elevator_servo_{culprit}"
         self.ctx.report_failed(f"device:{device}", min(round(_DETAIL_PER_DEG * difference_deg), _DETAIL_MAX))
-        if not is_known:
+        if culprit not in self._accused:
             self._accused.append(culprit)
             self._followed_since_accused = False
 

@@ -129,12 +129,14 @@ class JournalCheck:
     def _tell(self, t_ns: int, manager: str, stories: list[str]) -> None:
         self.violations += [Violation(t_ns, "journal", f"{manager} {story}") for story in stories]
 
+    def _is_first(self, epoch: int, manager: str) -> bool:
+        """Take down that a manager prepares an epoch; tells whether it was the first to do so."""
+        return self._prepared.setdefault(epoch, manager) == manager
+
     def _news(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
         """Take a command down; tells whether it shows anything new."""
         match message:
-            case Prepare(_, epoch, digest) if (epoch, digest) == said.leased:
-                return False
-            case Prepare(_, epoch, _) if self._prepared.setdefault(epoch, manager) == manager:
+            case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):
                 said.prepared = epoch
             case Lease(_, epoch, step, digest) if step is not Step.PREPARED and (epoch, digest) != said.leased:
                 said.leased = epoch, digest

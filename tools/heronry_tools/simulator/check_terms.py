@@ -81,8 +81,7 @@ class TermCheck:
 
     def tagged(self, t_ns: int, station: str) -> None:
         """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
-        if not self._is_split:
-            self._meet(t_ns, station, self._own.get(station, 0))
+        self._meet(t_ns, station, self._own.get(station, 0))
         self._reign.tagged(t_ns, station)
 
     def copied(self, station: str, twin: str) -> None:
@@ -92,7 +91,7 @@ class TermCheck:
 
     def alive(self, t_ns: int, station: str, term: int) -> bool:
         """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
-        if not (self._is_split or self._has_key):
+        if not self._has_key:
             self._meet(t_ns, station, term)
         return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
 
@@ -120,7 +119,9 @@ class TermCheck:
         self._tell(t_ns, "reign", story)
 
     def _meet(self, t_ns: int, station: str, term: int) -> None:
-        """Two stations that speak for one term must notice each other."""
+        """Two stations that speak for one term must notice each other, unless their bus is broken in the middle."""
+        if self._is_split:
+            return
         voices = self._voices.setdefault(term, {})
         first_ns, last_ns = voices.get(station, (t_ns, t_ns))
         voices[station] = first_ns if t_ns - last_ns <= self._apart_ns else t_ns, t_ns

@@ -129,7 +129,7 @@ class Checks:
             return
         if not sent.sender.startswith(STRANGER):
             watcher(sent)
-        elif sent.frame.can_id in self._alive_ids or sent.frame.can_id in self._node_of_state:
+        else:
             self._misled(sent)
 
     @property
@@ -344,15 +344,15 @@ class Checks:
             self._service.alive(sent.end_ns, self._losses.counted_on)
 
     def _misled(self, sent: Sent) -> None:
-        """A stranger names who is counted on, or speaks for a PE."""
-        node = self._node_of_state.get(sent.frame.can_id)
-        if node is not None:
-            if self._proven is None:
-                self._exclusion.misled(sent.end_ns, [self._pe_of[node]])
-            return
-        message = decode_command(Command.ALIVE, sent.frame.data)
-        if isinstance(message, Alive):
-            self._exclusion.misled(sent.end_ns, [self._pe_of[node] for node in message.nodes])
+        """A stranger names who is counted on, or speaks for a PE, which with a key nobody believes."""
+        can_id = sent.frame.can_id
+        nodes: Collection[int] = ()
+        if can_id in self._alive_ids:
+            message = decode_command(Command.ALIVE, sent.frame.data)
+            nodes = message.nodes if isinstance(message, Alive) else ()
+        elif can_id in self._node_of_state and self._proven is None:
+            nodes = (self._node_of_state[can_id],)
+        self._exclusion.misled(sent.end_ns, [self._pe_of[node] for node in nodes])
 
     def _tagged(self, sent: Sent) -> None:
         if sent.bus == self._bus:
