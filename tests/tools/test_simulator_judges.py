@@ -36,8 +36,9 @@ from heronry_tools.simulator.strike import Strikes
 from heronry_tools.simulator.violation import Violation
 from heronry_tools.simulator.waivers import Waivers
 from heronry_tools.witness import Outage
+from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import emcy_id, state_id
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     LEASE_PERIODS,
@@ -57,6 +58,7 @@ from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two
 
 PES = frozenset(elevator_and_chute().pes)
 S = 1000 * MS
+TAIL = 94
 
 
 def rules(simulation: Simulation) -> list[tuple[str, str]]:
@@ -737,6 +739,28 @@ def test_who_is_named_by_a_stranger_may_take_that_for_new() -> None:
             check.misled(named_ns, ["left"])
             check.moved(Moved(n * S, pe, f"servo_driver_{1 + n % 2}"))
         assert bool(check.violations) is is_seen
+
+
+@pytest.mark.parametrize(
+    ("frame", "sender", "key", "is_seen"),
+    [
+        (Frame(state_id(TAIL), bytes(8)), "stranger 1", None, False),
+        (Frame(state_id(TAIL), bytes(8)), "stranger 1", KEY, True),
+        (Frame(state_id(TAIL), bytes(8)), "tail_pe", None, True),
+        (Frame(emcy_id(TAIL), bytes(8)), "stranger 1", None, True),
+        (Frame(management_id(126, Command.ALIVE), Alive(1, 0, frozenset({TAIL})).encode()), "stranger 1", KEY, False),
+        (Frame(management_id(126, Command.ALIVE), b""), "stranger 1", None, True),
+    ],
+)
+def test_who_is_spoken_for_or_named_by_a_stranger_is_not_judged(
+    *, frame: Frame, sender: str, key: Key | None, is_seen: bool
+) -> None:
+    checks = Checks(two_tails(), key=key)
+    for n, pe in enumerate(("tail_pe", "control_pe", "tail_pe")):
+        checks.see(Sent(n, "can0", sender, frame))
+        checks.moved(Moved(n * MS, pe, f"servo_driver_{1 + n % 2}"))
+    stories = [violation for violation in checks.broken(Situation(), []) if violation.rule == "exclusion"]
+    assert bool(stories) is is_seen
 
 
 def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbers() -> None:
