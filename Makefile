@@ -43,7 +43,7 @@ test: .venv/ready-to-test
 # By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
 coverage: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2 --cov
-	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m heronry_tools.mutation.flight_code)"
+	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m lab.mutation.flight_code)"
 
 lint: .venv/ready-to-test
 	.venv/bin/ruff check

@@ -1,7 +1,7 @@
 """The object dictionary of a PE: one table for the server, the EDS and the documentation (CiA 301, 7.4 and 7.5).
 
 What it decides: which objects a PE has, under which index and sub-index, of which type, and who may write them. The
-agent serves exactly these (`heronry_agent.object_dictionary`), `heronry_wire.eds` writes them down, so the three
+agent serves exactly these (`heronry_agent.core.object_dictionary`), `heronry_wire.eds` writes them down, so the three
 cannot drift apart.
 
 States: none. Indices 1000h to 1FFFh mean what CiA 301 and CiA 302-3 say, 2000h and up are this project's own. PDOs,

@@ -1,7 +1,7 @@
 """CANopen SDO: the first byte of its messages, its abort codes and its checksum (CiA 301, 7.2.4.3).
 
 What it decides: how the eight bytes of a message are read and written. What follows from them is the server's affair
-(`heronry_agent.sdo_server`). An SDO message has eight bytes, always: a command, then index (little-endian) and
+(`heronry_agent.core.sdo_server`). An SDO message has eight bytes, always: a command, then index (little-endian) and
 sub-index, then four bytes of data or a length; or a command and seven bytes of data.
 
     client  command (three bits)        server answers

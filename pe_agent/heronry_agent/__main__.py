@@ -2,6 +2,6 @@
 
 import sys
 
-from heronry_agent.cli import main
+from heronry_agent.shell.cli import main
 
 sys.exit(main())

@@ -1,10 +1,10 @@
 """The module API: what the code of a software module sees.
 
 A module is a class with `step(inputs) -> outputs`, called once per period of its mode. It is named by `image` in the
-spec: a bare name is looked up in `heronry_agent.images`, `package.module:Class` is imported. It is built anew when it
-is scheduled, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on with what it
-remembers. It keeps no reference to a bus or another module. All it knows of the world comes through `inputs` and
-`self.ctx`.
+spec: a bare name is looked up in the catalogues that are installed, `package.module:Class` is imported. It is built
+anew when it is scheduled, when it has failed, and when its mode changes, unless `mode_changed` says that it goes on
+with what it remembers. It keeps no reference to a bus or another module. All it knows of the world comes through
+`inputs` and `self.ctx`.
 
 On a node it lives in a process apart, its *partition*, with others of its group. What it raises, and whatever ends that
 process, is counted against it: it is built anew a few times, and then given up.

@@ -11,7 +11,7 @@ from canopen import SdoAbortedError
 from canopen.sdo import SdoClient
 
 from agent.one_pe import NODE, OnePe, sent
-from heronry_agent.vocabulary import Action
+from heronry_agent.core.vocabulary import Action
 from heronry_wire.eds import FILE_NAME, eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id

@@ -6,10 +6,10 @@ Node 93 has one bus with a heartbeat period of 20 ms and can run all of `control
 
 from dataclasses import replace
 
-from heronry_agent.authenticity import Secret
-from heronry_agent.core import AgentCore
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
 from heronry_agent.module import Value
-from heronry_agent.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from heronry_agent.bench import Bench
-from heronry_agent.images import find_image
 from heronry_agent.module import Datum, Inputs, Module, Value
+from heronry_agent.shell.image_catalogues import find_image
 from heronry_dg.gates import Leaf
 from heronry_dg.model import Mode, Spec
+from heronry_tools.aircraft.plant import Plant
 
 SECOND_NS = 1_000_000_000
 FRESH_PERIODS = 3
@@ -84,9 +84,9 @@ class Flight:
     A datum reaches every reader at once; it is fresh for three periods of its producer, as on a real host.
     """
 
-    def __init__(self, spec: Spec, modes: Mapping[str, str], bench: Bench | None = None) -> None:
+    def __init__(self, spec: Spec, modes: Mapping[str, str], plant: Plant | None = None) -> None:
         self.spec = spec
-        self.bench = bench or Bench(0)
+        self.plant = plant or Plant(0)
         self.now_ns = 0
         self.running: dict[str, _Running] = {}
         self.data: dict[str, dict[int, tuple[Value, int, int]]] = {}  # variable -> version -> value, made, stale
@@ -98,8 +98,8 @@ class Flight:
         host = Host(module=name, mode=mode_name, period_ns=1_000_000_000_000 // mode.rate_mhz)
         if module.device is not None:
             device = module.device
-            host.device = lambda now_ns: self.bench.read(device, now_ns)
-            host.drive = lambda value, now_ns: self.bench.write(device, value, now_ns)
+            host.device = lambda now_ns: self.plant.read(device, now_ns)
+            host.drive = lambda value, now_ns: self.plant.write(device, value, now_ns)
         self.running[name] = _Running(host, find_image(module.image)(host), mode)
 
     def stop(self, name: str) -> None:

@@ -17,8 +17,8 @@ from agent.one_pe import (
     rate_frame,
     slice_messages,
 )
-from heronry_agent.core import AgentCore
-from heronry_agent.vocabulary import Event, StartFailed, StepFailed, StepModule, Stepped
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.vocabulary import Event, StartFailed, StepFailed, StepModule, Stepped
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.images import atmosphere
+from heronry_tools.aircraft.images import atmosphere
 
 # ICAO Doc 7488, geopotential altitude (m) and pressure (hPa).
 PRINTED = [(0, 1013.25), (1_000, 898.745), (5_000, 540.199), (11_000, 226.321), (20_000, 54.749), (32_000, 8.680)]

@@ -25,8 +25,8 @@ from agent.one_pe import (
     sent,
     slice_messages,
 )
-from heronry_agent.authenticity import LONGEST_UNLOCK_S, Secret
-from heronry_agent.vocabulary import Action, Note
+from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
+from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.authentication import BEAT_SPAN, PAGE_1_BEAT, Key, Session, split_state
 from heronry_wire.command_tags import CommandSigner, Refusal
 from heronry_wire.configuration_slice import Slice

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.bench import Bench
-from heronry_agent.bench.devices import PUSHED_BY, SENSORS
-from heronry_agent.bench.flight import CUTDOWN_S, TOUCHDOWN_S, moment
-from heronry_agent.bench.noise import noise
-from heronry_agent.images import atmosphere
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_tools.aircraft.images import atmosphere
+from heronry_tools.aircraft.plant import Plant
+from heronry_tools.aircraft.plant.devices import PUSHED_BY, SENSORS
+from heronry_tools.aircraft.plant.flight import CUTDOWN_S, TOUCHDOWN_S, moment
+from heronry_tools.aircraft.plant.noise import noise
 
 SECOND_NS = 1_000_000_000
 ORIGIN_NS = 77 * SECOND_NS + 123
@@ -33,13 +33,13 @@ def test_the_tables_know_the_devices_of_the_shipped_specs_and_no_others() -> Non
 
 @given(st.sampled_from(sorted(SENSORS)), st.integers(0, 300 * SECOND_NS))
 def test_two_processes_read_the_same(device: str, after_ns: int) -> None:
-    one, other = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    one, other = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     one.read("gps", ORIGIN_NS)  # what was read before leaves no trace
     assert one.read(device, ORIGIN_NS + after_ns) == other.read(device, ORIGIN_NS + after_ns)
 
 
 def test_a_restarted_process_agrees_as_soon_as_it_has_heard_the_servo_for_a_while() -> None:
-    old, new = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    old, new = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     for tick in range(400):
         angle = 10.0 * math.sin(tick / 20)
         old.write("elevator_servo_1", angle, at(110 + tick / 40))
@@ -50,7 +50,7 @@ def test_a_restarted_process_agrees_as_soon_as_it_has_heard_the_servo_for_a_whil
 
 
 def test_before_take_off_the_aircraft_stands_on_the_field() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     assert bench.read("barometer", 0) == bench.read("barometer", ORIGIN_NS)
     assert moment(-5 * SECOND_NS) == moment(0)
 
@@ -76,7 +76,7 @@ def test_the_angular_rates_add_up_to_the_attitude(axis: str) -> None:
 
 @pytest.mark.parametrize("seconds", [0, 20, 60, 94, 99, 130, 200, 228])
 def test_the_sensors_tell_of_one_and_the_same_aircraft(seconds: float) -> None:
-    bench, now = Bench(ORIGIN_NS), moment(round(seconds * SECOND_NS))
+    bench, now = Plant(ORIGIN_NS), moment(round(seconds * SECOND_NS))
     latitude, longitude, height_mm, _ = bench.read("gps", at(seconds))
     pitch_rate, roll_rate, forward, right = bench.read("imu_1", at(seconds))
     assert height_mm / 1e3 == pytest.approx(now.altitude_m, abs=4 * 4)
@@ -95,13 +95,13 @@ def test_the_sensors_tell_of_one_and_the_same_aircraft(seconds: float) -> None:
 
 
 def test_a_gps_receiver_repeats_its_fix_until_it_has_a_new_one() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     assert bench.read("gps", at(30.01)) == bench.read("gps", at(30.09))
     assert bench.read("gps", at(30.01)) != bench.read("gps", at(30.11))
 
 
 def test_the_surface_follows_whichever_servo_drives_with_a_lag() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     bench.write("elevator_servo_1", 10.0, at(1))
     assert bench.read("elevator_angle_sensor", at(1)) == pytest.approx(0.0, abs=0.2)
     assert bench.read("elevator_angle_sensor", at(1.08)) == pytest.approx(10 * (1 - math.exp(-1)), abs=0.2)
@@ -111,7 +111,7 @@ def test_the_surface_follows_whichever_servo_drives_with_a_lag() -> None:
 
 
 def test_an_elevator_that_goes_down_lowers_the_nose_in_the_glide_and_does_nothing_on_the_balloon() -> None:
-    moved, still = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    moved, still = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     for seconds, expected in ((60, 0.0), (130, -4.0)):
         moved.write("elevator_servo_1", 10.0, at(seconds))
         forward = [math.degrees(math.asin(b.read("imu_1", at(seconds + 8))[2] / 1e3)) for b in (moved, still)]
@@ -119,7 +119,7 @@ def test_an_elevator_that_goes_down_lowers_the_nose_in_the_glide_and_does_nothin
 
 
 def test_the_airframe_turns_as_fast_as_its_attitude_changes() -> None:
-    bench, still = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    bench, still = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     bench.write("rudder_servo_1", 15.0, at(130))
     rolled = sum(
         (bench.read("imu_1", at(130 + t / 100))[1] - still.read("imu_1", at(130 + t / 100))[1]) / 1e3 / 100
@@ -129,7 +129,7 @@ def test_the_airframe_turns_as_fast_as_its_attitude_changes() -> None:
 
 
 def test_gas_fills_the_wings_and_stays() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     bench.write("inflation_valve", 1.0, at(60))
     assert bench.read("wing_pressure_sensor", at(60)) == pytest.approx(0, abs=4)
     bench.write("inflation_valve", 0.0, at(68))
@@ -139,12 +139,12 @@ def test_gas_fills_the_wings_and_stays() -> None:
 
 
 def test_wings_of_a_process_restarted_in_flight_are_full() -> None:
-    assert Bench(ORIGIN_NS).read("wing_pressure_sensor", at(150)) == pytest.approx(500, abs=4)
-    assert Bench(ORIGIN_NS).read("wing_pressure_sensor", at(10)) == pytest.approx(0, abs=4)
+    assert Plant(ORIGIN_NS).read("wing_pressure_sensor", at(150)) == pytest.approx(500, abs=4)
+    assert Plant(ORIGIN_NS).read("wing_pressure_sensor", at(10)) == pytest.approx(0, abs=4)
 
 
 def test_a_dead_sensor_says_nothing_a_stuck_one_always_the_same_and_a_biased_one_something_else() -> None:
-    bench, healthy = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    bench, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     bench.fail("pressure_sensor_1", "dead", at(10))
     bench.fail("pressure_sensor_2", "stuck", at(10))
     bench.fail("pressure_sensor_3", "bias", at(10), offset=25.0)
@@ -157,13 +157,13 @@ def test_a_dead_sensor_says_nothing_a_stuck_one_always_the_same_and_a_biased_one
 
 
 def test_a_bias_shifts_every_number_of_a_tuple_and_keeps_integers() -> None:
-    bench, healthy = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    bench, healthy = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     bench.fail("gps", "bias", at(0), offset=1000.4)
     assert bench.read("gps", at(9)) == tuple(item + 1000 for item in healthy.read("gps", at(9)))
 
 
 def test_a_stuck_servo_leaves_the_surface_where_it_is_is_not_echoed_and_the_other_one_takes_over() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     assert bench.write("elevator_servo_1", 8.0, at(1)) == 8.0
     bench.fail("elevator_servo_1", "stuck", at(2))
     assert bench.write("elevator_servo_1", -8.0, at(2)) is None
@@ -174,7 +174,7 @@ def test_a_stuck_servo_leaves_the_surface_where_it_is_is_not_echoed_and_the_othe
 
 
 def test_a_biased_servo_goes_to_the_wrong_place_and_the_echo_says_where() -> None:
-    bench, elsewhere = Bench(ORIGIN_NS), Bench(ORIGIN_NS)
+    bench, elsewhere = Plant(ORIGIN_NS), Plant(ORIGIN_NS)
     bench.fail("elevator_servo_1", "bias", at(0), offset=3.0)
     echo = bench.write("elevator_servo_1", 4.0, at(1))
     assert echo == 7.0
@@ -183,7 +183,7 @@ def test_a_biased_servo_goes_to_the_wrong_place_and_the_echo_says_where() -> Non
 
 
 def test_an_unknown_actuator_stores_and_an_unknown_sensor_reads_zero() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     assert bench.read("my_own_sensor", at(1)) == 0.0
     assert bench.position("my_own_lamp") is None
     bench.write("my_own_lamp", "green", at(1))
@@ -192,11 +192,11 @@ def test_an_unknown_actuator_stores_and_an_unknown_sensor_reads_zero() -> None:
 
 def test_a_surface_does_not_move_by_a_text() -> None:
     with pytest.raises(TypeError, match="elevator_servo_1 moves by a number, not by 'up'"):
-        Bench(0).write("elevator_servo_1", "up", 0)
+        Plant(0).write("elevator_servo_1", "up", 0)
 
 
 def test_the_ground_asks_for_the_cut_in_time_and_never_for_the_parachute() -> None:
-    bench = Bench(ORIGIN_NS)
+    bench = Plant(ORIGIN_NS)
     for device in ("command_receiver", "console"):
         assert bench.read(device, at(CUTDOWN_S - 1)) == (0, 0)
         assert bench.read(device, at(CUTDOWN_S + 1)) == (0, 1)
@@ -213,12 +213,12 @@ def test_noise_is_nearly_normal_and_devices_are_independent() -> None:
 
 
 def test_a_world_follows_the_actuators_that_its_sensors_feel() -> None:
-    assert Bench.followed_by(["imu_2", "gps"]) == {
+    assert Plant.follows(["imu_2", "gps"]) == {
         "elevator_servo_1",
         "elevator_servo_2",
         "rudder_servo_1",
         "rudder_servo_2",
     }
-    assert Bench.followed_by(["elevator_angle_sensor"]) == {"elevator_servo_1", "elevator_servo_2"}
-    assert Bench.followed_by(["wing_pressure_sensor", "unknown"]) == {"inflation_valve"}
-    assert Bench.followed_by(["pitot", "battery", "camera"]) == frozenset()
+    assert Plant.follows(["elevator_angle_sensor"]) == {"elevator_servo_1", "elevator_servo_2"}
+    assert Plant.follows(["wing_pressure_sensor", "unknown"]) == {"inflation_valve"}
+    assert Plant.follows(["pitot", "battery", "camera"]) == frozenset()

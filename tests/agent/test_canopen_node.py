@@ -24,8 +24,8 @@ from agent.one_pe import (
     pages,
     sent,
 )
-from heronry_agent.network_management import NetworkManagement
-from heronry_agent.vocabulary import Action, StartFailed
+from heronry_agent.core.network_management import NetworkManagement
+from heronry_agent.core.vocabulary import Action, StartFailed
 from heronry_wire.canaerospace import DataType
 from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text

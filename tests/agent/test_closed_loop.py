@@ -3,11 +3,11 @@
 import pytest
 
 from agent.rig import Flight, best_modes
-from heronry_agent.bench.flight import TOUCHDOWN_S, moment
-from heronry_agent.images.mission import Stage
-from heronry_agent.images.wing import WingState
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.aircraft.images.mission import Stage
+from heronry_tools.aircraft.images.wing import WingState
+from heronry_tools.aircraft.plant.flight import TOUCHDOWN_S, moment
 
 PAPER = load(shipped_spec_path("elevator_and_chute"))
 BIG_BLUE = load(shipped_spec_path("big_blue"))
@@ -28,7 +28,7 @@ def test_the_paper_s_elevator_follows_its_demand() -> None:
 def test_a_stuck_servo_is_found_and_the_other_one_follows() -> None:
     flight = Flight(PAPER, best_modes(PAPER))
     flight.fly(10)
-    flight.bench.fail("elevator_servo_1", "stuck", flight.now_ns)
+    flight.plant.fail("elevator_servo_1", "stuck", flight.now_ns)
     while not flight.reports:
         flight.fly(0.1)
     assert flight.now_ns < 15e9
@@ -43,14 +43,14 @@ def test_the_paper_s_parachute_opens_when_neither_altitude_nor_command_is_left()
     flight = Flight(PAPER, best_modes(PAPER))
     flight.fly(30)
     for device in ("gps", "barometer"):
-        flight.bench.fail(device, "dead", flight.now_ns)
+        flight.plant.fail(device, "dead", flight.now_ns)
     flight.fly(10)
-    assert flight.bench.position("chute_solenoid") == 0
-    flight.bench.fail("receiver", "dead", flight.now_ns)
+    assert flight.plant.position("chute_solenoid") == 0
+    flight.plant.fail("receiver", "dead", flight.now_ns)
     flight.fly(2)
-    assert flight.bench.position("chute_solenoid") == 0
+    assert flight.plant.position("chute_solenoid") == 0
     flight.fly(2)
-    assert flight.bench.position("chute_solenoid") == 1
+    assert flight.plant.position("chute_solenoid") == 1
     assert sorted(set(flight.reports)) == ["device:barometer", "device:gps", "device:receiver"]
 
 
@@ -67,8 +67,8 @@ def test_big_blue_flies_its_whole_mission() -> None:
     assert flight.reports == []
     assert 40 < reached[Stage.DEPLOYMENT] < reached["FIRM"] < reached["CURED"] < 93
     assert 95 < reached[Stage.GLIDE] < 100 < reached[Stage.LANDING] < TOUCHDOWN_S
-    assert flight.bench.position("burn_wire_1") == 1
-    assert flight.bench.position("chute_charge_1") == 0
+    assert flight.plant.position("burn_wire_1") == 1
+    assert flight.plant.position("chute_charge_1") == 0
     assert flight.value("altitude") == pytest.approx(moment(flight.now_ns).altitude_m, abs=5)
 
 
@@ -95,7 +95,7 @@ def test_big_blue_s_monitor_names_the_servo_that_sticks_in_the_glide() -> None:
     flight.stop("elevator_driver_1")
     flight.start("elevator_driver_2", "only")
     flight.fly(10)
-    flight.bench.fail("elevator_servo_2", "stuck", flight.now_ns)
+    flight.plant.fail("elevator_servo_2", "stuck", flight.now_ns)
     flight.fly(12)
     assert flight.reports[:1] == ["device:elevator_servo_2"]
     assert "device:elevator_servo_1" not in flight.reports

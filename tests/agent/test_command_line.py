@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from agent.one_pe import GATEWAY_TABLE, TABLE
-from heronry_agent.cli import main
-from heronry_agent.incarnation import IncarnationError, next_incarnation
+from heronry_agent.shell.cli import main
+from heronry_agent.shell.incarnation import IncarnationError, next_incarnation
 
 
 @pytest.fixture
@@ -84,7 +84,7 @@ def test_a_bus_that_is_not_there(capsys: pytest.CaptureFixture[str], table: str,
 
 def test_the_small_install_is_enough() -> None:
     heavy = "yaml pydantic ortools numpy rich cantools heronry_dg heronry_manager"
-    program = f"import heronry_agent.cli, sys; print(*(set({heavy!r}.split()) & sys.modules.keys()))"
+    program = f"import heronry_agent.shell.cli, sys; print(*(set({heavy!r}.split()) & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert done.stdout.split() == []
 

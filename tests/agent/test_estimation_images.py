@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.rig import Flight, Rig
-from heronry_agent.bench.flight import moment
-from heronry_agent.images import atmosphere
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.aircraft.images import atmosphere
+from heronry_tools.aircraft.plant.flight import moment
 
 BIG_BLUE = load(shipped_spec_path("big_blue"))
 SENSORS = ("gps_driver", "pressure_driver_1", "pressure_driver_2", "pressure_driver_3", "horizon_driver")

@@ -23,10 +23,9 @@ from agent.one_pe import (
     started,
     stopped,
 )
-from heronry_agent.module import Value
-from heronry_agent.restarts import BACK_OFF_NS
-from heronry_agent.schedule import HUNG_NS
-from heronry_agent.vocabulary import (
+from heronry_agent.core.restarts import BACK_OFF_NS
+from heronry_agent.core.schedule import HUNG_NS
+from heronry_agent.core.vocabulary import (
     Action,
     Drive,
     DriveFailed,
@@ -44,6 +43,7 @@ from heronry_agent.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.module import Value
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.identifiers import actuator_echo_id, emcy_id
 from heronry_wire.management import (

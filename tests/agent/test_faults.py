@@ -20,9 +20,9 @@ from agent.one_pe import (
     neighbour_state,
     sent,
 )
-from heronry_agent.faults import QUIET_NS, Faults
-from heronry_agent.schedule import OVERRUNS_IN_A_ROW, Schedule
-from heronry_agent.vocabulary import Action, Note, Stepped
+from heronry_agent.core.faults import QUIET_NS, Faults
+from heronry_agent.core.schedule import OVERRUNS_IN_A_ROW, Schedule
+from heronry_agent.core.vocabulary import Action, Note, Stepped
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame

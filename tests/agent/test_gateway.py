@@ -22,7 +22,7 @@ from agent.one_pe import (
     rate_frame,
     sent,
 )
-from heronry_agent.vocabulary import Action
+from heronry_agent.core.vocabulary import Action
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame

@@ -5,10 +5,7 @@ from dataclasses import replace
 import pytest
 
 from agent.one_pe import SERVO_1, TABLE
-from heronry_agent.bench import Bench
-from heronry_agent.host import ModuleHost
-from heronry_agent.module import Datum
-from heronry_agent.vocabulary import (
+from heronry_agent.core.vocabulary import (
     Drive,
     DriveFailed,
     Driven,
@@ -22,6 +19,9 @@ from heronry_agent.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.module import Datum
+from heronry_agent.shell.host import ModuleHost
+from heronry_tools.aircraft.plant import Plant
 from heronry_wire.pe_table import ModuleEntry
 
 MODULE = SERVO_1
@@ -36,8 +36,8 @@ class Hosted:
 
     def __init__(self, name: str, device: str | None = "left") -> None:
         self.entry = entry(name, device)
-        self.bench = Bench(0)
-        self.host = ModuleHost(replace(TABLE, modules=(self.entry,)), self.bench)
+        self.plant = Plant(0)
+        self.host = ModuleHost(replace(TABLE, modules=(self.entry,)), self.plant)
         self.started = self.host.carry_out(StartModule(MODULE, self.entry, 0), 5)
         self._releases = 0
 
@@ -52,7 +52,7 @@ def test_what_a_module_gives_writes_and_reports_comes_back_in_order() -> None:
     assert hosted.started is None
     answer = hosted.step(rate=1.5)
     assert answer == Stepped(MODULE, 1, {"demand": 1.5}, (4.0, 8.0), (("device:left", 3),))
-    assert hosted.bench.position("left") is None, "that is for the core to say"
+    assert hosted.plant.position("left") is None, "that is for the core to say"
 
 
 def test_nothing_of_one_step_is_left_in_the_next() -> None:
@@ -67,12 +67,12 @@ def test_nothing_of_one_step_is_left_in_the_next() -> None:
 def test_a_device_is_driven_when_the_core_says_so() -> None:
     hosted = Hosted("Gain")
     assert hosted.host.carry_out(Drive(MODULE, 8.0), 7) == Driven(MODULE, 8.0)
-    assert hosted.bench.position("left") == 8.0
+    assert hosted.plant.position("left") == 8.0
 
 
 def test_a_device_that_did_not_move_is_not_told() -> None:
     hosted = Hosted("Gain")
-    hosted.bench.fail("left", "stuck", 0)
+    hosted.plant.fail("left", "stuck", 0)
     assert hosted.host.carry_out(Drive(MODULE, 8.0), 7) is None
 
 
@@ -137,7 +137,7 @@ def test_a_stopped_module_is_gone() -> None:
 def test_an_echo_moves_the_world() -> None:
     hosted = Hosted("Counting")
     hosted.host.carry_out(Heard("right", -2.0), 6)
-    assert hosted.bench.position("right") == -2.0
+    assert hosted.plant.position("right") == -2.0
 
 
 def test_images_that_cannot_be_loaded_are_known_from_the_start() -> None:

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from agent.rig import Flight, best_modes
-from heronry_agent.images import CATALOGUE, UnknownImageError, find_image
 from heronry_agent.module import Module
+from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
+from heronry_tools.aircraft.images import CATALOGUE
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 
 SPECS = {name: load(shipped_spec_path(name)) for name in shipped_spec_names()}
@@ -33,7 +34,7 @@ def test_no_image_is_without_a_user() -> None:
 
 
 def test_an_image_of_ones_own_is_imported() -> None:
-    assert find_image("heronry_agent.images.imaging:ImageArchive") is find_image("image_archive")
+    assert find_image("heronry_tools.aircraft.images.imaging:ImageArchive") is find_image("image_archive")
 
 
 @pytest.mark.parametrize(
@@ -44,9 +45,9 @@ def test_an_image_of_ones_own_is_imported() -> None:
         ("no.such.thing:Here", "cannot import no.such.thing"),
         (":Here", "there is no image ':Here'; write package.module:Class"),
         ("..relative:Here", "there is no image '..relative:Here'; write package.module:Class"),
-        ("heronry_agent.images.imaging:Nothing", "has no class Nothing"),
-        ("heronry_agent.images.imaging:word", "has no class word"),
-        ("heronry_agent.images.mission:Stage", "has no class Stage"),
+        ("heronry_tools.aircraft.images.imaging:Nothing", "has no class Nothing"),
+        ("heronry_tools.aircraft.images.imaging:word", "has no class word"),
+        ("heronry_tools.aircraft.images.mission:Stage", "has no class Stage"),
     ],
 )
 def test_an_unknown_image_is_told_in_a_sentence(name: str, sentence: str) -> None:

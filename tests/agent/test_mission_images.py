@@ -5,10 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.rig import Rig
-from heronry_agent.images.guidance import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, home_bearing_and_distance, turn_deg
-from heronry_agent.images.imaging import HEAD_WORDS, WORDS, ImageArchive
-from heronry_agent.images.mission import Stage
-from heronry_agent.images.wing import WingState
+from heronry_tools.aircraft.images.guidance import (
+    HOME_LATITUDE_DEG,
+    HOME_LONGITUDE_DEG,
+    home_bearing_and_distance,
+    turn_deg,
+)
+from heronry_tools.aircraft.images.imaging import HEAD_WORDS, WORDS, ImageArchive
+from heronry_tools.aircraft.images.mission import Stage
+from heronry_tools.aircraft.images.wing import WingState
 
 altitudes = st.floats(-100, 30_000)
 

@@ -31,9 +31,9 @@ from agent.one_pe import (
     slice_messages,
     stopped,
 )
-from heronry_agent.core import AgentCore
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.vocabulary import Heard, StepFailed, StepModule, Stepped
 from heronry_agent.module import Value
-from heronry_agent.vocabulary import Heard, StepFailed, StepModule, Stepped
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame

@@ -10,7 +10,7 @@ import pytest
 
 from agent.one_pe import MS
 from heronry_agent.module import Datum
-from heronry_agent.module_runner import ModuleRunner, Orders, Result
+from heronry_agent.shell.module_runner import ModuleRunner, Orders, Result
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "modules.md"
 FAST = Orders("speed", "my_glider:Speed", "fast", 25 * MS, has_device=True)

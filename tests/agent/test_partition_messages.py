@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from heronry_agent.module import Value
-from heronry_agent.module_runner import Orders, Result
-from heronry_agent.partition_messages import (
+from heronry_agent.shell.module_runner import Orders, Result
+from heronry_agent.shell.partition_messages import (
     ANSWER_BYTES,
     Answer,
     Done,

@@ -26,8 +26,8 @@ from agent.one_pe import (
     slice_messages,
     started,
 )
-from heronry_agent.running_modules import JUDGED_AFTER_NS
-from heronry_agent.vocabulary import Action, StepModule
+from heronry_agent.core.running_modules import JUDGED_AFTER_NS
+from heronry_agent.core.vocabulary import Action, StepModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, heartbeat_id

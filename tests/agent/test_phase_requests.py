@@ -20,7 +20,7 @@ from agent.one_pe import (
     OnePe,
     sent,
 )
-from heronry_agent.vocabulary import Action, PartitionEnded
+from heronry_agent.core.vocabulary import Action, PartitionEnded
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import (

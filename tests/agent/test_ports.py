@@ -3,7 +3,7 @@
 import argparse
 
 from agent.one_pe import GATEWAY_TABLE
-from heronry_agent.ports import bus_configs
+from heronry_agent.shell.ports import bus_configs
 
 
 def test_an_adapter_is_told_the_bit_rate_of_a_cable_and_not_that_of_the_air() -> None:

@@ -1,8 +1,8 @@
 """The frames of a PE: data, and the echoes that show what an output does."""
 
 from agent.one_pe import CONTROL, NODE, RATE, TABLE
-from heronry_agent.publishing import Publisher
-from heronry_agent.table_index import TableIndex
+from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.table_index import TableIndex
 from heronry_wire.canaerospace import DataType, Datum, decode_data
 from heronry_wire.identifiers import actuator_echo_id
 

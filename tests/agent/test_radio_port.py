@@ -17,7 +17,7 @@ from agent.one_pe import (
     rate_frame,
     sent,
 )
-from heronry_agent.vocabulary import Action, Left
+from heronry_agent.core.vocabulary import Action, Left
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState, decode_link

@@ -1,7 +1,7 @@
 """What a PE says of itself, and how often."""
 
 from agent.one_pe import BEAT_NS, FAR, FLYING, GATEWAY_TABLE, MS, NODE, OnePe, neighbour_state, pages, sent
-from heronry_agent.vocabulary import Note
+from heronry_agent.core.vocabulary import Note
 from heronry_wire.canaerospace import DataType
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id

@@ -1,7 +1,7 @@
 """A module that fails begins again a few times, later each time, and is then given up."""
 
 from agent.one_pe import MS
-from heronry_agent.restarts import BACK_OFF_NS, FORGIVEN_NS, Restarts
+from heronry_agent.core.restarts import BACK_OFF_NS, FORGIVEN_NS, Restarts
 from heronry_wire.sansio import NEVER_NS
 
 MODULE, OTHER = 3, 4

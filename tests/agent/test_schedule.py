@@ -1,7 +1,7 @@
 """A partition is asked for all that is due; chains hand on within the instant; who is late holds up its partition."""
 
 from agent.one_pe import MS
-from heronry_agent.schedule import HUNG_NS, Schedule
+from heronry_agent.core.schedule import HUNG_NS, Schedule
 from heronry_wire.sansio import NEVER_NS
 
 PRODUCER, CONSUMER, THIRD = 1, 2, 3

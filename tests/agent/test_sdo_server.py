@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.canopen_master import refusal
-from heronry_agent.sdo_server import BLOCK_PAUSE_NS, SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
+from heronry_agent.core.sdo_server import BLOCK_PAUSE_NS, SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
 from heronry_wire.sansio import NEVER_NS
 from heronry_wire.sdo import Abort, abort_message, crc, read_head
 

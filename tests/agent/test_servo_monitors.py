@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.rig import Rig
-from heronry_agent.bench import Bench
 from heronry_agent.module import Datum
+from heronry_tools.aircraft.plant import Plant
 
 RATE_HZ = 40
 COMMANDS = ("elevator_demand", "elevator_servo_command")
@@ -29,7 +29,7 @@ class Tail:
     """
 
     image: str
-    bench: Bench = field(default_factory=lambda: Bench(0))
+    plant: Plant = field(default_factory=lambda: Plant(0))
     working: int = 1
     tick: int = 0
     health: int = 0
@@ -46,9 +46,9 @@ class Tail:
         for _ in range(round(seconds * RATE_HZ)):
             now_ns = self.tick * 1_000_000_000 // RATE_HZ
             angle = command(self.tick)
-            self.bench.write(f"elevator_servo_{self.working}", angle, now_ns)
+            self.plant.write(f"elevator_servo_{self.working}", angle, now_ns)
             data = {"elevator_demand": Datum(angle, 1, 0), "elevator_servo_command": Datum(angle, self.working, 0)}
-            measured = self.bench.read("elevator_angle_sensor", now_ns)
+            measured = self.plant.read("elevator_angle_sensor", now_ns)
             if measured is not None:
                 data["elevator_angle"] = Datum(measured, 1, 0)
             (self.health,) = self.rig.feed(data).values()
@@ -62,7 +62,7 @@ class Tail:
             self.working, self.told_at = 3 - self.working, None
 
     def fail(self, device: str) -> None:
-        self.bench.fail(device, "stuck", self.tick * 1_000_000_000 // RATE_HZ)
+        self.plant.fail(device, "stuck", self.tick * 1_000_000_000 // RATE_HZ)
 
     @property
     def reported(self) -> list[str]:
@@ -131,7 +131,7 @@ def test_the_detail_tells_the_difference_in_tenths_of_a_degree(image: str) -> No
 @BOTH
 def test_the_surface_may_stand_anywhere_when_the_monitor_starts(image: str) -> None:
     tail = Tail(image)
-    tail.bench.write("elevator_servo_2", -20.0, 0)
+    tail.plant.write("elevator_servo_2", -20.0, 0)
     tail.tick = RATE_HZ
     tail.fly(20, lambda _: 20.0)
     assert tail.reported == []
@@ -181,7 +181,7 @@ def test_the_same_one_is_reported_again_while_the_manager_has_no_better_idea(ima
 def test_without_an_angle_or_a_command_there_is_no_judgement(image: str) -> None:
     tail = Tail(image)
     tail.fly(10)
-    tail.bench.fail("elevator_angle_sensor", "dead", 0)
+    tail.plant.fail("elevator_angle_sensor", "dead", 0)
     tail.fail("elevator_servo_1")
     tail.fly(20)
     assert tail.rig.step() in ({"servo_health": 0}, {"servo_failure": 0})
@@ -212,7 +212,7 @@ def test_a_servo_that_was_repaired_and_follows_again_is_forgiven() -> None:
     tail.fail("elevator_servo_1")
     tail.fly(8)
     assert (tail.working, tail.health) == (2, 1)
-    tail.bench.heal("elevator_servo_1")
+    tail.plant.heal("elevator_servo_1")
     tail.working = 1
     tail.fly(10)
     assert tail.health == 0

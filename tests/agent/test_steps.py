@@ -19,7 +19,7 @@ from agent.one_pe import (
     started,
     stopped,
 )
-from heronry_agent.vocabulary import StartFailed
+from heronry_agent.core.vocabulary import StartFailed
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, Step
 

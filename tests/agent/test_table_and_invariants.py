@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from agent.one_pe import FLYING, TABLE, OnePe
-from heronry_agent.core import AgentCore
+from heronry_agent.core.agent import AgentCore
 from heronry_wire.pe_table import DeviceEntry, PeTable, SourceEntry, TableError, VariableEntry
 from heronry_wire.sansio import InvariantError, Tick
 

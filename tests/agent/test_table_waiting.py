@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from agent.canopen_master import objects
 from agent.one_pe import MANAGER, MS, NODE, TABLE, Message, command_frame, sent
-from heronry_agent.authenticity import LONGEST_UNLOCK_S, Secret
-from heronry_agent.table_waiting import WaitingCore
-from heronry_agent.vocabulary import Action, Note
+from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
+from heronry_agent.core.vocabulary import Action, Note
+from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_wire.authentication import SEAL_BYTES, Key
 from heronry_wire.canopen_objects import OBJECTS
 from heronry_wire.canopen_objects import TABLE as TABLE_INDEX

@@ -1,7 +1,7 @@
 """Data that waits to be sent when its module goes elsewhere must not follow the word that it has stopped."""
 
 from agent.one_pe import DEMAND_ID, FLYING, NEIGHBOUR, NODE, RUN_SERVO_1, OnePe, neighbour_state
-from heronry_agent.vocabulary import Action
+from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import state_id
 from heronry_wire.management import Activate, Alive, Lease, Step

@@ -23,7 +23,7 @@ from agent.one_pe import (
     started,
     stopped,
 )
-from heronry_agent.vocabulary import Note, StartFailed
+from heronry_agent.core.vocabulary import Note, StartFailed
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, StatePage1, Step
 

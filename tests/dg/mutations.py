@@ -20,7 +20,7 @@ from heronry_dg.check.examples import whole_spec
 from heronry_dg.check.judge import judge
 from heronry_dg.findings import Findings
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 
 WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 NUMBER = re.compile(r"(?<![\w.@])\d+(?:\.\d+)?(?![\w.])")

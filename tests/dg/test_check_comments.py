@@ -4,7 +4,7 @@ import pytest
 
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.judge import Choice, judge
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 
 EVERYTHING = Choice()
 

@@ -3,7 +3,7 @@
 from dg.marked_spec import RUNS
 from heronry_dg.check.examples import whole_spec
 from heronry_dg.check.judge import judge
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 
 TWO_SENSORS = (
     "devices:\n  gps: {kind: sensor, pe: nav}\n  pitot: {kind: sensor, pe: nav}\n  lamp: {kind: actuator, pe: tail}\n"

@@ -16,7 +16,7 @@ from heronry_dg.check.machine_reports import github_report, json_report, junit_r
 from heronry_dg.check.text_report import concise, full, span_end, summary
 from heronry_dg.findings import Finding, Place
 from heronry_dg.rules.rule import Severity
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 
 WRONG = SOUND.replace("  speed: {type: FLOAT}\n", "  speed: {type: FLOAT}\n  spare: {type: FLOAT}\n").replace(
     "cpu: 1, ram: 64KiB, flash: 64KiB}\n  tail", 'cpu: 1, ram: "64 kB", flash: 64KiB}\n  tail'

@@ -15,14 +15,14 @@ import yaml
 from jsonschema import Draft7Validator
 
 from agent.rig import Flight, best_modes
-from heronry_agent.images import CATALOGUE
 from heronry_agent.module import Context, Inputs, Module, Value
 from heronry_dg.check.judge import judge
 from heronry_dg.findings import SpecError
 from heronry_dg.loader import SUFFIX, load, loads
 from heronry_dg.model import Spec
 from heronry_dg.rules.rule import Severity
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.aircraft.images import CATALOGUE
+from heronry_tools.analysis.check.registry import RULES, checks_of
 from heronry_tools.cli import main
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 
@@ -130,7 +130,7 @@ def test_an_example_flies_on_the_images_that_are_shipped(file: Path) -> None:
 
 def test_the_voter_reports_the_sensor_that_lies() -> None:
     flight = flight_of(load(named("triplex_voting")))
-    flight.bench.fail("pressure_sensor_2", "bias", flight.now_ns, offset=200.0)
+    flight.plant.fail("pressure_sensor_2", "bias", flight.now_ns, offset=200.0)
     flight.fly(3)
     assert flight.reports == ["device:pressure_sensor_2"] * 3
 

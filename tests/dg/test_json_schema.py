@@ -13,7 +13,7 @@ from heronry_dg.findings import Findings
 from heronry_dg.rules import graph, schema
 from heronry_dg.rules.rule import Rule
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
-from heronry_tools.check.registry import RULES
+from heronry_tools.analysis.check.registry import RULES
 
 SCHEMA = spec_schema()
 VALIDATOR = Draft7Validator(SCHEMA)

@@ -12,7 +12,7 @@ from heronry_dg.check.examples import SOUND
 from heronry_dg.check.judge import judge
 from heronry_dg.check.text_report import full
 from heronry_dg.schema import SpecForm, field_names
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 
 WORDS = st.sampled_from(
     [

@@ -11,7 +11,7 @@ from heronry_dg.loader import read_file
 from heronry_dg.rules import file
 from heronry_dg.rules.rule import Rule, Severity
 from heronry_dg.yaml_source import MOST_BYTES
-from heronry_tools.check.registry import CHECKS, FAMILIES, RULES, checks_of
+from heronry_tools.analysis.check.registry import CHECKS, FAMILIES, RULES, checks_of
 
 SHOWN = [rule for rule in RULES.values() if not rule.bad.startswith("(")]
 

@@ -14,7 +14,7 @@ from heronry_dg.check.judge import judge
 from heronry_dg.findings import Finding
 from heronry_dg.rules import file
 from heronry_dg.yaml_source import MOST_BYTES
-from heronry_tools.check.registry import RULES, checks_of
+from heronry_tools.analysis.check.registry import RULES, checks_of
 from heronry_tools.cli import main
 
 TWINS = Path(__file__).parent / "twins"

@@ -10,7 +10,7 @@ from heronry_dg.loader import loads
 from heronry_dg.rules.wire import FAMILY, STARVED, TOO_MANY_SOURCES
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
 from heronry_dg.traffic import identifiers
-from heronry_tools.check.registry import RULES
+from heronry_tools.analysis.check.registry import RULES
 from heronry_wire.frame import WireError
 
 

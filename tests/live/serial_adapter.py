@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from heronry_tools.vcan import debian_packages
+from heronry_tools.runtime.vcan import debian_packages
 
 _INTERFACES = Path("/sys/class/net")
 _PATIENCE_S = 30.0

@@ -25,7 +25,7 @@ from agent.one_pe import (
     neighbour_state,
     slice_messages,
 )
-from heronry_tools.softbus.starter import start_hub
+from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
 from heronry_wire.management import (

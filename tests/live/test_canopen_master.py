@@ -14,8 +14,8 @@ from canopen.sdo import SdoClient
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.softbus.starter import start_hub
-from heronry_tools.table_command import write_tables
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.pe_table import PeTable
 from live.test_nodes import Aircraft
 

@@ -12,9 +12,9 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import elements
 from heronry_manager.planner.sweep import Question
-from heronry_tools.campaign.crew import answers, crew
+from heronry_tools.analysis.campaign.crew import answers, crew
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
+from heronry_tools.console.errors import UserError
 
 pytestmark = pytest.mark.live
 

@@ -15,7 +15,7 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.situation import situation
 from heronry_manager.planner.exact import plan
-from heronry_tools.witness import Witness
+from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Malformed, parse_log_line
 
 pytestmark = pytest.mark.live

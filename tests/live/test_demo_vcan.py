@@ -33,7 +33,7 @@ from heronry_dg.situation import situation, survivors
 from heronry_dg.traffic import hops, identifiers
 from heronry_manager.planner.exact import plan
 from heronry_tools.cli import main
-from heronry_tools.witness import Witness
+from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import state_id
 from heronry_wire.management import StatePage0, decode_state

@@ -15,7 +15,7 @@ import pytest
 from live.slow_spec import slow_spec
 
 ROOT = Path(__file__).resolve().parents[2]
-DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "deployment"
+DEPLOYMENT = ROOT / "tools" / "heronry_tools" / "runtime" / "deployment"
 PATIENCE_S = 240
 END_ALL = "trap 'kill $(jobs -p); wait' EXIT"  # whichever step fails: who still writes keeps the pipe open
 

@@ -12,7 +12,7 @@ import pytest
 
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
-from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.key_file import make_key
 
 pytestmark = pytest.mark.live

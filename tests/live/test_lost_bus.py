@@ -17,7 +17,7 @@ import can
 import pytest
 
 from agent.one_pe import DEMAND_ID, NODE
-from heronry_tools.softbus.starter import start_hub
+from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.can_interface import read_interface
 from heronry_wire.controller import ControllerState
 from heronry_wire.identifiers import heartbeat_id, state_id

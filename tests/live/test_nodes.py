@@ -21,8 +21,8 @@ import canopen
 import pytest
 
 from heronry_dg.loader import load
-from heronry_tools.softbus.starter import start_hub
-from heronry_tools.table_command import write_tables
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import FaultCode, PeState, StatePage0, decode_state
@@ -333,7 +333,10 @@ def table(tmp_path: Path) -> str:
     ("arguments", "says"),
     [
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
-        (["-i", "softbus", "-c", "/no/such.sock"], "start one with: python -m heronry_tools.softbus /no/such.sock"),
+        (
+            ["-i", "softbus", "-c", "/no/such.sock"],
+            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+        ),
         (["-i", "softbus"], "channel"),
         (["--bus", "radio=softbus:/no/such.sock"], "tail_pe has no such bus; it has can0"),
     ],
@@ -382,7 +385,10 @@ def test_an_agent_whose_node_id_is_taken(aircraft: Aircraft) -> None:
     ("arguments", "says"),
     [
         (["-i", "socketcan", "-c", "can7"], "socketcan can7 cannot be opened: "),
-        (["-i", "softbus", "-c", "/no/such.sock"], "start one with: python -m heronry_tools.softbus /no/such.sock"),
+        (
+            ["-i", "softbus", "-c", "/no/such.sock"],
+            "start one with: python -m heronry_tools.runtime.softbus /no/such.sock",
+        ),
         ([], "no bus is named: give -i INTERFACE and -c CHANNEL"),
     ],
 )

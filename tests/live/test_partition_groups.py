@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from agent.one_pe import CONTROL, MONITOR
-from heronry_agent.partition_groups import PartitionGroups, open_groups
-from heronry_agent.vocabulary import Note, PartitionEnded
+from heronry_agent.core.vocabulary import Note, PartitionEnded
+from heronry_agent.shell.partition_groups import PartitionGroups, open_groups
 from live.test_partitions import PATIENCE_S, Hosted, _path
 
 pytestmark = pytest.mark.vcan  # the user-mode Linux of tools/with-vcan has them

@@ -1,8 +1,8 @@
-"""A few strikes of the campaign that `heronry_tools.partition_kills` is: all of them end well."""
+"""A few strikes of the campaign that `lab.partition_kills` is: all of them end well."""
 
 import pytest
 
-from heronry_tools.partition_kills.__main__ import main
+from lab.partition_kills.__main__ import main
 
 pytestmark = pytest.mark.live
 

@@ -12,14 +12,8 @@ from unittest.mock import ANY
 import pytest
 
 from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
-from heronry_agent.bench import Bench
-from heronry_agent.module_runner import Orders
-from heronry_agent.partition_groups import PartitionGroups
-from heronry_agent.partition_host import PartitionHost
-from heronry_agent.partition_messages import Answer, Done, Load, Loaded, Start, Step, decode_answer
-from heronry_agent.partition_process import PartitionProcess
-from heronry_agent.schedule import HUNG_NS
-from heronry_agent.vocabulary import (
+from heronry_agent.core.schedule import HUNG_NS
+from heronry_agent.core.vocabulary import (
     Drive,
     Driven,
     EndPartition,
@@ -36,6 +30,12 @@ from heronry_agent.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.shell.module_runner import Orders
+from heronry_agent.shell.partition_groups import PartitionGroups
+from heronry_agent.shell.partition_host import PartitionHost
+from heronry_agent.shell.partition_messages import Answer, Done, Load, Loaded, Start, Step, decode_answer
+from heronry_agent.shell.partition_process import PartitionProcess
+from heronry_tools.aircraft.plant import Plant
 
 pytestmark = pytest.mark.live
 
@@ -65,7 +65,7 @@ class Hosted:
             if module.index in images
         )
         self.entries = {module.index: module for module in modules}
-        self.host = PartitionHost(replace(TABLE, modules=modules), Bench(0), groups)
+        self.host = PartitionHost(replace(TABLE, modules=modules), Plant(0), groups)
         self.releases = 0
 
     def do(self, action: object) -> ModuleEvent | None:

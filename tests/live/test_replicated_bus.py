@@ -14,14 +14,14 @@ import pytest
 import yaml
 
 from heronry_dg.loader import load
-from heronry_manager.control_client import call
-from heronry_manager.vocabulary import AskStatus
-from heronry_tools.demo.buses import choose
-from heronry_tools.demo.ear import Ear
-from heronry_tools.demo.event_stream import EventStream
-from heronry_tools.demo.fleet import Fleet, run_folder
-from heronry_tools.softbus.starter import HubProcess, start_hub
-from heronry_tools.witness import Witness
+from heronry_manager.core.vocabulary import AskStatus
+from heronry_manager.shell.control_client import call
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.ear import Ear
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.witness import Witness
 
 PATIENCE_S = 90.0
 SPEC = Path("tests/scenarios/twin_wires.dg.yaml")

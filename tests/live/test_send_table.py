@@ -11,9 +11,9 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools import send_table_command
 from heronry_tools.cli import main
-from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.commands import send_table as send_table_command
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.identifiers import heartbeat_id, state_id
 
 pytestmark = pytest.mark.live

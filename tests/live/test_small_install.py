@@ -14,8 +14,8 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_tools.cli import COMMANDS
-from heronry_tools.softbus.starter import start_hub
-from heronry_tools.table_command import write_tables
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import state_id
 
 pytestmark = pytest.mark.live
@@ -104,7 +104,7 @@ def test_the_doctor_looks_at_a_small_install(small: dict[str, str], tmp_path: Pa
     assert {"versions", "bus", "manager", "nodes"} <= {one["check"] for one in json.loads(done.stdout)["findings"]}
 
 
-@pytest.mark.parametrize("module", ["heronry_agent", "heronry_tools.cli", "heronry_tools.softbus"])
+@pytest.mark.parametrize("module", ["heronry_agent", "heronry_tools.cli", "heronry_tools.runtime.softbus"])
 def test_help_needs_no_extra(small: dict[str, str], module: str) -> None:
     done = run("-m", module, "--help", env=small)
     assert (done.returncode, done.stderr) == (0, "")
@@ -190,14 +190,14 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     rooms = {"heronry_wire", "heronry_dg", "heronry_agent", "heronry_manager", "heronry_tools"}
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == rooms
     assert {f"{room}/py.typed" for room in rooms} <= names
-    assert {"heronry_wire/nod.csv", "heronry_tools/vcan/xstate.c"} <= names
-    assert {f"heronry_tools/deployment/heronry-{node}@.service" for node in ("agent", "manager")} <= names
+    assert {"heronry_wire/nod.csv", "heronry_tools/runtime/vcan/xstate.c"} <= names
+    assert {f"heronry_tools/runtime/deployment/heronry-{node}@.service" for node in ("agent", "manager")} <= names
     assert {f"heronry_dg/specs/{name}.dg.yaml" for name in ("big_blue", "elevator_and_chute")} <= names
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     for line in (
         "heronry = heronry_tools.cli:main",
-        "pe-agent = heronry_agent.cli:main",
-        "softbus = heronry_tools.softbus.client:SoftBus",
+        "pe-agent = heronry_agent.shell.cli:main",
+        "softbus = heronry_tools.runtime.softbus.client:SoftBus",
     ):
         assert line in entry_points
     needed = [line for line in Parser().parsestr(metadata).get_all("Requires-Dist", []) if "extra ==" not in line]

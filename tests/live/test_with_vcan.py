@@ -193,7 +193,7 @@ def test_without_apt_the_remedy_is_named(tmp_path: Path) -> None:
 
 @user_mode_only
 def test_two_that_start_together_fetch_a_package_once(tmp_path: Path) -> None:
-    script = "from heronry_tools.vcan.debian_packages import unpacked; print(unpacked('can-utils'))"
+    script = "from heronry_tools.runtime.vcan.debian_packages import unpacked; print(unpacked('can-utils'))"
     both = [
         subprocess.Popen(
             [sys.executable, "-c", script],

@@ -12,11 +12,11 @@ from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.compilation import Compiler
-from heronry_manager.core import ManagerCore
-from heronry_manager.memory import NOTHING, Memory
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING, Memory
+from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_manager.planner.exact import plan
-from heronry_manager.vocabulary import Emit, Keep, ManagerAction, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id

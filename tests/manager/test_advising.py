@@ -6,10 +6,10 @@ import pytest
 
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_manager.core import ManagerCore
-from heronry_manager.memory import NOTHING
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
 from heronry_manager.planner.exact import plan
-from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.authenticity import GUESSES
-from heronry_manager.core import ManagerCore
-from heronry_manager.memory import NOTHING
-from heronry_manager.vocabulary import AskStatus, OperatorSaid, Reply
+from heronry_manager.core.authenticity import GUESSES
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
     PAGE_1_BEAT,

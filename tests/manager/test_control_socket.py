@@ -14,12 +14,7 @@ from typing import Any
 
 import pytest
 
-from heronry_manager import control_client
-from heronry_manager.control_client import call, find_socket
-from heronry_manager.control_place import ControlError, default_folder, default_socket
-from heronry_manager.control_protocol import Answer, order_line, read_answer, read_order
-from heronry_manager.control_socket import MOST_CALLERS, ControlSocket
-from heronry_manager.vocabulary import (
+from heronry_manager.core.vocabulary import (
     AskStatus,
     ClearElement,
     EnterPhase,
@@ -29,6 +24,11 @@ from heronry_manager.vocabulary import (
     Reply,
     UnlockPe,
 )
+from heronry_manager.shell import control_client
+from heronry_manager.shell.control_client import call, find_socket
+from heronry_manager.shell.control_place import ControlError, default_folder, default_socket
+from heronry_manager.shell.control_protocol import Answer, order_line, read_answer, read_order
+from heronry_manager.shell.control_socket import MOST_CALLERS, ControlSocket
 
 ORDERS: list[Order] = [
     AskStatus(),
@@ -105,7 +105,8 @@ def test_a_second_manager_is_told_who_listens_there(place: Path) -> None:
 
 def test_a_socket_left_behind_by_a_killed_manager_is_taken_over(place: Path) -> None:
     script = (
-        "import sys, os, signal; from pathlib import Path; from heronry_manager.control_socket import ControlSocket; "
+        "import sys, os, signal; from pathlib import Path; "
+        "from heronry_manager.shell.control_socket import ControlSocket; "
         "ControlSocket(Path(sys.argv[1])); os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", script, str(place)], check=False)

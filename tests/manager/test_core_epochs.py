@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.loader import load, loads
-from heronry_manager.planning import PLAN_AGAIN_NS
-from heronry_manager.reconfiguration import PATIENCE_PERIODS
-from heronry_manager.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed, PlanReady
+from heronry_manager.core.planning import PLAN_AGAIN_NS
+from heronry_manager.core.reconfiguration import PATIENCE_PERIODS
+from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed, PlanReady
 from heronry_wire.frame import Frame
 from heronry_wire.management import (
     Activate,

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_manager.events import KINDS, VERSION, Snapshot, event, reduce, to_line
+from heronry_manager.core.events import KINDS, VERSION, Snapshot, event, reduce, to_line
 
 MS = 1_000_000
 TIMES = {"detect": 60 * MS, "decide": 40 * MS, "distribute": 9 * MS, "activate": 5 * MS}

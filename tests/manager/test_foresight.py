@@ -16,11 +16,11 @@ from heronry_dg.situation import Situation
 from heronry_dg.verify import Violation
 from heronry_manager.contingency.contingencies import contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_manager.planner.client import PlannerClient
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.foresight import Foresight
 from heronry_manager.planner.sweep import Outcome, Question, Scope, Sweep
-from heronry_manager.vocabulary import PlanFailed, PlanReady, RequestPlan
 
 FILE = shipped_spec_path("elevator_and_chute")
 SPEC = load(FILE)

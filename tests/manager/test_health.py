@@ -6,7 +6,7 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
-from heronry_manager.health import (
+from heronry_manager.core.health import (
     FORGIVEN_AFTER_NS,
     HOLD_DOWN_PERIODS,
     LONGEST_HOLD_DOWN_NS,

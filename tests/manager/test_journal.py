@@ -17,9 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
-from heronry_manager.checked_lines import DAMAGED, checked_line, line_content
-from heronry_manager.journal import Journal, JournalError, recovered, whole_journal, written
-from heronry_manager.memory import (
+from heronry_manager.core.checked_lines import DAMAGED, checked_line, line_content
+from heronry_manager.core.memory import (
     EPOCHS,
     NOTHING,
     Cleared,
@@ -36,6 +35,7 @@ from heronry_manager.memory import (
     from_json,
     is_number,
 )
+from heronry_manager.shell.journal import Journal, JournalError, recovered, whole_journal, written
 from manager.one_manager import SPEC_TEXT, two_tails
 
 SPEC = two_tails()

@@ -3,9 +3,9 @@
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.lost_channels import LATEST_NS
-from heronry_manager.vocabulary import AskStatus, ChannelsLost, OperatorSaid, Reply
-from heronry_tools.status_report import report
+from heronry_manager.core.lost_channels import LATEST_NS
+from heronry_manager.core.vocabulary import AskStatus, ChannelsLost, OperatorSaid, Reply
+from heronry_tools.reports.status import report
 from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
 from manager.one_manager import BEAT_NS, SPEC_TEXT, OneManager
 

@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.loader import loads
-from heronry_manager.core import ManagerCore
-from heronry_manager.memory import EPOCHS, NOTHING, Memory, Reserved
-from heronry_manager.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTermError, next_term
-from heronry_manager.turn import Turn
-from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement, JournalTold, Keep, OperatorSaid
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import EPOCHS, NOTHING, Memory, Reserved
+from heronry_manager.core.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTermError, next_term
+from heronry_manager.core.turn import Turn
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, JournalTold, Keep, OperatorSaid
 from heronry_wire.identifiers import MANAGER_NODES
 from heronry_wire.management import ElementKind, Emergency, FaultCode, PeState, Prepare, is_newer
 from heronry_wire.sansio import Send

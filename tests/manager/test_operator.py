@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.core import ManagerCore
-from heronry_manager.health import HOLD_DOWN_PERIODS
-from heronry_manager.memory import NOTHING, Latched
-from heronry_manager.vocabulary import (
+from heronry_manager.core.health import HOLD_DOWN_PERIODS
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING, Latched
+from heronry_manager.core.vocabulary import (
     AskStatus,
     ClearElement,
     EnterPhase,

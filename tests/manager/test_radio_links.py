@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.radio_links import RadioLinks
-from heronry_manager.topology import radios
+from heronry_manager.core.radio_links import RadioLinks
+from heronry_manager.core.topology import radios
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.management import PeState

@@ -5,8 +5,8 @@ import itertools
 import pytest
 
 from heronry_dg.configuration import Configuration, Running
-from heronry_manager.compilation import Compiler
-from heronry_manager.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
 from heronry_wire.management import Activate, PeState, Prepare, SliceBody, SliceHead, Step
 from manager.one_manager import BEAT_NS, MS, two_tails
 

@@ -7,16 +7,16 @@ import pytest
 
 from heronry_dg.loader import load, loads
 from heronry_dg.situation import Situation
-from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
-from heronry_manager.core import START_UP_WINDOW_NS, ManagerCore
-from heronry_manager.memory import NOTHING, Memory, Runs
-from heronry_manager.overheard import Overheard
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.manager import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.core.memory import NOTHING, Memory, Runs
+from heronry_manager.core.overheard import Overheard
+from heronry_manager.core.turn import Turn
+from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
 from heronry_manager.planner.exact import plan
-from heronry_manager.turn import Turn
-from heronry_manager.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
-from heronry_tools.simulator.planning import plan_ahead
+from heronry_tools.sim.world.planning import plan_ahead
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest

@@ -11,7 +11,7 @@ from heronry_manager.planner.choosing import Choosing
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.levels import bounds_of, serving_levels
 from heronry_manager.planner.placing import Placing
-from heronry_tools.planner_bench.generator import generate
+from lab.planner_race.generator import generate
 from planner.random_specs import random_case
 
 

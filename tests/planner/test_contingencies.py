@@ -14,7 +14,6 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import placement
 from heronry_dg.situation import Situation, elements
-from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode, objective_of, worth_of
 from heronry_manager.contingency.contingencies import Contingencies, contingencies
 from heronry_manager.contingency.file_format import (
@@ -26,6 +25,7 @@ from heronry_manager.contingency.file_format import (
 from heronry_manager.contingency.journal import Journal, JournalError
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
+from heronry_manager.core.compilation import Compiler
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Outcome, Scope, Sweep

@@ -28,7 +28,7 @@ from heronry_manager.planner.greedy.repairing import Repair
 from heronry_manager.planner.greedy.report import configuration_of
 from heronry_manager.planner.greedy.scene import Scenery
 from heronry_manager.planner.greedy.tables import Tables
-from heronry_tools.planner_bench.generator import fault_cases, generate
+from lab.planner_race.generator import fault_cases, generate
 from planner.comparison import MOST_STRUCTURES, crossing_case
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import Case, random_case

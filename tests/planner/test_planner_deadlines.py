@@ -7,7 +7,7 @@ from heronry_dg.traffic import Hop
 from heronry_dg.verify import verify
 from heronry_manager.planner.deadlines import Deadlines
 from heronry_manager.planner.exact import Planner
-from heronry_tools.planner_bench.generator import fault_cases, generate
+from lab.planner_race.generator import fault_cases, generate
 
 
 @pytest.fixture

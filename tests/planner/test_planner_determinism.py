@@ -14,7 +14,7 @@ ASK = """
 import sys
 from heronry_dg.objective import placement
 from heronry_manager.planner.exact import Planner
-from heronry_tools.planner_bench.generator import generate
+from lab.planner_race.generator import generate
 from heronry_dg.situation import situation
 spec = generate(2, 30, 8)
 planner = Planner(spec)

@@ -6,9 +6,9 @@ from pathlib import Path
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.planning import Planners
-from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.planning import Planners
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.identifiers import Use, classify
 

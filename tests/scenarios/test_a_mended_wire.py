@@ -2,9 +2,9 @@
 
 import pytest
 
-from heronry_agent.table_index import TableIndex
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.planning import prepared
+from heronry_agent.core.table_index import TableIndex
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.planning import prepared
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
 from scenarios.flights import MS, big_blue, flying
 

@@ -3,8 +3,8 @@
 import pytest
 
 from heronry_dg.model import Spec
-from heronry_tools.simulator.planning import Planners, best_plan
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.planning import Planners, best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, times_are_told, two_tails
 
 

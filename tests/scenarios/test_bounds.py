@@ -6,17 +6,17 @@ from itertools import takewhile
 
 import pytest
 
-from heronry_agent.schedule import HUNG_NS
+from heronry_agent.core.schedule import HUNG_NS
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
-from heronry_manager.fault_cases import fault_cases
-from heronry_manager.reconfiguration_bound import Bound, Bounds, FaultClass
-from heronry_tools.simulator.act import Act
-from heronry_tools.simulator.planning import best_plan
-from heronry_tools.simulator.simulation import DEFAULT_DECIDE_NS, Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_manager.bounds.fault_cases import fault_cases
+from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, FaultClass
+from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_tools.sim.world.planning import best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 from scenarios.test_single_faults import with_a_twin_of_what_raises
 

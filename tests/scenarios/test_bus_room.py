@@ -13,8 +13,8 @@ from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_dg.transition import Transitions
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id
 from heronry_wire.management import Activate, Step, decode_command
 from heronry_wire.timing import exact_bits

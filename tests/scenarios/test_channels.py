@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from heronry_tools.simulator.act import read_act
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.simulation import Simulation
 from heronry_wire.identifiers import emcy_id
 from scenarios.flights import MS, flying, twin_wires
 

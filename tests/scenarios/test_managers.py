@@ -2,8 +2,8 @@
 
 import pytest
 
-from heronry_manager.vocabulary import ClearElement
-from heronry_tools.simulator.simulation import Simulation
+from heronry_manager.core.vocabulary import ClearElement
+from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
 
 

@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
 
 

@@ -2,14 +2,14 @@
 
 import pytest
 
-from heronry_agent.bench import Bench
 from heronry_agent.module import Inputs, Module, Value
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
-from heronry_manager.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, Reply
-from heronry_tools.simulator.bus import Tampering
-from heronry_tools.simulator.simulation import Simulation
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, Reply
+from heronry_tools.aircraft.plant import Plant
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Tampering
 from heronry_wire.identifiers import Command, emcy_id, management_id
 from heronry_wire.management import Operation
 from scenarios.flights import MS, big_blue, flying, management_frames, two_tails
@@ -191,7 +191,7 @@ def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
 
 def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:
     simulation = Simulation(big_blue())
-    simulation.world = Bench(-85_000 * MS)  # high up, on its line, with its wings out
+    simulation.world = Plant(-85_000 * MS)  # high up, on its line, with its wings out
     simulation.run_until(18_000 * MS)
     assert [phase for phase, _ in entered(simulation)] == ["deployment", "glide"]
     assert simulation.settle() == []

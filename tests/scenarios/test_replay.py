@@ -3,8 +3,8 @@
 import subprocess
 import sys
 
-from heronry_tools.simulator.bus import Faults
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Faults
 from scenarios.flights import MS, flying, two_tails
 
 

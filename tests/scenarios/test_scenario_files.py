@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from heronry_tools.scenario.in_simulator import fly
-from heronry_tools.scenario.report import text_report
-from heronry_tools.scenario.script import read_script
-from heronry_tools.scenario.trace import golden_file
+from heronry_tools.sim.scenario.in_simulator import fly
+from heronry_tools.sim.scenario.report import text_report
+from heronry_tools.sim.scenario.script import read_script
+from heronry_tools.sim.scenario.trace import golden_file
 
 FILES = sorted(Path(__file__).parent.glob("*.scenario"))
 

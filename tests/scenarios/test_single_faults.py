@@ -5,7 +5,7 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, placed_on, times_are_told, two_tails
 
 BIG_BLUE_PES = ("flight", "nav", "air", "tail_a", "tail_b", "wing", "payload", "comms", "ground")

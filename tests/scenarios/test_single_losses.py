@@ -6,8 +6,8 @@ have twice. Whatever becomes of any one command, state or emergency frame, the e
 
 import pytest
 
-from heronry_tools.simulator.bus import Sent, Tampering
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Sent, Tampering
 from scenarios.flights import MS, flying, management_frames, times_are_told, two_tails
 
 

@@ -1,7 +1,7 @@
 """The state diagrams of docs/protocol/, held against flights and drills: what happens is drawn, what is drawn happens.
 
 None of these machines is a table in the code, so a person has drawn them; this keeps the person honest. What a PE is
-(PeState) is held against every order of steps in tests/tools/test_docs_tables.py.
+(PeState) is held against every order of steps in tests/lab/tests/test_documents.py.
 """
 
 import re
@@ -16,24 +16,24 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.authenticity import Authenticity as PeAuthenticity
-from heronry_agent.faults import Faults
-from heronry_agent.phase_requests import _Watch
-from heronry_agent.reconfiguration import Reconfiguration as PeReconfiguration
-from heronry_agent.staging import UNCONFIGURED, Staging
-from heronry_manager.authenticity import Authenticity
-from heronry_manager.core import ManagerCore, Reign
-from heronry_manager.exclusion import Exclusion
-from heronry_manager.health import Standing, _Record
-from heronry_manager.radio_links import RadioLinks
-from heronry_manager.reconfiguration import Reconfiguration, Stage
-from heronry_tools.drill.drills import drilled
-from heronry_tools.scenario.in_simulator import fly
-from heronry_tools.scenario.script import read_script
-from heronry_tools.simulator.chaos import drawn_acts
-from heronry_tools.simulator.scenario import Scenario, play
+from heronry_agent.core.authenticity import Authenticity as PeAuthenticity
+from heronry_agent.core.faults import Faults
+from heronry_agent.core.phase_requests import _Watch
+from heronry_agent.core.reconfiguration import Reconfiguration as PeReconfiguration
+from heronry_agent.core.staging import UNCONFIGURED, Staging
+from heronry_manager.core.authenticity import Authenticity
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.health import Standing, _Record
+from heronry_manager.core.manager import ManagerCore, Reign
+from heronry_manager.core.radio_links import RadioLinks
+from heronry_manager.core.reconfiguration import Reconfiguration, Stage
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.flight.outcome import Scenario, play
+from heronry_tools.sim.scenario.in_simulator import fly
+from heronry_tools.sim.scenario.script import read_script
 from heronry_wire.channel_watch import ChannelWatch
 from heronry_wire.management import FaultCode
+from lab.conformance.drills import drilled
 from scenarios.flights import two_tails
 
 SEEDS = range(4)

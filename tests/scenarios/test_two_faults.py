@@ -10,8 +10,8 @@ from random import Random
 import pytest
 
 from heronry_dg.model import Spec
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Sent
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
 
 BEAT_NS = 20 * MS

@@ -2,8 +2,8 @@
 
 import pytest
 
-from heronry_tools.simulator.bus import Sent, Tampering
-from heronry_tools.simulator.simulation import Simulation
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Sent, Tampering
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id, state_id
 from heronry_wire.management import Control, Operation, decode_command
 from scenarios.flights import KEY, MS, flying, two_tails

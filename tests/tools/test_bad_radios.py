@@ -5,10 +5,10 @@ from pathlib import Path
 import can
 import pytest
 
-from heronry_tools.scenario.bad_radios import BadRadios, Disturbance, disturbance
-from heronry_tools.scenario.script import Deed, read_script
-from heronry_tools.softbus.client import SoftBus
-from heronry_tools.softbus.starter import start_hub
+from heronry_tools.runtime.softbus.client import SoftBus
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.sim.scenario.bad_radios import BadRadios, Disturbance, disturbance
+from heronry_tools.sim.scenario.script import Deed, read_script
 
 S = 1_000_000_000
 SCENARIO = Path("tests/scenarios/the_ground_flies_it_until_the_radio_fades.scenario")

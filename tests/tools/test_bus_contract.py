@@ -20,7 +20,7 @@ from pathlib import Path
 import can
 import pytest
 
-from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.timing import exact_bits
 
@@ -404,7 +404,7 @@ def test_the_end_of_the_hub_reaches_every_client(hub_at: Callable) -> None:
     with ThreadPoolExecutor(1) as pool:
         wait = pool.submit(waiting.recv)
         hub.kill()
-        with pytest.raises(can.CanOperationError, match=r"hub is gone.*python -m heronry_tools\.softbus"):
+        with pytest.raises(can.CanOperationError, match=r"hub is gone.*python -m heronry_tools\.runtime\.softbus"):
             wait.result(PATIENCE_S)
     assert select.select([idle], [], [], PATIENCE_S)[0] == [idle]
     with pytest.raises(can.CanOperationError, match="hub is gone"):

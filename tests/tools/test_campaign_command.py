@@ -16,14 +16,14 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.exact import plan
 from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
-from heronry_tools.campaign.minimal import minimal
-from heronry_tools.campaign.rates import Likelihood, likelihood, rate_of
-from heronry_tools.campaign.report import text_report
-from heronry_tools.campaign.requirements import Offence, offences, read_requirement
-from heronry_tools.campaign.survey import survey
+from heronry_tools.analysis.campaign.minimal import minimal
+from heronry_tools.analysis.campaign.rates import Likelihood, likelihood, rate_of
+from heronry_tools.analysis.campaign.report import text_report
+from heronry_tools.analysis.campaign.requirements import Offence, offences, read_requirement
+from heronry_tools.analysis.campaign.survey import survey
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.progress import Progress
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Progress
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 BIG_BLUE = load(shipped_spec_path("big_blue"))

@@ -4,13 +4,13 @@ from itertools import pairwise
 
 import pytest
 
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.check_authenticity import AuthenticityCheck
-from heronry_tools.simulator.proven_commands import ProvenCommands
-from heronry_tools.simulator.scenario import KEY
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.stranger import STRANGER
-from heronry_tools.spec_argument import load_spec
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.flight.outcome import KEY
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.authenticity import AuthenticityCheck
+from heronry_tools.sim.oracles.proven_commands import ProvenCommands
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import NO_NONCE, Key, Place, next_number
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame

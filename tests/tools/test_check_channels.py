@@ -2,10 +2,10 @@
 
 import pytest
 
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.check_channels import ChannelCheck
-from heronry_tools.simulator.first_copies import REMEMBERED_NS, FirstCopies
-from heronry_tools.simulator.replicated_port import Copy
+from heronry_tools.sim.oracles.channels import ChannelCheck
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.first_copies import REMEMBERED_NS, FirstCopies
+from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import ElementKind, Emergency, FaultCode

@@ -17,7 +17,7 @@ import yaml
 
 from heronry_dg.check.examples import SOUND
 from heronry_dg.check.json_schema import schema_text
-from heronry_tools.check import registry
+from heronry_tools.analysis.check import registry
 from heronry_tools.cli import COMMANDS, main
 
 ROOT = Path(__file__).parents[2]
@@ -239,7 +239,7 @@ def test_the_shipped_schema_is_current(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize("file", COMMANDS)
 def test_each_file_of_commands_adds_those_that_it_is_listed_with(file: str) -> None:
     subparsers = argparse.ArgumentParser().add_subparsers()
-    import_module(f"heronry_tools.{file}").add_parsers(subparsers)
+    import_module(f"heronry_tools.commands.{file}").add_parsers(subparsers)
     assert tuple(subparsers.choices) == COMMANDS[file]
 
 

@@ -4,8 +4,7 @@ from random import Random
 
 import pytest
 
-from heronry_manager.journal import recovered, whole_journal, written
-from heronry_manager.memory import (
+from heronry_manager.core.memory import (
     EPOCHS,
     NOTHING,
     Cleared,
@@ -18,9 +17,10 @@ from heronry_manager.memory import (
     TermBegun,
     as_json,
 )
-from heronry_tools.simulator.check_journal import JournalCheck
-from heronry_tools.simulator.disk import SYNCED_AFTER_NS, Disk
-from heronry_tools.simulator.simulation import Simulation
+from heronry_manager.shell.journal import recovered, whole_journal, written
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.journal import JournalCheck
+from heronry_tools.sim.world.disk import SYNCED_AFTER_NS, Disk
 from heronry_wire.management import (
     Control,
     ElementKind,

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from heronry_dg.loader import load
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.check_radio import RadioCheck
+from heronry_tools.sim.oracles.radio import RadioCheck
+from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 

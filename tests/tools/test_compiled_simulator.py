@@ -9,11 +9,18 @@ from pathlib import Path
 import pytest
 
 import heronry_wire
-from heronry_tools.errors import UserError
-from heronry_tools.simulator import compiled
-from heronry_tools.simulator.compiled import compile_into, compiled_folder, environment, go_on_compiled, make, sources
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.compiled import machine_code as compiled
+from heronry_tools.sim.compiled.machine_code import (
+    compile_into,
+    compiled_folder,
+    environment,
+    go_on_compiled,
+    make,
+    sources,
+)
 
-SMALL = (Path("heronry_wire/layout.py"), Path("heronry_tools/simulator/local_clock.py"))
+SMALL = (Path("heronry_wire/layout.py"), Path("heronry_tools/sim/world/local_clock.py"))
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
 
 
@@ -37,9 +44,9 @@ def test_every_file_that_is_compiled_is_there() -> None:
 @needs_compiler
 def test_a_compiled_part_is_taken_from_the_folder_beside_python(tmp_path: Path) -> None:
     compile_into(tmp_path / "new", SMALL)
-    script = "import heronry_tools.simulator.local_clock as clock; print(clock.__file__)"
+    script = "import heronry_tools.sim.world.local_clock as clock; print(clock.__file__)"
     file = Path(told(tmp_path / "new", "-c", script).stdout.strip())
-    assert file.parent == tmp_path / "new" / "heronry_tools" / "simulator"
+    assert file.parent == tmp_path / "new" / "heronry_tools" / "sim" / "world"
     assert file.suffix == ".so"
     assert not (tmp_path / "new" / "build").exists()
 

@@ -17,10 +17,10 @@ from heronry_manager.contingency.file_format import read_contingencies, to_bytes
 from heronry_manager.contingency.journal import Journal
 from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Scope, Sweep
-from heronry_tools.campaign.crew import crew
-from heronry_tools.campaign.sweeping import sweep
+from heronry_tools.analysis.campaign.crew import crew
+from heronry_tools.analysis.campaign.sweeping import sweep
 from heronry_tools.cli import main
-from heronry_tools.progress import progress_line
+from heronry_tools.console.progress import progress_line
 from heronry_wire.pe_table import PeTable
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
@@ -104,7 +104,7 @@ def test_ctrl_c_tells_how_to_go_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("heronry_tools.campaign.sweeping.answers", interrupted)
+    monkeypatch.setattr("heronry_tools.analysis.campaign.sweeping.answers", interrupted)
     file = tmp_path / "chute.contingencies"
     code, _, err = run(capsys, "elevator_and_chute", "-o", str(file), "--jobs", "1")
     assert (code, err) == (130, f"heronry: stopped; the same command goes on from {file}.partial\n")

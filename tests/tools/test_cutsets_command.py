@@ -13,14 +13,14 @@ from heronry_dg.model import Function, Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.sweep import Scope
-from heronry_tools.campaign import cut_sets as cut_sets_module
-from heronry_tools.campaign.crew import crew
-from heronry_tools.campaign.cut_sets import CutSets, cut_sets, given_up
-from heronry_tools.campaign.exhaustive import main as compare_with_enumeration
-from heronry_tools.campaign.exhaustive import shipped
-from heronry_tools.campaign.sweeping import sweep
-from heronry_tools.check.servable import Answer, Planning, without_deadlines
+from heronry_tools.analysis.campaign import cut_sets as cut_sets_module
+from heronry_tools.analysis.campaign.crew import crew
+from heronry_tools.analysis.campaign.cut_sets import CutSets, cut_sets, given_up
+from heronry_tools.analysis.campaign.sweeping import sweep
+from heronry_tools.analysis.check.servable import Answer, Planning, without_deadlines
 from heronry_tools.cli import main
+from lab.cut_set_enumeration import main as compare_with_enumeration
+from lab.cut_set_enumeration import shipped
 from planner.comparison import crossing_case
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import random_spec
@@ -169,9 +169,7 @@ def test_bad_input_is_one_sentence(arguments: list[str], sentence: str, capsys: 
 def test_enumeration_finds_cut_sets_that_are_wrong(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "heronry_tools.campaign.exhaustive.cut_sets", lambda _, function, *__: CutSets(function, 1, (), ())
-    )
+    monkeypatch.setattr("lab.cut_set_enumeration.cut_sets", lambda _, function, *__: CutSets(function, 1, (), ()))
     assert compare_with_enumeration(["elevator_and_chute", "--order", "1", "--jobs", "2"]) == 1
     out = capsys.readouterr().out
     assert "elevator_and_chute: elevator, logical: it is lost with pe:tail_pe\n" in out

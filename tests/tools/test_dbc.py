@@ -9,7 +9,7 @@ from cantools.database import Database
 from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
-from heronry_tools.dbc_writer import dbc_text
+from heronry_tools.reports.dbc import dbc_text
 from heronry_wire import management
 from heronry_wire.canaerospace import (
     DataType,

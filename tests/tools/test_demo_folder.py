@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from heronry_tools.demo.fleet import run_folder
+from heronry_tools.runtime.demo.fleet import run_folder
 
 
 @pytest.fixture

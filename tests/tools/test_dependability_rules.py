@@ -15,13 +15,13 @@ from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.exact import plan
-from heronry_tools.check.dependability import check
-from heronry_tools.check.dependability_rules import FAMILY
-from heronry_tools.check.redundancy import independent
-from heronry_tools.check.registry import RULES
-from heronry_tools.check.servable import Planning
-from heronry_tools.check.single_faults import losses
-from heronry_tools.check.wanted import Phase, critical_functions, phases
+from heronry_tools.analysis.check.dependability import check
+from heronry_tools.analysis.check.dependability_rules import FAMILY
+from heronry_tools.analysis.check.redundancy import independent
+from heronry_tools.analysis.check.registry import RULES
+from heronry_tools.analysis.check.servable import Planning
+from heronry_tools.analysis.check.single_faults import losses
+from heronry_tools.analysis.check.wanted import Phase, critical_functions, phases
 from planner.comparison import crossing_case
 from planner.random_specs import random_case
 

@@ -15,9 +15,9 @@ from heronry_dg.plan import Plan
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements
 from heronry_manager.planner.exact import plan
+from heronry_tools.analysis.diff.consequences import Consequences
+from heronry_tools.analysis.diff.elements import element_changes
 from heronry_tools.cli import main
-from heronry_tools.diff.consequences import Consequences
-from heronry_tools.diff.elements import element_changes
 from planner.random_specs import random_spec
 
 ELEVATOR_AND_CHUTE = shipped_spec_path("elevator_and_chute").read_text()

@@ -12,11 +12,12 @@ from can.broadcastmanager import ThreadBasedCyclicSendTask
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
-from heronry_tools.doctor import computer
-from heronry_tools.doctor.computer import judge_computer
-from heronry_tools.doctor.finding import Finding
-from heronry_tools.doctor.interface import judge_interface
-from heronry_tools.doctor.listening import (
+from heronry_tools.commands.doctor import _listen
+from heronry_tools.runtime.doctor import computer
+from heronry_tools.runtime.doctor.computer import judge_computer
+from heronry_tools.runtime.doctor.finding import Finding
+from heronry_tools.runtime.doctor.interface import judge_interface
+from heronry_tools.runtime.doctor.listening import (
     CLOCK_STEP_NS,
     Expected,
     Hearing,
@@ -24,9 +25,8 @@ from heronry_tools.doctor.listening import (
     judge_digests,
     judge_hearing,
 )
-from heronry_tools.doctor_command import _listen
-from heronry_tools.softbus.starter import start_hub
-from heronry_tools.table_command import write_tables
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.bus_opening import open_bus
 from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState

@@ -6,10 +6,10 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.demo import awaited_events
-from heronry_tools.demo.awaited_events import AwaitedEvents
-from heronry_tools.demo.event_stream import EventStream
-from heronry_tools.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.demo import awaited_events
+from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 
 FILE = shipped_spec_path("elevator_and_chute")
 SPEC = load(FILE)

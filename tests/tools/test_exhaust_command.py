@@ -8,8 +8,8 @@ import pytest
 
 from heronry_dg.loader import load
 from heronry_tools.cli import main
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.exhaustive import KINDS, PLAIN, Setup, begin, single_cases, stories
+from heronry_tools.sim.flight.exhaustive import KINDS, PLAIN, Setup, begin, single_cases, stories
+from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import Control, Operation, decode_command
 from scenarios.flights import MS, big_blue

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from pathlib import Path
 
-from heronry_tools.simulator.act import KINDS
+from heronry_tools.sim.faults.fault import KINDS
 
 PAGE = Path("docs/failure_modes.md")
 TABLE = re.compile(r"^\| fault \|.*\n\|[- |]+\n((?:\|.*\n)+)", re.MULTILINE)

@@ -4,12 +4,12 @@ from random import Random
 
 import pytest
 
-from heronry_manager.core import ManagerCore
-from heronry_tools.simulator.act import read_act
-from heronry_tools.simulator.forger import Forger
-from heronry_tools.simulator.scenario import Scenario, play
-from heronry_tools.simulator.simulation import MS, Simulation
-from heronry_tools.spec_argument import load_spec
+from heronry_manager.core.manager import ManagerCore
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.forger import Forger
+from heronry_tools.sim.flight.outcome import Scenario, play
+from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_wire.authentication import Key
 from heronry_wire.management import decode_emergency
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from heronry_agent.cli import main as pe_agent
+from heronry_agent.shell.cli import main as pe_agent
 from heronry_tools.cli import main
 
 

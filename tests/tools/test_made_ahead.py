@@ -13,8 +13,8 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_manager.contingency.file_format import to_bytes
+from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.cli import main
-from heronry_tools.made_ahead import Ahead, contingencies_of
 from heronry_wire.pe_table import PeTable
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
@@ -74,7 +74,7 @@ def test_a_killed_run_is_gone_on_with(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("heronry_tools.campaign.sweeping.numbered", interrupted)
+        patch.setattr("heronry_tools.analysis.campaign.sweeping.numbered", interrupted)
         with pytest.raises(KeyboardInterrupt):
             contingencies_of(CHUTE, Ahead.SINGLE_FAULTS)
     (partial,) = cache.glob("*.partial")

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from heronry_tools.simulator.native_classes import with_native_classes
+from heronry_tools.sim.compiled.native_classes import with_native_classes
 
 SOURCE = '''
 from dataclasses import dataclass, field

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from heronry_manager.control_place import default_socket
-from heronry_manager.control_socket import ControlSocket
-from heronry_manager.vocabulary import Reply
+from heronry_manager.core.vocabulary import Reply
+from heronry_manager.shell.control_place import default_socket
+from heronry_manager.shell.control_socket import ControlSocket
 from heronry_tools.cli import main
 from manager.one_manager import OneManager
 

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from heronry_agent import cli as agent
-from heronry_agent.vocabulary import Note
+from heronry_agent.core.vocabulary import Note
+from heronry_agent.shell import cli as agent
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.event_printer import print_event, surviving
-from heronry_tools.whole_file import write_whole
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.whole_file import write_whole
+from heronry_tools.reports.event_printer import print_event, surviving
 
 FULL = Path("/dev/full")  # every write to it fails like one to a full disk
 
@@ -43,7 +43,7 @@ def room_for(size: int) -> Iterator[None]:
 def test_a_device_or_a_folder_is_refused_before_the_work(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("heronry_tools.campaign.sweeping.sweep", None)  # no work is begun
+    monkeypatch.setattr("heronry_tools.analysis.campaign.sweeping.sweep", None)  # no work is begun
     for file, why in ((FULL, "no ordinary file"), (tmp_path, "a folder"), (tmp_path / "no" / "file", "is no folder")):
         assert main([*command, str(file)]) == 2
         assert why in capsys.readouterr().err

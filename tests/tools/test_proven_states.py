@@ -1,7 +1,7 @@
 """The judge of sessions: it finds what a page 1 says, however often somebody made the manager open another one."""
 
-from heronry_tools.simulator.proven_states import ProvenStates
-from heronry_tools.simulator.scenario import KEY
+from heronry_tools.sim.flight.outcome import KEY
+from heronry_tools.sim.oracles.proven_states import ProvenStates
 from heronry_wire.authentication import PAGE_1_BEAT, Session, split_state
 from heronry_wire.management import Control, Operation, PeFlags, PeState, Reason, StatePage1
 

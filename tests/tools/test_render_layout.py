@@ -12,13 +12,13 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import situation
-from heronry_tools.render.build import build
-from heronry_tools.render.graph import Edge, Graph, Node
-from heronry_tools.render.layout import Box, Layout, Point, laid_out
-from heronry_tools.render.marks import marks
-from heronry_tools.render.ranks import ranked
-from heronry_tools.render.shapes import wrapped
-from heronry_tools.render.sheets import sheets
+from heronry_tools.reports.render.build import build
+from heronry_tools.reports.render.graph import Edge, Graph, Node
+from heronry_tools.reports.render.layout import Box, Layout, Point, laid_out
+from heronry_tools.reports.render.marks import marks
+from heronry_tools.reports.render.ranks import ranked
+from heronry_tools.reports.render.shapes import wrapped
+from heronry_tools.reports.render.sheets import sheets
 from planner.random_specs import random_spec
 
 SHIPPED = ("elevator_and_chute", "big_blue")

@@ -12,16 +12,16 @@ from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
-from heronry_manager.vocabulary import RequestPlan
+from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.replay.comparison import compared
-from heronry_tools.replay.recording import on_the_managers_bus, read_recording, reigns
-from heronry_tools.replay.rerun import Planners, Rerun
-from heronry_tools.simulator import planning
-from heronry_tools.simulator.act import read_act
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.replay.comparison import compared
+from heronry_tools.sim.replay.recording import on_the_managers_bus, read_recording, reigns
+from heronry_tools.sim.replay.rerun import Planners, Rerun
+from heronry_tools.sim.world import planning
 from heronry_wire.authentication import KEY_BYTES
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id

@@ -16,12 +16,12 @@ from heronry_dg.situation import Situation
 from heronry_dg.traffic import frame_bits
 from heronry_manager.planner.candidates import candidates
 from heronry_manager.planner.exact import plan
-from heronry_tools.check.forced_traffic import forced_traffic
-from heronry_tools.check.registry import RULES
-from heronry_tools.check.resource_rules import FAMILY, RESERVE_TOO_SMALL
-from heronry_tools.check.resources import check
-from heronry_tools.check.servable import Planning, without_deadlines
-from heronry_tools.check.wanted import critical_functions, phases
+from heronry_tools.analysis.check.forced_traffic import forced_traffic
+from heronry_tools.analysis.check.registry import RULES
+from heronry_tools.analysis.check.resource_rules import FAMILY, RESERVE_TOO_SMALL
+from heronry_tools.analysis.check.resources import check
+from heronry_tools.analysis.check.servable import Planning, without_deadlines
+from heronry_tools.analysis.check.wanted import critical_functions, phases
 from planner.comparison import crossing_case
 from planner.random_specs import random_case
 
@@ -173,7 +173,7 @@ def test_all_at_once_agrees_with_the_plan_of_each_phase(seed: int) -> None:
 
 
 def test_listing_the_rules_loads_no_solver() -> None:
-    program = "import sys, heronry_tools.check.registry; sys.exit('ortools' in sys.modules)"
+    program = "import sys, heronry_tools.analysis.check.registry; sys.exit('ortools' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 

@@ -5,16 +5,16 @@ from functools import cache
 
 import pytest
 
-from heronry_agent.reconfiguration import Reconfiguration
+from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_dg.expendable import expendable
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
-from heronry_manager.compilation import Compiler
-from heronry_tools.simulator.check_safe_mode import SafeModeCheck, rests
-from heronry_tools.simulator.commanded import Commanded
-from heronry_tools.simulator.planning import best_plan
+from heronry_manager.core.compilation import Compiler
+from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.safe_mode import SafeModeCheck, rests
+from heronry_tools.sim.world.planning import best_plan
 from heronry_wire.configuration_slice import decode_slice
 from heronry_wire.management import PeFlags, PeState, StatePage0
 from scenarios.flights import MS, flying

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from junitparser import JUnitXml
 
-from heronry_manager.core import ManagerCore
+from heronry_manager.core.manager import ManagerCore
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.scenario.judgement import holds_since
-from heronry_tools.scenario.script import read_script
-from heronry_tools.scenario.trace import golden_file
-from heronry_tools.simulator.bounds import read_share, written_share
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.bounds import read_share, written_share
+from heronry_tools.sim.scenario.judgement import holds_since
+from heronry_tools.sim.scenario.script import read_script
+from heronry_tools.sim.scenario.trace import golden_file
 from heronry_wire.sansio import InvariantError
 
 DEMUX = Path("dg_specs/examples/demux_actuators.dg.yaml").absolute()

@@ -17,10 +17,10 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import KINDS
-from heronry_tools.simulator.campaign import Coverage, fly_all
-from heronry_tools.simulator.protocol_state import STATES
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.fault import KINDS
+from heronry_tools.sim.faults.protocol_state import STATES
+from heronry_tools.sim.flight.campaign import Coverage, fly_all
 
 ESTIMATOR = "  state_estimator: {"
 

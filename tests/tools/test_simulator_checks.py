@@ -11,15 +11,15 @@ from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager.compilation import Compiler
-from heronry_tools.simulator.act import MANAGER
-from heronry_tools.simulator.bus import Clash, Sent
-from heronry_tools.simulator.check_silence import stopped_by_silence
-from heronry_tools.simulator.checks import Checks
-from heronry_tools.simulator.nodes import Driven, Moved
-from heronry_tools.simulator.planning import best_plan
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.witness import Outage, Witness
+from heronry_manager.core.compilation import Compiler
+from heronry_tools.runtime.witness import Outage, Witness
+from heronry_tools.sim.faults.fault import MANAGER
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.oracles.silence import stopped_by_silence
+from heronry_tools.sim.world.bus import Clash, Sent
+from heronry_tools.sim.world.nodes import Driven, Moved
+from heronry_tools.sim.world.planning import best_plan
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
@@ -385,22 +385,24 @@ def test_pes_in_different_epochs_or_on_their_way_are_not_settled() -> None:
 
 # Words, and what follows from a spec; a disk is read as its manager reads it.
 JUDGES_KNOW = {
-    "heronry_agent.module": {"check_freshness"},
-    "heronry_manager.journal": {"check_journal"},
-    "heronry_manager.memory": {"check_journal"},
-    "heronry_manager.topology": {
-        "check_authenticity",
-        "check_configurations",
-        "check_liveness",
-        "check_radio",
-        "check_service",
+    "heronry_agent.module": {"freshness"},
+    "heronry_manager.shell.journal": {"journal"},
+    "heronry_manager.core.memory": {"journal"},
+    "heronry_manager.core.topology": {
+        "authenticity",
+        "commanded",
+        "configurations",
+        "liveness",
+        "radio",
+        "service",
+        "solitude",
     },
 }
 
 
 def test_judges_share_no_more_with_what_they_judge_than_is_said_here() -> None:
     import_of = defaultdict(set)
-    for file in Path("tools/heronry_tools/simulator").glob("check_*.py"):
+    for file in Path("tools/heronry_tools/sim/oracles").glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -8,18 +8,18 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from heronry_dg.model import Spec
-from heronry_manager.core import ManagerCore
-from heronry_tools.errors import UserError
-from heronry_tools.simulator.act import KINDS, LEVELS, Act, possible_targets, read_act
-from heronry_tools.simulator.chaos import drawn_acts
-from heronry_tools.simulator.checks import Checks
-from heronry_tools.simulator.clock import Clock
-from heronry_tools.simulator.local_clock import LocalClock
-from heronry_tools.simulator.nodes import Driven
-from heronry_tools.simulator.protocol_state import STATES, ProtocolState
-from heronry_tools.simulator.scenario import Outcome, Scenario, play
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_manager.core.manager import ManagerCore
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.faults.fault import KINDS, LEVELS, Act, possible_targets, read_act
+from heronry_tools.sim.faults.protocol_state import STATES, ProtocolState
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.outcome import Outcome, Scenario, play
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.nodes import Driven
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
 
 Written = tuple[Callable[[], Spec], str, int | None]

@@ -5,37 +5,38 @@ from typing import Any
 
 import pytest
 
-from heronry_agent import link_meter, mailboxes
+from heronry_agent.core import link_meter, mailboxes
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.vocabulary import Drive
 from heronry_agent.module import Value
-from heronry_agent.running_modules import RunningModules
-from heronry_agent.vocabulary import Drive
 from heronry_dg.configuration import Configuration
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager import core, health, radio_links, reconfiguration
-from heronry_manager.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
-from heronry_manager.known_situation import KnownSituation
-from heronry_manager.vocabulary import ClearElement, EnterPhase, FailElement
-from heronry_tools.simulator import promised
-from heronry_tools.simulator.act import read_act
-from heronry_tools.simulator.bus import Sent
-from heronry_tools.simulator.check_exclusion import ExclusionCheck
-from heronry_tools.simulator.check_liveness import Losses
-from heronry_tools.simulator.check_phase import PhaseCheck
-from heronry_tools.simulator.check_queues import QueueCheck
-from heronry_tools.simulator.check_service import ServiceCheck, Struck
-from heronry_tools.simulator.checks import Checks
-from heronry_tools.simulator.commanded import Epoch
-from heronry_tools.simulator.nodes import Moved
-from heronry_tools.simulator.scenario import Scenario, play
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.stranger import Stranger
-from heronry_tools.simulator.strike import Strikes
-from heronry_tools.simulator.violation import Violation
-from heronry_tools.simulator.waivers import Waivers
-from heronry_tools.witness import Outage
+from heronry_manager.core import health, radio_links, reconfiguration
+from heronry_manager.core import manager as core
+from heronry_manager.core.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_tools.runtime.witness import Outage
+from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.outcome import Scenario, play
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles import limits as promised
+from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.exclusion import ExclusionCheck
+from heronry_tools.sim.oracles.liveness import Losses
+from heronry_tools.sim.oracles.phase import PhaseCheck
+from heronry_tools.sim.oracles.queues import QueueCheck
+from heronry_tools.sim.oracles.service import ServiceCheck, Struck
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.oracles.waivers import Waivers
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.nodes import Moved
+from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id

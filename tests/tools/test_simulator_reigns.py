@@ -2,8 +2,8 @@
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.simulator.check_orphans import OrphanCheck
-from heronry_tools.simulator.check_terms import TermCheck
+from heronry_tools.sim.oracles.orphans import OrphanCheck
+from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_wire.management import Activate, Lease, PeFlags, PeState, Ping, Prepare, SliceHead, StatePage0, Step
 
 SPEC = load(shipped_spec_path("elevator_and_chute"))

@@ -11,11 +11,11 @@ from pathlib import Path
 import can
 import pytest
 
-from heronry_tools.softbus.address import HubError
-from heronry_tools.softbus.client import SoftBus
-from heronry_tools.softbus.hub import MAX_CLIENTS
-from heronry_tools.softbus.protocol import BusFrame, encode_command, encode_frame
-from heronry_tools.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.softbus.address import HubError
+from heronry_tools.runtime.softbus.client import SoftBus
+from heronry_tools.runtime.softbus.hub import MAX_CLIENTS
+from heronry_tools.runtime.softbus.protocol import BusFrame, encode_command, encode_frame
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
 from heronry_wire.frame import Frame
 
 PATIENCE_S = 10.0
@@ -43,7 +43,7 @@ def assert_carries_frames(path: Path) -> None:
 
 def test_without_a_hub_one_is_told_how_to_start_one(path: Path) -> None:
     with pytest.raises(
-        can.CanInitializationError, match=rf"no hub answers there.*python -m heronry_tools\.softbus {path}"
+        can.CanInitializationError, match=rf"no hub answers there.*python -m heronry_tools\.runtime\.softbus {path}"
     ):
         SoftBus(str(path))
 
@@ -118,7 +118,7 @@ def test_an_impossible_place_is_refused_in_a_sentence(tmp_path: Path, place: str
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_hub_that_is_asked_to_end_cleans_up(path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "heronry_tools.softbus", str(path), "-b", "125000"]
+    command = [sys.executable, "-m", "heronry_tools.runtime.softbus", str(path), "-b", "125000"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == f"softbus {path}: 125000 bit/s\n"
@@ -130,7 +130,7 @@ def test_a_hub_that_is_asked_to_end_cleans_up(path: Path, number: signal.Signals
 
 @pytest.mark.parametrize("bitrate", ["fast", "0", "2000000", "-1"])
 def test_an_odd_bit_rate_is_refused_in_a_sentence(path: Path, bitrate: str) -> None:
-    command = [sys.executable, "-m", "heronry_tools.softbus", str(path), f"--bitrate={bitrate}"]
+    command = [sys.executable, "-m", "heronry_tools.runtime.softbus", str(path), f"--bitrate={bitrate}"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 2
     assert "is not a bit rate from 1000 to 1000000 bit/s" in result.stderr
@@ -138,7 +138,7 @@ def test_an_odd_bit_rate_is_refused_in_a_sentence(path: Path, bitrate: str) -> N
 
 def test_a_hub_never_outlives_a_starter_that_is_killed(path: Path) -> None:
     starter = (
-        "import sys, time; from heronry_tools.softbus.starter import start_hub\n"
+        "import sys, time; from heronry_tools.runtime.softbus.starter import start_hub\n"
         "hub = start_hub(sys.argv[1]); print(hub.pid, flush=True); sys.stdin.read()"
     )
     with subprocess.Popen(

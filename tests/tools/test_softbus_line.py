@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_tools.softbus.line import NS_PER_S, Line, Transmission
-from heronry_tools.softbus.protocol import BusFrame
+from heronry_tools.runtime.softbus.line import NS_PER_S, Line, Transmission
+from heronry_tools.runtime.softbus.protocol import BusFrame
 from heronry_wire.frame import EXTENDED_MASK, STANDARD_MASK, Frame, arbitration_key
 from heronry_wire.timing import exact_bits
 

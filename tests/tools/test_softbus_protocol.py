@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_tools.softbus.protocol import (
+from heronry_tools.runtime.softbus.protocol import (
     RECORD_BYTES,
     BusFrame,
     BusStatistics,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_tools.simulator.solitude import Solitude
+from heronry_tools.sim.oracles.solitude import Solitude
 from heronry_wire.management import LEASE_PERIODS
 from scenarios.flights import MS, two_tails
 

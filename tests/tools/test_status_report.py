@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from heronry_manager.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
-from heronry_tools.status_report import report
+from heronry_manager.core.vocabulary import AskStatus, FailElement, OperatorSaid, Order, Reply
+from heronry_tools.reports.status import report
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkState

@@ -14,18 +14,18 @@ import pytest
 from heronry_dg.loader import load
 from heronry_dg.plan import Plan
 from heronry_dg.situation import situation
-from heronry_manager.events import KINDS, event
+from heronry_manager.core.events import KINDS, event
 from heronry_manager.planner.exact import plan
 from heronry_tools.cli import main
-from heronry_tools.demo.buses import BusChoice, choose, has_interface
-from heronry_tools.demo.script import Act, default_acts, read_script
-from heronry_tools.errors import UserError
-from heronry_tools.screen import screen
-from heronry_tools.simulator.chaos import drawn_acts
-from heronry_tools.simulator.scenario import KEY
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
-from heronry_tools.story import _SENTENCES, Line, Story
+from heronry_tools.console.errors import UserError
+from heronry_tools.reports.screen import screen
+from heronry_tools.reports.story import _SENTENCES, Line, Story
+from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
+from heronry_tools.runtime.demo.script import Act, default_acts, read_script
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.outcome import KEY
+from heronry_tools.sim.flight.simulation import Simulation
 from heronry_wire.bus_arguments import BusArgumentError
 from scenarios.flights import twin_wires
 
@@ -385,12 +385,12 @@ def test_a_terminal_gets_colour_and_the_same_words() -> None:
     program = """
 from pathlib import Path
 from heronry_dg.loader import load
-from heronry_manager.events import event
-from heronry_tools.screen import screen
-from heronry_tools.simulator.chaos import drawn_acts
-from heronry_tools.simulator.scenario import KEY
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_manager.core.events import event
+from heronry_tools.reports.screen import screen
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.flight.outcome import KEY
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.injection import Strikes
 show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
 show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
 """

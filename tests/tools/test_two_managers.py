@@ -7,16 +7,16 @@ from random import Random
 import pytest
 
 from heronry_tools.cli import main
-from heronry_tools.simulator.act import KINDS, MANAGER, read_act
-from heronry_tools.simulator.bus import Faults, SimulatedBus
-from heronry_tools.simulator.campaign import Coverage
-from heronry_tools.simulator.chaos import drawn_acts
-from heronry_tools.simulator.check_terms import TermCheck
-from heronry_tools.simulator.clock import Clock
-from heronry_tools.simulator.protocol_state import ProtocolState
-from heronry_tools.simulator.scenario import Outcome, Scenario, need_key, play
-from heronry_tools.simulator.simulation import Simulation
-from heronry_tools.simulator.strike import Strikes
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_act
+from heronry_tools.sim.faults.protocol_state import ProtocolState
+from heronry_tools.sim.flight.campaign import Coverage
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.outcome import Outcome, Scenario, need_key, play
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.terms import TermCheck
+from heronry_tools.sim.world.bus import Faults, SimulatedBus
+from heronry_tools.sim.world.clock import Clock
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.management import LEASE_PERIODS, Lease, SliceHead, Step

@@ -16,12 +16,20 @@ from heronry_dg.objective import placement
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, elements, situation
 from heronry_manager.planner.exact import plan
-from heronry_tools import why_command
-from heronry_tools.check.servable import Answer, Planning
+from heronry_tools.analysis.check.servable import Answer, Planning
+from heronry_tools.analysis.why.assumptions import (
+    Assumption,
+    Question,
+    assumptions,
+    capacity,
+    in_words,
+    relaxed,
+    with_capacity,
+)
+from heronry_tools.analysis.why.reasons import Explanation, explain
 from heronry_tools.cli import main
-from heronry_tools.errors import UserError
-from heronry_tools.why.assumptions import Assumption, Question, assumptions, capacity, in_words, relaxed, with_capacity
-from heronry_tools.why.reasons import Explanation, explain
+from heronry_tools.commands import why as why_command
+from heronry_tools.console.errors import UserError
 from planner.random_specs import random_spec
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_agent.publishing import Publisher
-from heronry_agent.table_index import TableIndex
+from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.table_index import TableIndex
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_manager.compilation import Compiler
-from heronry_tools.witness import Outage, Output, Witness
+from heronry_manager.core.compilation import Compiler
+from heronry_tools.runtime.witness import Outage, Output, Witness
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id

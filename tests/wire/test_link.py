@@ -13,7 +13,7 @@ from typing import Any
 import can
 import pytest
 
-from heronry_tools.softbus.starter import start_hub
+from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire import can_interface
 from heronry_wire.bus_opening import LinkError, Opened
 from heronry_wire.can_interface import CanInterface

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
-from heronry_manager.compilation import Compiler
+from heronry_manager.core.compilation import Compiler
 from heronry_wire.pe_table import PeTable, TableError
 
 Json = Any

@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import pytest
 
-from heronry_tools.softbus.starter import start_hub
+from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.bus_opening import LinkError
 from heronry_wire.channel_merge import latest_copy_ns
 from heronry_wire.frame import Frame

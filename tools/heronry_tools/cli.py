@@ -10,34 +10,33 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Final
 
-from heronry_tools.errors import exit_code
+from heronry_tools.console.errors import exit_code
 
 COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {  # file -> the commands that it adds
-    "plan_command": ("plan", "verify"),
-    "demo.command": ("demo",),
-    "manager_command": ("manager",),
-    "operator_command": ("status", "phase", "fail", "clear", "unlock"),
-    "key_command": ("key",),
-    "table_command": ("table",),
-    "send_table_command": ("send-table",),
-    "doctor_command": ("doctor",),
-    "sim_command": ("sim",),
-    "exhaust_command": ("exhaust",),
-    "scenario_command": ("scenario",),
-    "replay_command": ("replay",),
-    "dbc_command": ("dbc",),
-    "eds_command": ("eds",),
-    "check_command": ("check",),
-    "rules_command": ("rules", "explain", "schema"),
-    "render_command": ("render",),
-    "diff_command": ("diff",),
-    "bench_command": ("bench",),
-    "bus_command": ("bus",),
-    "bound_command": ("bound",),
-    "contingencies_command": ("contingencies",),
-    "campaign_command": ("campaign",),
-    "cutsets_command": ("cutsets",),
-    "why_command": ("why",),
+    "plan": ("plan", "verify"),
+    "demo": ("demo",),
+    "manager": ("manager",),
+    "operator": ("status", "phase", "fail", "clear", "unlock"),
+    "key": ("key",),
+    "table": ("table",),
+    "send_table": ("send-table",),
+    "doctor": ("doctor",),
+    "sim": ("sim",),
+    "exhaust": ("exhaust",),
+    "scenario": ("scenario",),
+    "replay": ("replay",),
+    "dbc": ("dbc",),
+    "eds": ("eds",),
+    "check": ("check",),
+    "rules": ("rules", "explain", "schema"),
+    "render": ("render",),
+    "diff": ("diff",),
+    "bus": ("bus",),
+    "bound": ("bound",),
+    "contingencies": ("contingencies",),
+    "campaign": ("campaign",),
+    "cutsets": ("cutsets",),
+    "why": ("why",),
 }
 
 _EPILOG = """\
@@ -86,7 +85,7 @@ def _run(argv: Sequence[str]) -> int:
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name in _files_for(argv):
-        import_module(f"heronry_tools.{name}").add_parsers(subparsers)
+        import_module(f"heronry_tools.commands.{name}").add_parsers(subparsers)
     arguments = parser.parse_args(argv, argparse.Namespace(argv=tuple(argv)))
     code: int = arguments.run(arguments)
     return code

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_manager.compilation import Compiler
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.core.compilation import Compiler
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.pe_table import PeTable
 

@@ -31,9 +31,9 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.core.vocabulary import Limits, PlanFailed, PlanReady, RequestPlan
 from heronry_manager.planner.client import Failed, Planned
 from heronry_manager.planner.greedy.planner import Greedy
-from heronry_manager.vocabulary import Limits, PlanFailed, PlanReady, RequestPlan
 
 _UNLIMITED: Limits = {}
 _AHEAD = 0  # number of every question to the thinker: one is answered at a time

@@ -1,7 +1,7 @@
 """Parts for fault tolerance: modules that are ready but for the names of what they read, give and accuse.
 
-A part is subclassed, and the class attributes are set; the subclass is the image. `heronry_agent.images.redundancy` has
-one of each, and `dg_specs/examples/redundant_data` and `watched_actuator` fly them.
+A part is subclassed, and the class attributes are set; the subclass is the image. The images `redundancy` of the
+shipped aircraft have one of each, and `dg_specs/examples/redundant_data` and `watched_actuator` fly them.
 
 What holds for all: a datum that is missing, invalid or no number counts for nothing and accuses nobody. Nothing is
 accused for less than `patience_ns` without a break, and the first so long after a start is not judged: some data are

@@ -7,8 +7,8 @@ datum holds; it goes on from what it gave last, so that a gap is no way around t
 from collections.abc import Mapping
 from typing import ClassVar
 
-from heronry_agent.images.reading import held, number
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number
 
 _NS_PER_S = 1_000_000_000
 

@@ -13,9 +13,9 @@ Both give a health: 0 well, 1 accused. A missing datum suspends the judgement.
 from collections.abc import Mapping
 from typing import ClassVar
 
-from heronry_agent.images.lasting import Lasting
-from heronry_agent.images.reading import number
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
+from heronry_agent.parts.reading import number
 
 _NS_PER_S = 1_000_000_000
 

@@ -13,9 +13,9 @@ import statistics
 from collections.abc import Mapping
 from typing import ClassVar
 
-from heronry_agent.images.lasting import Lasting
-from heronry_agent.images.reading import number
 from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
+from heronry_agent.parts.reading import number
 
 _BLAMING = 3  # channels that must be there
 

@@ -1,0 +1,1 @@
+"""How long a reconfiguration takes at most, computed before a flight."""

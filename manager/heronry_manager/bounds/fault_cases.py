@@ -1,0 +1,62 @@
+"""The faults that a reconfiguration is bounded for: every single one of a spec, from what runs when all is well.
+
+Each case is planned as the manager would plan it: against what runs, by a planner that is given. An element that the
+running plan does not use changes nothing, so it is not asked about.
+"""
+
+from collections.abc import Callable, Iterator
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement
+from heronry_dg.situation import Situation, survivors
+from heronry_manager.bounds.reconfiguration_bound import Case, FaultClass
+
+Planner = Callable[[Situation, Placement | None], Configuration]
+
+
+def fault_cases(spec: Spec, phase: str | None, plan: Planner) -> Iterator[Case]:
+    """Give every single fault in a phase, and the return of every PE; elements in the spec's order, class by class."""
+    healthy = Situation(phase=phase)
+    runs = plan(healthy, None)
+    silenced = list(_silenced(spec, phase))
+    for fault, element, silent in silenced:
+        now = Situation(frozenset({element}), {}, phase)
+        after = plan(now, placement(runs))
+        yield Case(fault, element, now, runs, after, silent=silent)
+        if fault is FaultClass.PE_LOST:
+            yield Case(FaultClass.PARTITION, element, now, runs, after, silent=silent)
+            back = plan(healthy, placement(after))
+            yield Case(FaultClass.PE_RETURNS, element, healthy, after, back, returns=silent)
+    for fault, element in _reported(spec, runs):
+        now = Situation(frozenset({element}), {}, phase)
+        yield Case(fault, element, now, runs, plan(now, placement(runs)))
+
+
+def count_plans(spec: Spec) -> int:
+    """Give how many plans are made at most."""
+    return 1 + 2 * len(spec.pes) + len(spec.buses) + len(spec.devices) + len(spec.modules)
+
+
+def _silenced(spec: Spec, phase: str | None) -> Iterator[tuple[FaultClass, str, tuple[str, ...]]]:
+    """PEs and buses with the PEs that fall silent with them; a PE that takes others along is a gateway lost as well."""
+    reached = survivors(spec, Situation(phase=phase)).pe_cpu_millis
+    for kind, names in (("pe", spec.pes), ("bus", spec.buses)):
+        for name in names:
+            element = f"{kind}:{name}"
+            left = survivors(spec, Situation(frozenset({element}), {}, phase)).pe_cpu_millis
+            silent = tuple(pe for pe in reached if pe not in left)
+            if kind == "pe" and silent:
+                yield FaultClass.PE_LOST, element, silent
+            if kind == "bus" or len(silent) > 1:
+                yield FaultClass.BUS_LOST, element, silent
+
+
+def _reported(spec: Spec, runs: Configuration) -> Iterator[tuple[FaultClass, str]]:
+    used = {spec.modules[module].device for module in runs.modules}
+    for device in spec.devices:
+        if device in used:
+            yield FaultClass.DEVICE_REPORTED, f"device:{device}"
+    for module in spec.modules:
+        if module in runs.modules:
+            yield FaultClass.MODULE_REPORTED, f"module:{module}"

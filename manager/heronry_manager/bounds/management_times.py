@@ -1,0 +1,131 @@
+"""How long commands and answers take on each bus, while all is quiet and while the system is being reconfigured.
+
+The regular frames are those of rule 9, and more: also the states that gateways pass on toward the manager, and page 1
+with every tenth of them. What comes on top (`Burst`) comes once: emergencies, PREPARE, SLICE, ACTIVATE, CONTROL, and
+what each PE answers; and a PING for each silent PE with every beat. Data and all else have less priority, and block
+with one frame of 8 bytes.
+
+SLICE frames leave the manager paced, one in the time of two (`reconfiguration`). A bus that cannot take them at that
+pace for ever still takes those that there are: they are counted as a stream and as a burst, and the smaller result is
+good. Behind a gateway they may come in a burst.
+
+What is forwarded has a jitter of one of its periods; that holds as long as every response is shorter than that, which
+whoever uses this must check. Frames are taken to be neither lost nor destroyed, and nodes to compute in no time.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import ceil
+
+from heronry_dg.model import Bus, Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_manager.core.reconfiguration import PATIENCE_PERIODS
+from heronry_manager.core.topology import uplink_bus
+from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
+
+PACED_BITS = 2 * WORST_BLOCKING_BITS  # from one SLICE to the next
+_NS_PER_S = 1_000_000_000
+_PAGE_1_EVERY = 10
+_LEASE_NEWS = 2  # LEASE and ALIVE that a gateway passes on at once, since they say something new
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """What comes on top of the regular frames, each once."""
+
+    heads: int = 0  # SLICE frames on the manager's bus that are not paced
+    paced: int = 0  # ... and that are
+    slices_beyond: Mapping[str, int] = field(default_factory=dict)  # all of them, on each other bus
+    broadcasts: int = 0  # PREPARE and ACTIVATE
+    answers: int = 0  # of each PE
+    reports: int = 0  # of modules: an emergency event, an EMCY, and the CONTROL that acknowledges it
+    silent: frozenset[str] = frozenset()  # PEs that say nothing any more, and are PINGed with every beat
+
+
+QUIET = Burst()
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTimes:
+    """Longest times on one bus from when a frame is queued there to its last bit, in nanoseconds."""
+
+    command_ns: int
+    emergency_ns: int
+    answer_ns: int
+
+
+class ManagementTimes:
+    """Response times of the management frames of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        everything = survivors(spec, Situation())
+        homes = [pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses]
+        self.paths: dict[str, tuple[str, ...]] = {}  # buses from the manager to each PE that it can reach
+        for pe in spec.pes.values():
+            routes = [everything.route(home, pe.name) for home in homes]
+            beyond = [route for route in routes if route is not None]
+            if spec.manager.bus in pe.buses:
+                self.paths[pe.name] = (spec.manager.bus,)
+            elif beyond:
+                shortest = min(beyond, key=len)
+                self.paths[pe.name] = (spec.manager.bus, *(bus for bus in shortest if bus != spec.manager.bus))
+
+    def on(self, bus: str, burst: Burst) -> FrameTimes | None:
+        """Response times on a bus; None: nothing bounds them."""
+        entry = self._spec.buses[bus]
+        ways = [
+            self._frames(entry, burst, paced=paced) for paced in ([True, False] if self._is_first(bus) else [False])
+        ]
+        found = [times for times in (_times(entry, *way) for way in ways) if times is not None]
+        return min(found, key=lambda times: times.answer_ns, default=None)
+
+    def _is_first(self, bus: str) -> bool:
+        return bus == self._spec.manager.bus
+
+    def _frames(self, bus: Bus, burst: Burst, *, paced: bool) -> tuple[list[Message], int, int]:
+        """Everything above the data, most urgent first; how many of it are commands, or above these; how many EMCYs."""
+        period = Fraction(bus.heartbeat_ns * bus.bitrate, _NS_PER_S)
+        senders = [
+            pe
+            for pe, path in self.paths.items()
+            if pe not in burst.silent and (bus.name in path or bus.name in self._spec.pes[pe].buses)
+        ]
+        far = not self._is_first(bus.name)
+
+        def once(count: int) -> list[Message]:
+            return [_message(PATIENCE_PERIODS * period)] * count
+
+        reports = once(burst.reports)
+        commands = [*reports, *[_message(period, period / 4 if far else 0)] * 2]
+        commands += once(_LEASE_NEWS * burst.broadcasts if far else 0) + once(burst.broadcasts)
+        if far:
+            commands += once(burst.slices_beyond.get(bus.name, 0))
+        else:
+            commands += once(burst.heads) + ([_message(Fraction(PACED_BITS))] if paced else once(burst.paced))
+        commands += [_message(period)] * len(burst.silent) + once(burst.reports)
+        states = [message for pe in senders for message in self._states(bus, pe)]
+        return [*commands, *reports, *states, *once(burst.answers * len(senders))], len(commands), burst.reports
+
+    def _states(self, bus: Bus, pe: str) -> tuple[Message, Message]:
+        """Both pages of a PE, that comes from beyond a gateway or does not."""
+        home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
+        period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
+        jitter = Fraction(0) if home is bus else period
+        return _message(period, jitter), _message(_PAGE_1_EVERY * period, jitter)
+
+
+def _message(period: Fraction, jitter: Fraction | int = 0) -> Message:
+    return Message("management", WORST_BLOCKING_BITS, period, jitter, period)
+
+
+def _times(bus: Bus, frames: list[Message], commands: int, emergencies: int) -> FrameTimes | None:
+    responses = analyse(frames, blocking_bits=WORST_BLOCKING_BITS)
+    times = [
+        None if response.bits is None else ceil((response.bits - frame.jitter) * _NS_PER_S / bus.bitrate)
+        for response, frame in zip(responses, frames, strict=True)
+    ]
+    parts = (times[:commands], times[commands : commands + emergencies], times[commands + emergencies :])
+    longest = [max((ns for ns in part if ns is not None), default=0) for part in parts]
+    return None if None in times else FrameTimes(*longest)

@@ -1,0 +1,240 @@
+"""How long a reconfiguration takes at most, from the fault to the last ACTIVE: detect, decide, distribute, activate.
+
+    detect      a silent PE is declared after `misses` periods and a quarter of the bus on which it reports, counted
+                from its last state, which may still have been on its way when it fell silent. A report of a module
+                comes with one EMCY. A PE that returns speaks within a period and is held down for ten more (twice as
+                many after each recent loss, which is not counted here)
+    decide      is given: the planner has no deadline. A table look-up has
+    distribute  PREPARE and the slices go out, paced; the last SLICE arrives, and then the last answer
+    activate    for every step of the transition one command and its last answer. Before GO_ALL a DEMUX that a silent PE
+                may still drive waits until T_lease has passed since the ALIVE that left it out when it was declared
+
+Where several PEs fall silent together, each is declared at its own moment and begins the rest anew; what counts is the
+last one. Each of them may have brought an epoch under way, whose frames are counted as well.
+
+Bounds hold for one fault at a time, reported by one module where one reports, without lost or destroyed frames, on
+nodes that compute in no time. Beyond a radio nobody is waited for, unless it must break first; then the radio is taken
+for a cable. None: nothing bounds it, and `note` says why.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.transition import Transitions
+from heronry_manager.bounds.management_times import PACED_BITS, QUIET, Burst, FrameTimes, ManagementTimes
+from heronry_manager.core.compilation import CompiledConfiguration, Compiler
+from heronry_manager.core.health import HOLD_DOWN_PERIODS
+from heronry_manager.core.topology import reached_by_wire, uplink_bus
+from heronry_wire.management import LEASE_PERIODS, SLICE_BYTES_PER_FRAME, Step
+
+_NS_PER_S = 1_000_000_000
+
+
+class FaultClass(Enum):
+    """What happens; the value is what a user reads."""
+
+    PE_LOST = "PE lost"
+    DEVICE_REPORTED = "device reported failed"
+    MODULE_REPORTED = "module reported failed"
+    BUS_LOST = "bus or gateway lost"
+    PARTITION = "link partition"
+    PE_RETURNS = "PE returns"
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One fault: what ran, and what is planned then."""
+
+    fault: FaultClass
+    element: str
+    now: Situation
+    before: Configuration
+    after: Configuration
+    silent: tuple[str, ...] = ()  # PEs that the manager no longer hears
+    returns: tuple[str, ...] = ()  # PEs that it hears again
+
+    @property
+    def several(self) -> bool:
+        """Tell whether the plan comes in several epochs, as one PE after another is declared or counted on."""
+        return len(self.silent) > 1 or len(self.returns) > 1
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """The summands of one case, in nanoseconds; `wait_ns` is what T_lease adds to the rest."""
+
+    case: Case
+    detect_ns: int | None
+    decide_ns: int
+    distribute_ns: int | None = None
+    activate_ns: int | None = None
+    wait_ns: int = 0
+    slice_frames: int = 0
+    steps: tuple[Step, ...] = ()
+    heard_on: str = ""  # the bus on which it shows at last that PEs are silent, or speak again
+    note: str = ""
+    is_hopeless: bool = False  # nothing is done about it: nobody can be commanded, or nobody notices
+
+    @property
+    def total_ns(self) -> int | None:
+        """The sum; None where one of them has no bound."""
+        if self.detect_ns is None or self.distribute_ns is None or self.activate_ns is None:
+            return None
+        return self.detect_ns + self.decide_ns + self.distribute_ns + self.activate_ns + self.wait_ns
+
+
+_Times = Mapping[str, FrameTimes]  # of each bus
+
+
+class CrowdedError(Exception):
+    """Management alone can fill these buses: nothing bounds how long a frame of it takes."""
+
+
+class Bounds:
+    """Bounds of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._frames = ManagementTimes(spec)
+        self._paths = self._frames.paths
+        self._compiler = Compiler(spec)
+        self._transitions = Transitions(spec)
+        self._wired = reached_by_wire(spec)
+
+    def bound(self, case: Case, decide_ns: int) -> Bound:
+        """Work out one case, if deciding takes that long."""
+        reached = survivors(self._spec, case.now).pe_cpu_millis.keys() & self._paths.keys()
+        if not reached:
+            return Bound(
+                case, None, 0, note="nobody can be commanded; each PE follows without_manager", is_hopeless=True
+            )
+        try:
+            found = self._detected(case, decide_ns)
+            if case.after == case.before and not case.returns:
+                unchanged = found.note or "what runs is still the best"
+                return replace(found, distribute_ns=0, activate_ns=0, note=unchanged)
+            return self._moved(found, sorted(reached))
+        except CrowdedError as error:
+            return Bound(case, None, decide_ns, note=str(error))
+
+    def _detected(self, case: Case, decide_ns: int) -> Bound:
+        """How long until the manager knows, and what is to be said of that."""
+        times = self._times(Burst(reports=1) if not case.silent and not case.returns else QUIET)
+        found = Bound(case, None, decide_ns)
+        if case.returns:
+            told_ns, last = max((self._speaks_ns(pe) + self._up(pe, times), pe) for pe in case.returns)
+            found = replace(found, note="the first time in a minute")
+            return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
+        if case.silent:
+            told_ns, last = max((self._silence_ns(pe) + self._up(pe, times), pe) for pe in case.silent)
+            return replace(found, detect_ns=told_ns, heard_on=uplink_bus(self._spec, last))
+        if case.fault is FaultClass.BUS_LOST:
+            return replace(found, note="nobody falls silent: it is not noticed", is_hopeless=True)
+        told_ns = max(sum(times[bus].emergency_ns for bus in path) for path in self._paths.values())
+        return replace(found, detect_ns=told_ns, note="from the report on")
+
+    def _moved(self, found: Bound, reached: Sequence[str]) -> Bound:
+        """Add what it takes to bring a plan about."""
+        case = found.case
+        way = self._transitions.transition(case.before, case.after, case.now)
+        steps = tuple(dict.fromkeys((Step.BREAK, *way.steps))) if case.several else way.steps
+        awaited = [pe for pe in reached if pe in self._wired]
+        burst = self._distributing(case, reached)
+        sending, answering = self._times(burst), self._times(self._activating(burst))
+        late = self._repeated([*awaited, *way.wait_for], sending)
+        if late is not None:
+            return replace(found, slice_frames=burst.heads + burst.paced, steps=steps, note=late)
+        gap_ns = PACED_BITS * _NS_PER_S // self._spec.buses[self._spec.manager.bus].bitrate
+        distribute_ns = max(0, burst.paced - 1) * gap_ns + self._round_trip(awaited, sending)
+        waited_for = reached if case.several else way.wait_for
+        break_ns = self._round_trip(waited_for, answering) if Step.BREAK in steps else 0
+        held_ns = self._held_ns(case, way.hold)
+        return replace(
+            found,
+            distribute_ns=distribute_ns,
+            activate_ns=break_ns + self._round_trip(awaited, answering),
+            wait_ns=max(0, held_ns - found.decide_ns - distribute_ns - break_ns),
+            slice_frames=burst.heads + burst.paced,
+            steps=steps,
+        )
+
+    def _times(self, burst: Burst) -> _Times:
+        buses = {bus for path in self._paths.values() for bus in path}
+        times = {bus: self._frames.on(bus, burst) for bus in self._spec.buses if bus in buses}
+        crowded = [bus for bus, found in times.items() if found is None]
+        if crowded:
+            raise CrowdedError(f"management alone can fill {' and '.join(crowded)}")
+        return {bus: found for bus, found in times.items() if found is not None}
+
+    def _distributing(self, case: Case, reached: Iterable[str]) -> Burst:
+        """What is under way while the slices are; of several epochs one may be going, one given up, and one coming."""
+        epochs = 3 if case.several else 1
+        before, after = (self._compiler.configuration(one) for one in (case.before, case.after))
+        counts = {pe: self._slice_frames(pe, case, before, after) for pe in reached}
+        heads = sum(count == 1 for count in counts.values())
+        return Burst(
+            heads=heads,
+            paced=sum(counts.values()) - heads,
+            slices_beyond={
+                bus: epochs * sum(count for pe, count in counts.items() if bus in self._paths[pe][1:])
+                for bus in self._spec.buses
+            },
+            broadcasts=epochs,
+            answers=epochs,
+            reports=0 if case.silent or case.returns else 1,
+            silent=frozenset(case.silent),
+        )
+
+    def _activating(self, burst: Burst) -> Burst:
+        """What is under way while a step is taken: who is not waited for may still be at what came before."""
+        first = self._spec.manager.bus
+        beyond = burst.slices_beyond
+        stragglers = sum(
+            count for bus, count in beyond.items() if self._spec.buses[bus].kind == "wireless" and bus != first
+        )
+        return replace(burst, heads=0, paced=stragglers, broadcasts=burst.broadcasts + 1, answers=burst.answers + 1)
+
+    def _slice_frames(self, pe: str, case: Case, before: CompiledConfiguration, after: CompiledConfiguration) -> int:
+        """SLICE frames for one PE: the head, and the body where it is not what runs there."""
+        node = self._spec.pes[pe].node_id
+        length = len(after.slices[node])
+        if case.several:
+            length = max(length, len(before.slices[node]))
+        elif pe not in case.returns and before.slice_digests[node] == after.slice_digests[node]:
+            length = 0
+        return 1 + -(-length // SLICE_BYTES_PER_FRAME)
+
+    def _speaks_ns(self, pe: str) -> int:
+        return (1 + HOLD_DOWN_PERIODS) * self._period_ns(pe)
+
+    def _silence_ns(self, pe: str) -> int:
+        bus = self._spec.buses[uplink_bus(self._spec, pe)]
+        return bus.heartbeat_ns * bus.misses + bus.heartbeat_ns // 4
+
+    def _period_ns(self, pe: str) -> int:
+        return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
+
+    def _held_ns(self, case: Case, demuxes: Iterable[str]) -> int:
+        """T_lease of the silent PEs that drove these."""
+        branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
+        drove = {running.pe for module, running in case.before.modules.items() if module in branches}
+        return max((LEASE_PERIODS * self._period_ns(pe) for pe in drove.intersection(case.silent)), default=0)
+
+    def _up(self, pe: str, times: _Times) -> int:
+        return sum(times[bus].answer_ns for bus in self._paths[pe])
+
+    def _round_trip(self, pes: Iterable[str], times: _Times) -> int:
+        """From a command to the last answer of these PEs."""
+        paths = [self._paths[pe] for pe in pes]
+        return max((sum(times[bus].command_ns + times[bus].answer_ns for bus in path) for path in paths), default=0)
+
+    def _repeated(self, pes: Iterable[str], times: _Times) -> str | None:
+        """Say who answers so late that it is asked again."""
+        for pe in pes:
+            if self._round_trip([pe], times) >= self._period_ns(pe):
+                return f"{pe} may answer later than a heartbeat period, so that it is asked again"
+        return None

@@ -1,0 +1,51 @@
+"""What the manager holds, told to whoever may have to take over: the phase, and each latched fault (CONTROL, HOLDS).
+
+One fact a time: what is new with the next beat, the others in turn, one with every ANNOUNCED_EVERY-th beat. Before each
+answer to a request for a phase goes the phase, also if it was told before: a standby that was started since knows only
+what its journal says. Right behind the phase in turn goes which requests have been obeyed. A PE obeys none of it; a
+standby that has missed a fact hears it again, and believes no longer in what it has not heard for some turns
+(`known_situation`).
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core.known_situation import ANNOUNCED_EVERY, KnownSituation
+from heronry_wire.management import ElementKind
+
+Fact = tuple[ElementKind, int]
+
+
+class Announcer:
+    """Chooses what to tell next."""
+
+    def __init__(self, spec: Spec, situation: KnownSituation) -> None:
+        self._phases = list(spec.phases)
+        self._situation = situation
+        self._beat = 0
+        self._told: dict[Fact, int] = {}  # with which beat
+
+    def next(self) -> Fact | None:
+        """Give what is to be told with this beat."""
+        self._beat += 1
+        facts = self.look()
+        fact = min(facts, key=lambda one: self._told.get(one, 0), default=None)
+        if fact is None or (fact in self._told and self._beat % ANNOUNCED_EVERY):
+            return None
+        self._told[fact] = self._beat
+        return fact
+
+    def phase(self) -> Fact | None:
+        """Give the phase, to be told at once."""
+        phase = self._phase()
+        self._told |= dict.fromkeys(phase, self._beat)
+        return phase[0] if phase else None
+
+    def look(self) -> list[Fact]:
+        """Give what is held now. What is not was told of another time, and is news if it is held again."""
+        places = map(self._situation.failed.place, self._situation.failed.elements)
+        facts = self._phase() + sorted(place for place in places if place is not None)
+        self._told = {fact: beat for fact, beat in self._told.items() if fact in facts}
+        return facts
+
+    def _phase(self) -> list[Fact]:
+        phase = self._situation.phase
+        return [] if phase is None else [(ElementKind.PHASE, self._phases.index(phase))]

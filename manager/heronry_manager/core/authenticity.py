@@ -1,0 +1,352 @@
+"""What a manager with a key says and believes: every command is tagged, every state is proven (rule 11).
+
+What goes out. Each command is followed by its TAG, numbered in this term (`command_tags`); a term is used once, since
+the driver has it on disk before the manager speaks, so no number comes back, whatever is restarted.
+
+What comes in. A PE's state counts if the 24 bits in its page are the tag of what it says, in a *session*. A session is
+opened by answering the nonce that the PE says in page 2: it is the number of that answer, so what was recorded before
+it proves nothing. The tag covers the digest of what runs, or is staged, which the frame has no room for: it is looked
+for among those that this PE may mean, which are that of the epoch as this manager knows it, and what its page 3 named.
+
+An EMCY is held until a page 0 that says FAULT_PENDING proves it, one EMCY each: its tag covers it. All that were heard
+of this PE are tried, and forgotten with the next page 0 that says nothing is pending.
+
+    no session    nothing of this PE counts; a nonce is answered, once in a heartbeat period
+    offered       answers have gone out, and no state has come that was tagged with one
+    open          page 0 is believed, with its digest put back in its place
+
+A restarted PE asks by itself. One that is heard and cannot be believed for T_lease is told to (RENEW): it may have
+missed what opened its session, or this manager too many of its states. Where that changes nothing it is told of: it has
+another key, or none, or does not hear.
+
+Guessing. 24 bits are found by chance in 16 million tries, so once many tags of a PE have not fitted, a state of it
+counts only if the one before it fitted as well, for as long as that goes on and a while longer: two in a row are not
+guessed. A PE that is heard without loss notices nothing of it, and what is lost costs it one period more.
+
+Who only watches (a standby) follows the sessions that another manager opens: it hears the nonce and the answer, and the
+TAG of that proves both. What it has missed, or is older than what it knows, opens nothing for it.
+
+Another manager is believed if what it says is tagged, and its numbers rise; nobody else can end a reign. Who stands by
+has no nonce to send, so it finds its place in the counting by trying what the upper bits of a number may be. One with
+this manager's number is another one if it has come further than this one: what this one has said could be said again.
+
+A page 1 is no sign of life, and needs no number: what a PE says of an epoch stays true as long as its session lasts.
+
+Not proven, for want of room: pages 2 and 3, which name what is to be tried, and what gateways report of radios.
+
+Lost: as in `command_tags`; a PE asks again. Of an EMCY: page 0 cannot be believed until it has come again. Late,
+doubled: the number of page 0 is not above the last. Forged: counted in `refused`, told in the status. After a restart
+nothing is known and every PE is asked, by the new term, to begin anew.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.topology import uplink_bus
+from heronry_manager.core.turn import Turn
+from heronry_manager.core.vocabulary import ManagerAction
+from heronry_wire.authentication import (
+    BEAT_SPAN,
+    NO_EMERGENCY,
+    NO_NONCE,
+    PAGE_1_BEAT,
+    Key,
+    Place,
+    Session,
+    next_number,
+    split_state,
+)
+from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
+from heronry_wire.identifiers import MANAGER_NODES, Command
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    TAG,
+    WELCOME_KIND,
+    Control,
+    Operation,
+    PeFlags,
+    StatePage,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    decode_command,
+)
+from heronry_wire.sansio import Received, Send
+
+GUESSES = 8  # tags that did not fit, until a state needs another one before it
+FORGIVEN_PERIODS = 256  # without one, until they are forgotten
+_OFFERS = 2  # answers that are remembered: one may be on its way while the next is asked for
+_NAMED = 3
+_NONCES = 4  # of one PE, to which an answer to be overheard may belong
+_ANSWERS = 40  # of one manager that wait for their TAG: it may answer all PEs at once
+_HELD = 64  # EMCYs of one PE that wait for their proof
+_TOLD_EVERY_NS = 1_000_000_000
+_IN_VAIN = 2  # of two renewals even a PE that was just restarted has answered one
+_IN_A_ROW = 2  # of two states that count together, the second is at most so many numbers further
+
+
+@dataclass(slots=True)
+class _Opened:
+    """A session, and the number of the last page 0 that was believed in it."""
+
+    session: Session
+    beat: int = -1
+
+
+@dataclass(slots=True)
+class _Peer:
+    """What one PE has proven."""
+
+    node: int
+    period_ns: int
+    opened: _Opened | None = None
+    offers: deque[_Opened] = field(default_factory=lambda: deque(maxlen=_OFFERS))
+    named: deque[int] = field(default_factory=lambda: deque(maxlen=_NAMED))  # digests of what it runs, as it says
+    answered_ns: int | None = None  # when its nonce was last answered
+    nonces: deque[int] = field(default_factory=lambda: deque(maxlen=_NONCES))  # that it has said
+    doubted_ns: int | None = None  # since when it is heard, and not believed
+    renewals: int = 0  # that it was told, since it was believed
+    wrong: int = 0  # tags that did not fit, while they kept coming
+    wrong_ns: int = 0
+    fitted: tuple[Session, int] | None = None  # the last page 0 whose tag fitted, believed or not
+    held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since nothing was pending, oldest first
+    proven: bytes = NO_EMERGENCY  # by the last page 0
+    refused: int = 0  # states
+    refuses: tuple[int, int] = (0, 0)  # commands, as it says: unproven, other
+    told: tuple[int, int] = (0, 0)  # of these, when they were last told, and when
+    told_ns: int | None = None
+
+    def sessions(self) -> list[_Opened]:
+        """Every session in which a state may be tagged."""
+        return [*([] if self.opened is None else [self.opened]), *self.offers]
+
+
+@dataclass(frozen=True, slots=True)
+class _Overheard:
+    """What another manager has said to a PE that asked."""
+
+    peer: _Peer
+    session: Session
+    said: bytes
+
+
+class Authenticity:
+    """The key of one manager, and what has been proven with it."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        turn: Turn,
+        key: Key,
+        *,
+        digest_of: Callable[[int], int | None],
+        speaks: Callable[[], bool],
+    ) -> None:
+        """Know nobody yet.
+
+        digest_of: gives the digest of an epoch of this reign, or of the one that is followed.
+        speaks: tells whether this manager reigns: only then is its term its own, and never used before.
+        """
+        self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
+        self._signer = CommandSigner(key, turn.node, turn.term)
+        self._managers = CommandVerifier(key, LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
+        self._peers = {
+            pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
+        }
+        self._by_node = {peer.node: peer for peer in self._peers.values()}
+        self._answers: list[tuple[_Peer, int]] = []  # that this turn gives
+        self._overheard: dict[int, deque[_Overheard]] = {node: deque(maxlen=_ANSWERS) for node in MANAGER_NODES}
+        turn.seal = self._seal
+
+    def status(self, pe: str) -> dict[str, Any]:
+        """What of a PE was not believed, and what it did not believe."""
+        peer = self._peers[pe]
+        return {
+            "is_believed": peer.doubted_ns is None and peer.opened is not None,
+            "refused_states": peer.refused,
+            "refused_commands": sum(peer.refuses),
+        }
+
+    # What goes out
+
+    def _seal(self, actions: list[ManagerAction]) -> list[ManagerAction]:
+        """Let every command be followed by its TAG; then answer the nonces that have come."""
+        if self._signer.term != self._turn.term:  # who stood by has taken over
+            self._signer = CommandSigner(self._key, self._turn.node, self._turn.term)
+        sealed: list[ManagerAction] = []
+        for action in actions:
+            sealed.append(action)
+            tag = self._signer.tag(action.frame) if isinstance(action, Send) else None
+            if tag is not None:
+                sealed.append(Send(0, tag))
+        for peer, nonce in self._answers:
+            sealed += [Send(0, frame) for frame in self._signer.welcome(peer.node, nonce)]
+            peer.offers.append(_Opened(Session(self._turn.node, self._turn.term, self._signer.number)))
+        self._answers.clear()
+        return sealed
+
+    def answer(self, pe: str, page: StatePage2) -> None:
+        """Open a session for a PE that asks, at the end of this turn; the next one not before a period is over."""
+        peer, now_ns = self._peers[pe], self._turn.now_ns
+        is_early = peer.answered_ns is not None and now_ns - peer.answered_ns < peer.period_ns // 2
+        if page.nonce != NO_NONCE and not is_early:
+            peer.answered_ns = now_ns
+            self._answers.append((peer, page.nonce))
+
+    # What comes in
+
+    def believed(self, pe: str, page: StatePage, data: bytes) -> StatePage | None:
+        """Give a page of a PE with its digest in its place, or None where it is not believed."""
+        peer = self._peers[pe]
+        match page:
+            case StatePage0():
+                return self._proven(pe, peer, page, split_state(data)[0])
+            case StatePage1():
+                return self._staged(peer, page, split_state(data)[0])
+            case StatePage2(nonce=nonce):
+                if nonce not in peer.nonces:
+                    peer.nonces.append(nonce)
+            case _:
+                self._told(pe, peer, page)
+        return page
+
+    def _told(self, pe: str, peer: _Peer, page: StatePage3) -> None:
+        """A PE names what it runs, and says what it has refused."""
+        if page.digest not in peer.named:
+            peer.named.append(page.digest)
+        peer.refuses, now_ns = (page.unproven, page.other), self._turn.now_ns
+        is_news = peer.refuses > peer.told and (peer.told_ns is None or now_ns - peer.told_ns >= _TOLD_EVERY_NS)
+        if is_news:
+            self._turn.emit("commands_refused", pe=pe, unproven=page.unproven, other=page.other)
+        if is_news or sum(peer.refuses) < sum(peer.told):  # it has been restarted
+            peer.told, peer.told_ns = peer.refuses, now_ns
+
+    def hold_emergency(self, pe: str, emergency: bytes) -> None:
+        """Take an EMCY; it counts when a page 0 proves it."""
+        held = self._peers[pe].held
+        if emergency not in held and len(held) == _HELD:
+            del held[next(iter(held))]
+        held[emergency] = None
+
+    def take_emergency(self, pe: str) -> bytes | None:
+        """Give the EMCY that the page 0 which was just believed has proven, once."""
+        peer = self._peers[pe]
+        proven, peer.proven = peer.proven, NO_EMERGENCY
+        return proven or None
+
+    def overhear(self, manager: int, control: bytes) -> None:
+        """Another manager answers a nonce, perhaps: whoever only watches follows it once the TAG has come."""
+        order = decode_command(Command.CONTROL, control)
+        if isinstance(order, Control) and order.operation is Operation.WELCOME and order.node in self._by_node:
+            session = Session(manager, order.term, order.a << 16 | order.b)
+            self._overheard[manager].append(_Overheard(self._by_node[order.node], session, control))
+
+    def _follow(self, manager: int, tag: bytes) -> None:
+        """A TAG may be that of an answer to a nonce of some PE: then that is the PE's session, if it is newer."""
+        kind, _, proof = TAG.unpack(tag) or (None, 0, 0)
+        for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
+            peer, place = answer.peer, Place(answer.session.term, answer.session.number)
+            covers = (self._key.command_tag(manager, WELCOME_KIND, place, answer.said, one) for one in peer.nonces)
+            if proof in covers:
+                self._overheard[manager].remove(answer)
+                if all(place > Place(known.session.term, known.session.number) for known in peer.sessions()):
+                    peer.offers.append(_Opened(answer.session))
+
+    def hold(self, manager: int, command: Command, event: Received) -> None:
+        """Take a command of another manager; it counts when its TAG comes."""
+        self._managers.hold(manager, command, event, self._turn.now_ns)
+
+    def proven(self, manager: int, tag: bytes) -> Held | None:
+        """Take the TAG of another manager; gives the command that it proves."""
+        self._follow(manager, tag)
+        found = self._managers.tagged(manager, tag, self._turn.now_ns)
+        if not isinstance(found, Held) or self._was_mine(manager):
+            return None
+        return found
+
+    def _was_mine(self, manager: int) -> bool:
+        """Tell whether what has just been proven was said by this manager itself, in this term, and is said again."""
+        mine = Place(self._signer.term, self._signer.number)
+        return manager == self._turn.node and self._managers.places[manager] <= mine
+
+    def _proven(self, pe: str, peer: _Peer, page: StatePage0, said: bytes) -> StatePage0 | None:
+        found = self._find(peer, page, said)
+        if found is None:
+            self._doubt(pe, peer, page)
+            return None
+        opened, beat, digest, emergency = found
+        last, peer.fitted = peer.fitted, (opened.session, beat)
+        if self._is_guessed_at(peer) and not _is_next(last, opened.session, beat):
+            peer.refused += 1
+            return None
+        opened.beat = beat
+        if opened is not peer.opened:
+            peer.opened = opened
+            peer.offers.remove(opened)
+        peer.doubted_ns, peer.renewals = None, 0
+        peer.proven = emergency
+        if PeFlags.FAULT_PENDING not in page.flags:
+            peer.held.clear()
+        return replace(page, digest=digest)
+
+    def _find(self, peer: _Peer, page: StatePage0, said: bytes) -> tuple[_Opened, int, int, bytes] | None:
+        """Session, number, digest and EMCY with which a tag fits."""
+        emergencies = [*peer.held] if PeFlags.FAULT_PENDING in page.flags else [NO_EMERGENCY]
+        covered = [(digest, emergency) for digest in self._digests(peer, page.epoch) for emergency in emergencies]
+        for one in peer.sessions():
+            beat = next_number(one.beat, page.sequence, BEAT_SPAN)
+            for digest, emergency in covered:
+                if self._key.state_tag(peer.node, one.session, beat, said, digest, emergency=emergency) == page.digest:
+                    return one, beat, digest, emergency
+        return None
+
+    def _staged(self, peer: _Peer, page: StatePage1, said: bytes) -> StatePage1 | None:
+        """Page 1 about an epoch of this reign, with its digest or 0: whether that is staged, if its tag fits either."""
+        known = self._digest_of(page.staged_epoch)
+        if known is None:
+            return None
+        for one in peer.sessions():
+            for digest in (known, 0):
+                if self._key.state_tag(peer.node, one.session, PAGE_1_BEAT, said, digest) == page.staged_digest:
+                    return replace(page, staged_digest=digest)
+        peer.refused += 1
+        return None
+
+    def _digests(self, peer: _Peer, epoch: int) -> list[int]:
+        if epoch == NO_EPOCH:
+            return [0]
+        known = self._digest_of(epoch)
+        return [*peer.named] if known is None else [known, *(digest for digest in peer.named if digest != known)]
+
+    def _doubt(self, pe: str, peer: _Peer, page: StatePage0) -> None:
+        """A page 0 was not believed. A PE that waits for its session says 0; one of an older reign cannot do better."""
+        now_ns = self._turn.now_ns
+        if page.digest and (peer.opened or peer.offers):
+            peer.refused += 1
+            peer.wrong = peer.wrong + 1 if self._is_recent(peer) else 1
+            peer.wrong_ns = now_ns
+            if peer.wrong == GUESSES:
+                self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
+        if peer.doubted_ns is None or not self._speaks():
+            peer.doubted_ns = now_ns
+        elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
+            peer.doubted_ns = now_ns
+            self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
+            peer.renewals += 1
+            if peer.renewals == _IN_VAIN:
+                self._turn.emit("states_unproven", pe=pe)
+
+    def _is_guessed_at(self, peer: _Peer) -> bool:
+        return peer.wrong >= GUESSES and self._is_recent(peer)
+
+    def _is_recent(self, peer: _Peer) -> bool:
+        return self._turn.now_ns - peer.wrong_ns <= FORGIVEN_PERIODS * peer.period_ns
+
+
+def _is_next(last: tuple[Session, int] | None, session: Session, beat: int) -> bool:
+    return last is not None and last[0] == session and 0 < beat - last[1] <= _IN_A_ROW

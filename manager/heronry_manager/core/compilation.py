@@ -1,0 +1,222 @@
+"""From names to indices: the tables of the PEs, and the slices of a configuration.
+
+A table says once what the indices mean (`heronry_wire.pe_table`); a slice then needs a few bytes a module. Both are
+pure functions of the spec, so a manager and a PE that hold the same spec digest mean the same thing by every index.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.expendable import expendable
+from heronry_dg.model import CRITICALITIES, Module, Phase, Spec, Variable
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.traffic import criticality_ranks, identifiers
+from heronry_manager.core.topology import command_period_ns, radios, uplink_bus
+from heronry_wire.configuration_slice import ModuleSlice, Slice, configuration_digest, slice_digest
+from heronry_wire.pe_table import (
+    FORMAT,
+    DeviceEntry,
+    LeafEntry,
+    ModeEntry,
+    ModuleEntry,
+    PeTable,
+    PhaseEntry,
+    Port,
+    SourceEntry,
+    VariableEntry,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledConfiguration:
+    """A configuration as it travels: one body per node-ID, its digest, and the digest of the whole."""
+
+    slices: Mapping[int, bytes]
+    digest: int
+    slice_digests: Mapping[int, int]
+
+
+class Compiler:
+    """Compiles configurations and tables of one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._module_index = {name: i for i, name in enumerate(spec.modules)}
+        self._source_index = {source: i for i, source in enumerate(spec.sources())}
+        self._all_up = survivors(spec, Situation())
+        self._radios = radios(spec)
+
+    @cached_property
+    def _identifiers(self) -> Mapping[tuple[str, str], int]:
+        return identifiers(self._spec)
+
+    @cached_property
+    def _ranks(self) -> Mapping[str, int]:
+        return criticality_ranks(self._spec)
+
+    def table(self, pe: str) -> PeTable:
+        """Table of one PE."""
+        spec, own = self._spec, self._spec.pes[pe]
+        ports = tuple(self._port(pe, bus) for bus in own.buses)
+        return PeTable(
+            format=FORMAT,
+            spec=spec.name,
+            spec_digest=spec.digest,
+            name=pe,
+            node_id=own.node_id,
+            cpu_millis=own.cpu_millis,
+            without_manager=spec.manager.without_manager,
+            uplink=own.buses.index(uplink_bus(spec, pe)),
+            ports=ports,
+            modules=tuple(
+                self._module_entry(module)
+                for module in spec.modules.values()
+                if pe in hosts_when_all_is_up(spec, module)
+            ),
+            sources=tuple(
+                SourceEntry(
+                    module,
+                    variable,
+                    self._identifiers[module, variable],
+                    self._period_ns(module, variable),
+                    self._is_on_both_sides(pe, module),
+                )
+                for module, variable in self._source_index
+            ),
+            variables={name: _variable_entry(variable) for name, variable in spec.variables.items()},
+            devices=tuple(DeviceEntry(d.name, d.kind, spec.pes[d.pe].node_id) for d in spec.devices.values()),
+            module_names=tuple(spec.modules),
+            phases=tuple(_phase_entry(phase) for phase in spec.phases.values()),
+            flight_critical=tuple(_flight_critical(spec)),
+            command_period_ns=command_period_ns(spec, pe),
+        )
+
+    def configuration(self, configuration: Configuration) -> CompiledConfiguration:
+        """Slices for every PE of the spec (no bytes for one that has nothing to do) and their digests."""
+        stops = self._without_manager(configuration)
+        slices = {pe.node_id: self._slice(configuration, pe.name, stops).encode() for pe in self._spec.pes.values()}
+        return CompiledConfiguration(
+            slices=slices,
+            digest=configuration_digest(self._spec.digest, slices),
+            slice_digests={node: slice_digest(self._spec.digest, body) for node, body in slices.items()},
+        )
+
+    def _is_on_both_sides(self, pe: str, module: str) -> bool:
+        """Tell whether a module may run beyond a PE, seen from the manager, and also where that PE reports."""
+        uplink = uplink_bus(self._spec, pe)
+        hosts = hosts_when_all_is_up(self._spec, self._spec.modules[module])
+        ways = {(self._all_up.route(pe, host) or (uplink,))[0] for host in hosts if host != pe}
+        return uplink in ways and len(ways) > 1
+
+    def _period_ns(self, module: str, variable: str) -> int:
+        """Longest period of a source, over the modes that give it."""
+        modes = self._spec.modules[module].modes.values()
+        return 10**12 // min(mode.rate_mhz for mode in modes if variable in mode.gives)
+
+    def _port(self, pe: str, bus: str) -> Port:
+        entry = self._spec.buses[bus]
+        radio = self._radios.get(bus)
+        beyond = (self._spec.pes[p] for p in self._spec.pes if bus in (self._all_up.route(pe, p) or ())[:1])
+        return Port(
+            bus=bus,
+            bitrate=entry.bitrate,
+            heartbeat_ns=entry.heartbeat_ns,
+            misses=entry.misses,
+            wireless=entry.kind == "wireless",
+            channels=entry.channels,
+            nodes=tuple(p.node_id for p in beyond),
+            data_per_mille=int(1000 * (entry.max_load - entry.reserve)) or 1,
+            link_id=radio.link_id if radio is not None and radio.gateway == pe else None,
+        )
+
+    def _module_entry(self, module: Module) -> ModuleEntry:
+        return ModuleEntry(
+            index=self._module_index[module.name],
+            name=module.name,
+            image=module.image,
+            device=module.device,
+            demux=any(module.name in demux.branches for demux in self._spec.demuxes.values()),
+            movable=len(hosts_when_all_is_up(self._spec, module)) > 1,
+            modes=tuple(
+                ModeEntry(
+                    name=mode.name,
+                    rate_mhz=mode.rate_mhz,
+                    cpu_millis=mode.cpu_millis,
+                    leaves=tuple(LeafEntry(path, leaf.variable, leaf.best, leaf.worst) for path, leaf in mode.leaves()),
+                    gives=dict(mode.gives),
+                )
+                for mode in module.modes.values()
+            ),
+            silent_output=self._is_silent_output(module),
+            partition=module.partition or CRITICALITIES[self._ranks[module.name]],
+            ram=max(mode.ram for mode in module.modes.values()),
+            restarts=module.restarts,
+        )
+
+    def _is_silent_output(self, module: Module) -> bool:
+        if module.device is not None and self._spec.devices[module.device].kind == "actuator":
+            return False
+        return any(module.name in function.outputs for function in self._spec.functions.values())
+
+    def _without_manager(self, configuration: Configuration) -> frozenset[str]:
+        """Modules that stop while no manager is heard, by the spec's policy."""
+        keeps = self._spec.manager.without_manager == "keep"
+        return frozenset() if keeps else expendable(self._spec, configuration)
+
+    def _slice(self, configuration: Configuration, pe: str, stops: frozenset[str]) -> Slice:
+        running = {name: r for name, r in configuration.modules.items() if r.pe == pe}
+        remote: dict[int, int] = {}
+        modules = []
+        for name, entry in running.items():
+            sources: list[int | None] = []
+            for path, _ in configuration.mode(self._spec, name).leaves():
+                wire = entry.inputs.get(path)
+                sources.append(None if wire is None else self._source_index[wire.producer, wire.variable])
+                if wire is not None and configuration.modules[wire.producer].pe != pe:
+                    producer_pe = configuration.modules[wire.producer].pe
+                    remote[self._source_index[wire.producer, wire.variable]] = self._spec.pes[producer_pe].node_id
+            mode_index = self._spec.modules[name].mode_index(entry.mode)
+            modules.append(ModuleSlice(self._module_index[name], mode_index, tuple(sources)))
+        publish, forward = self._traffic(configuration, pe)
+        stops_here = frozenset(self._module_index[name] for name in running.keys() & stops)
+        return Slice(tuple(modules), remote, publish, forward, stops_here)
+
+    def _traffic(self, configuration: Configuration, pe: str) -> tuple[dict[int, int], dict[int, tuple[int, int]]]:
+        """What this PE publishes itself, and what it forwards as a gateway."""
+        publish: dict[int, int] = {}
+        forward: dict[int, tuple[int, int]] = {}
+        ports = {bus: 1 << port for port, bus in enumerate(self._spec.pes[pe].buses)}
+        for consumer, _, wire in configuration.wires():
+            origin = configuration.modules[wire.producer].pe
+            route = self._all_up.route(origin, configuration.modules[consumer].pe) or ()
+            source = self._source_index[wire.producer, wire.variable]
+            if origin == pe and route:
+                publish[source] = publish.get(source, 0) | ports[route[0]]
+            for inward, outward in pairwise(route):
+                if inward in ports and outward in ports:
+                    node, mask = forward.get(source, (self._spec.pes[origin].node_id, 0))
+                    forward[source] = (node, mask | ports[outward])
+        return publish, forward
+
+
+def _phase_entry(phase: Phase) -> PhaseEntry:
+    when = phase.when
+    if when is None:
+        return PhaseEntry(phase.name)
+    above, below = (None if limit is None else float(limit) for limit in (when.above, when.below))
+    return PhaseEntry(phase.name, when.variable, above, below, when.hold_ns)
+
+
+def _flight_critical(spec: Spec) -> Iterator[str]:
+    """Modules that may serve a function of class A in some phase, and the devices that they are bolted to."""
+    critical = [name for name, rank in criticality_ranks(spec).items() if CRITICALITIES[rank] == "A"]
+    yield from (f"module:{name}" for name in critical)
+    bolted = {spec.modules[name].device for name in critical}
+    yield from (f"device:{name}" for name in spec.devices if name in bolted)
+
+
+def _variable_entry(variable: Variable) -> VariableEntry:
+    return VariableEntry(type=variable.type, initial=variable.initial)

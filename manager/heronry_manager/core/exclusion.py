@@ -1,0 +1,178 @@
+"""Who may still be driving what: the manager's half of "break before make" (rule 6).
+
+A *token* is a thing that must never have two drivers: a DEMUX (`demux:NAME`), or the identifiers of a module that may
+run on several PEs (`module:NAME`). A PE *holds* a token when a configuration that it may be running places it there:
+
+    gains    the ones of a configuration, from the first ACTIVATE of its epoch on; all that it could ever have, when it
+             is found running what another manager gave it, or a reign begins and has heard nothing of it
+    keeps    only those, once it has reported that epoch (it is BROKEN or further), and those of newer ones: while it
+             reports an older epoch it may be about to take them up, and say no more
+    loses    all of them as a new incarnation; those of modules once it is declared down for its silence, and that has
+             lasted for three periods and a quarter of the slowest bus on the way to it (`misses` may be fewer, and a
+             gateway may beat more slowly): it sends them for two periods after it has heard anybody, which may have
+             been a period after its last state, and so does the gateway that hands them on. Any other T_lease after
+             the first ALIVE that names it no more is on the bus: it may have heard others until then, and has stopped
+             by itself now
+
+Both are counted in time in which this manager ran. It has a beat in every heartbeat period: a longer gap between two
+of its steps was a pause or a jump of its clock, and it cannot tell which. So nothing of that gap counts: where the
+clock jumped just after a step, all of it has never been. A jump that ends within a period is taken for time.
+
+Lost: a state that is missed frees nothing; an ALIVE that is missed makes a PE stop earlier than is counted here. Late
+or doubled: a page 0 that is behind tells nothing (`deployment`). A restart knows nothing, and counts T_lease from its
+first ALIVE on for whoever it does not hear.
+
+What is not known: whether a silent PE is dead or cut off. That is why a DEMUX waits. A PE that is given up although it
+speaks (it does not acknowledge) goes on sending until it hears an ALIVE without it: there the identifiers wait too.
+"""
+
+from collections.abc import Collection, Iterable, Mapping
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import hosts_when_all_is_up
+from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_wire.management import LEASE_PERIODS
+
+
+class Exclusion:
+    """Tokens held by each PE, as far as the manager can know."""
+
+    def __init__(self, spec: Spec, *, tells_departures: bool = False) -> None:
+        """`tells_departures`: an ALIVE is not said before `said` is called."""
+        self._spec, self._tells_departures = spec, tells_departures
+        self._lease_ns = {
+            pe: LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
+        }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
+        self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
+        self._named: frozenset[str] = frozenset()  # by the last ALIVE
+        self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
+        self._unsaid: set[str] = set()  # left out by no ALIVE that is on the bus
+        self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
+        self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
+        self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
+        self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}
+        self._demux_of = {branch: demux.name for demux in spec.demuxes.values() for branch in demux.branches}
+        self._possible: dict[str, set[str]] = {pe: set() for pe in spec.pes}
+        for module in spec.modules.values():
+            for pe in hosts_when_all_is_up(spec, module):
+                self._possible[pe] |= self._tokens_of(module.name)
+
+    def tokens(self, configuration: Configuration) -> dict[str, set[str]]:
+        """Tokens that a configuration places on each PE."""
+        placed: dict[str, set[str]] = {pe: set() for pe in self._spec.pes}
+        for name, running in configuration.modules.items():
+            placed[running.pe] |= self._tokens_of(name)
+        return placed
+
+    def _tokens_of(self, module: str) -> set[str]:
+        tokens = set()
+        if module in self._demux_of:
+            tokens.add(f"demux:{self._demux_of[module]}:{module}")
+        if module in self._movable:
+            tokens.add(f"module:{module}")
+        return tokens
+
+    def begun(self, now_ns: int, counted_on: Collection[str]) -> None:
+        """A reign begins: who it does not hear may have been named by another one until now, and drive anything."""
+        self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
+        self._unsaid = set(self._spec.pes) if self._tells_departures else set()
+        for pe in self._spec.pes.keys() - set(counted_on):
+            self.unknown(pe)
+
+    def named(self, pes: Collection[str], now_ns: int) -> None:
+        """ALIVE names these PEs, and no others."""
+        if self._tells_departures:
+            self._unsaid |= self._named
+        self._unsaid.difference_update(pes)
+        for pe in self._named.union(pes):
+            self._last_named_ns[pe] = now_ns
+        for pe in pes:
+            self._unsent_ns.pop(pe, None)
+        self._named = frozenset(pes)
+
+    @property
+    def waits(self) -> bool:
+        """Tell whether `said` has anything to say."""
+        return bool(self._unsaid)
+
+    def said(self, pes: Collection[str], now_ns: int) -> None:
+        """An ALIVE that names these PEs, and no others, is on the bus."""
+        for pe in self._unsaid.difference(pes):
+            self._last_named_ns[pe] = now_ns
+        self._unsaid.intersection_update(pes)
+
+    def heard(self, pe: str) -> None:
+        """A PE was heard: if it is declared down, its silence begins now."""
+        self._slept_ns[pe] = 0
+
+    def slept(self, unknown_ns: int) -> None:
+        """By the clock so much time has passed in which this manager did not run: perhaps it has not."""
+        self._slept_ns = {pe: slept_ns + unknown_ns for pe, slept_ns in self._slept_ns.items()}
+        self._last_named_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._last_named_ns.items()}
+        self._unsent_ns = {pe: at_ns + unknown_ns for pe, at_ns in self._unsent_ns.items()}
+
+    def activated(self, placed: Mapping[str, set[str]]) -> None:
+        """The first ACTIVATE of a configuration with these tokens is about to go out."""
+        for pe, tokens in placed.items():
+            self._holds[pe] |= tokens
+
+    def reported(self, pe: str, *placed: Mapping[str, set[str]]) -> None:
+        """A PE has reported the epoch of the first tokens: it has stopped everything else, and may take up the rest."""
+        self._holds[pe] = set[str]().union(*(tokens[pe] for tokens in placed))
+
+    def rebooted(self, pe: str) -> None:
+        """A PE returned as a new incarnation, or says that it runs nothing."""
+        self._holds[pe] = set()
+
+    def declared_down(self, pe: str, heard_ns: int) -> None:
+        """A PE was declared down for its silence, and was heard last then: the identifiers of its modules get free."""
+        self._unsent_ns[pe] = heard_ns + self._slept_ns[pe] + self._unsent_after_ns[pe]
+
+    def unknown(self, pe: str) -> None:
+        """A PE runs what this manager did not give it: it may hold whatever could be placed there."""
+        self._holds[pe] |= self._possible[pe]
+
+    def must_break(self, placed: Mapping[str, set[str]], counted_on: Iterable[str]) -> set[str]:
+        """PEs counted on that must report `broken` before anybody starts what is new in this configuration."""
+        return {pe for pe in counted_on if self._rivals(pe, placed)}
+
+    def demux_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+        """When the last PE not counted on has certainly stopped driving a DEMUX placed elsewhere; None: now."""
+        return self._free_ns(placed, counted_on, now_ns, demux=True)
+
+    def identifiers_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+        """When the last PE not counted on has certainly stopped sending for a module placed elsewhere; None: now."""
+        return self._free_ns(placed, counted_on, now_ns, demux=False)
+
+    def _free_ns(
+        self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int, *, demux: bool
+    ) -> int | None:
+        ends = []
+        for pe in self._holds.keys() - set(counted_on):
+            since_ns = now_ns if pe in self._unsaid else self._last_named_ns.get(pe, now_ns)
+            lease_ends_ns = since_ns + self._lease_ns[pe]
+            unsent_ns = self._unsent_ns.get(pe, lease_ends_ns)
+            if lease_ends_ns <= now_ns:
+                self._holds[pe] = set()
+            elif unsent_ns <= now_ns:
+                self._holds[pe] = {token for token in self._holds[pe] if _is_demux(token)}
+            if any(_is_demux(token) is demux for token in self._rivals(pe, placed)):
+                ends.append(lease_ends_ns if demux else min(lease_ends_ns, unsent_ns))
+        return max(ends, default=None)
+
+    def _rivals(self, pe: str, placed: Mapping[str, set[str]]) -> set[str]:
+        """Tokens that `pe` holds and must give up because this configuration has a holder on another PE."""
+        mine = placed[pe]
+        others = {_exclusive_thing(token) for other, tokens in placed.items() for token in tokens if other != pe}
+        return {token for token in self._holds[pe] - mine if _exclusive_thing(token) in others}
+
+
+def _is_demux(token: str) -> bool:
+    return token.startswith("demux:")
+
+
+def _exclusive_thing(token: str) -> str:
+    """`demux:NAME:BRANCH` and `demux:NAME:OTHER` are rivals for `demux:NAME`."""
+    kind, name = token.split(":")[:2]
+    return f"{kind}:{name}"

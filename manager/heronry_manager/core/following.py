@@ -1,0 +1,194 @@
+"""What a standby manager does while another one reigns: it listens, learns, and knows when to take over (rule 7).
+
+    following   LEASEs of the highest term come; what the manager holds (phase, latched faults), whom it counts on and
+                what it activates is taken down as if it were one's own (`memory`), and planned upon by nobody
+    orphaned    no LEASE came within T_lease, *and* more than half of the PEs that the manager counted on last, each
+                heard within T_lease (of its own bus, where that beats more slowly), say that they hear none either:
+                the manager is gone, and not just this wire
+    behind      LEASEs come, of a lower term than one that is known to have been used, and some PE says that it hears
+                none: it has heard the higher one and refuses these, and would do so for ever. For `LEARNS_LEASES`
+                times T_lease this manager learns what the other one holds; then it takes over with a term that all obey
+
+Where no manager was ever heard, the PEs that are heard are asked, after the start-up window: the aircraft may just have
+been switched on, and the first manager with it. If some PE runs a configuration, it flies, and T_lease is waited for
+thrice: a first manager that is being started now still goes first.
+
+With a key it may be that a PE speaks and cannot be believed: whoever was started after the sessions were opened knows
+none of them, and nobody opens another one while nobody reigns. If its word counted for nothing, no manager might ever
+take over. So where a PE has proven nothing within T_lease, it counts unproven: this manager has not heard a LEASE for
+as long with its own ears, and a liar can make it reign too early, but command nothing. The next reign waits for those
+(`unbelieved`), as after a restart: they prove who they are once they have heard it.
+
+Lost: a LEASE that is missed here alone makes nobody take over, since the PEs have heard it. Late, doubled: nothing
+happens twice. Forged: a LEASE keeps the standby quiet for T_lease; forged states of more than half of the PEs and the
+manager's silence make it take over, and then the true manager ends or stands by. Of a manager with a lower term than
+one that was heard before nothing is believed, for as long as that one speaks. Who makes PEs refuse a reign that is
+behind loses nothing but that reign, to a manager that they obey.
+
+Who only advises follows in the same way, beside a manager that reigns: it takes over nothing, and plans upon what it
+learns.
+
+With a key LEASE, ALIVE and CONTROL count when they are proven, a state when it is believed; slices need no proof, since
+the digest in LEASE vouches for them. By that digest the states of PEs are read, too.
+"""
+
+from collections import OrderedDict
+from collections.abc import Mapping
+
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_manager.contingency.on_board import ContingencyNumbers
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.memory import Runs, TermBegun
+from heronry_manager.core.overheard import Overheard
+from heronry_manager.core.topology import uplink_bus
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    Alive,
+    Control,
+    Lease,
+    ManagementMessage,
+    PeFlags,
+    PeState,
+    StatePage0,
+)
+
+_DIGESTS_KEPT = 4
+_GOES_FIRST = 3  # T_leases in flight; one is what a first manager listens for
+LEARNS_LEASES = 10
+"""T_leases in which what another manager holds is learnt: so many facts are told meanwhile (`announcing`)."""
+
+
+class Following:
+    """What is known of the manager that reigns."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        turn: Turn,
+        situation: KnownSituation,
+        exclusion: Exclusion,
+        patience_ns: int,
+        *,
+        on_board: ContingencyNumbers | None = None,
+    ) -> None:
+        """`patience_ns` is how long a manager that was never heard is waited for; `on_board` as for `Overheard`."""
+        self._turn, self._situation, self._exclusion = turn, situation, exclusion
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._recent_ns = {
+            pe: max(self._lease_ns, LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
+        }
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._overheard = Overheard(spec, turn, on_board)
+        self._counted_on: frozenset[str] = frozenset()
+        self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
+        self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
+        self._orphaned_ns = turn.now_ns + patience_ns  # not before this
+        self._in_flight_ns = turn.now_ns + _GOES_FIRST * self._lease_ns  # the same, where somebody flies
+        self.node: int | None = None  # the manager that reigns
+        self.term = 0
+        self.leased_ns: int | None = None  # when its last LEASE came
+        self._behind_ns: int | None = None  # since when its term is lower than one that is known
+        self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE has named them
+
+    def heard(self, node: int, message: ManagementMessage) -> None:
+        """A manager has spoken."""
+        if isinstance(message, Lease):
+            self._lease(node, message)
+        if node != self.node:
+            return
+        match message:
+            case Alive(term, _, nodes) if term == self.term:
+                self._counted_on = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
+                self._exclusion.named(self._counted_on, self._turn.now_ns)
+                self._situation.overheard_beat(node)
+            case Control(term) if term == self.term:
+                self._situation.overheard(node, message)
+            case _:
+                self._overheard.take(message)
+
+    def _lease(self, node: int, lease: Lease) -> None:
+        now_ns = self._turn.now_ns
+        if lease.term < self.term and now_ns < self._orphaned_ns:
+            return
+        if lease.term > self._turn.memory.term:
+            self._turn.keep(TermBegun(lease.term))
+        if lease.term == self._turn.memory.term:
+            self._behind_ns = None
+        elif self._behind_ns is None:
+            self._behind_ns = now_ns
+        self.node, self.term, self.leased_ns = node, lease.term, now_ns
+        self._orphaned_ns = now_ns + self._lease_ns + 1
+        self._digests[lease.epoch] = lease.digest
+        self._digests.move_to_end(lease.epoch)
+        if len(self._digests) > _DIGESTS_KEPT:
+            self._digests.popitem(last=False)
+
+    @property
+    def runs(self) -> Runs | None:
+        """What is known to run: what was activated last and could be put together, or was remembered."""
+        return self._overheard.runs
+
+    def planned(self, plan: Plan) -> None:
+        """A plan was made here: slices that are the same need not be overheard."""
+        self._overheard.know(plan.configuration)
+
+    def hears_lease(self) -> bool:
+        """Tell whether a LEASE came within T_lease."""
+        return self.leased_ns is not None and self._turn.now_ns < self._orphaned_ns
+
+    def leased_epoch(self) -> int:
+        """Epoch of the last LEASE, if that came within T_lease; else NO_EPOCH."""
+        return next(reversed(self._digests)) if self.hears_lease() else NO_EPOCH
+
+    def digest_of(self, epoch: int) -> int | None:
+        """Digest of an epoch of the manager that reigns, or has reigned; None of one that is not known."""
+        return self._digests.get(epoch)
+
+    def state(self, pe: str, page: StatePage0, *, is_proven: bool = True) -> None:
+        """A PE has said what it runs, and whether it hears a manager."""
+        said = self._said if is_proven else self._unproven
+        said[pe] = self._turn.now_ns, PeFlags.HEARS_LEASE in page.flags
+        if self.node is None and page.state is not PeState.UNCONFIGURED:
+            self._orphaned_ns = min(self._orphaned_ns, self._in_flight_ns)
+
+    def is_orphaned(self) -> bool:
+        """Tell whether the PEs have no manager any more, or one that some of them refuse."""
+        now_ns = self._turn.now_ns
+        if self._behind_ns is not None and now_ns - self._behind_ns >= LEARNS_LEASES * self._lease_ns:
+            return False in self._heard().values()
+        if now_ns < self._orphaned_ns:
+            return False
+        heard = self._heard()
+        asked = self._counted_on or heard.keys()
+        orphans = sum(1 for pe in asked if heard.get(pe) is False)
+        return 2 * orphans > len(asked)
+
+    def most_hear_none(self) -> bool:
+        """Tell whether most PEs that are heard, whoever counts on them, say that they hear no LEASE."""
+        heard = self._heard().values()
+        return 2 * sum(not hears for hears in heard) > len(heard)
+
+    def counted_on(self) -> frozenset[str]:
+        """PEs that the manager counted on, when it was last heard to say so."""
+        return self._counted_on
+
+    def unbelieved(self) -> frozenset[str]:
+        """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
+        speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
+        return frozenset(speak & self._counted_on if self._counted_on else speak)
+
+    def _heard(self) -> dict[str, bool]:
+        """Who was heard within T_lease, and whether it hears a LEASE; what is proven counts before what is not."""
+        return self._recently(self._unproven) | self._recently(self._said)
+
+    def _recently(self, said: Mapping[str, tuple[int, bool]]) -> dict[str, bool]:
+        now_ns = self._turn.now_ns
+        return {pe: hears for pe, (at_ns, hears) in said.items() if now_ns - at_ns <= self._recent_ns[pe]}
+
+    def next_deadline_ns(self) -> int | None:
+        """When it may come to be orphaned without a word from anybody."""
+        return self._orphaned_ns if self._turn.now_ns < self._orphaned_ns else None

@@ -1,0 +1,386 @@
+"""Which PEs the manager counts on: suspect, ask, declare, and let back in.
+
+One record per PE, moved by what is heard of it and by time alone (never by what was commanded):
+
+    WAITING    never heard, the start-up window is open
+    UP         heard within its period
+    SUSPECT    a period was missed; it has been PINGed; still counted on
+    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
+    RETURNING  heard again; counted on after a hold-down without a gap
+
+A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
+return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
+A PE that keeps failing is held down for twice as long each time, up to a minute: quarantine. It is forgiven when it has
+been counted on for a minute, or by the operator (`forgive`). Where all fall silent at once, it is this manager that
+hears nobody: that is held against none of them (`take_back`), or whoever is deaf now and then would find its whole
+aircraft in quarantine.
+
+A PE may speak and not hear: it then says that it hears no lease. Whoever says so for longer than T_lease of the slowest
+bus on the way to it, while the manager speaks, has certainly let go of what is exclusive, and can be told nothing: it
+is failed, and does not come back before it hears. Where more than half of the PEs counted on say so, or nobody else is
+left, it is the manager that is not heard; then nobody is failed for it, and what runs goes on.
+
+A reign that begins where another one has ended may know of a PE that it was counted on until now, and speaks, but has
+proven nothing here yet (`await_again`): it is WAITING once more, and named by ALIVE until the window closes, for that
+is but the word of the reign before, and nothing that it drives is given to anybody meanwhile. One that does not even
+speak any more is not waited for. Nor is anybody held down whom that reign counted on to the last, and who still runs
+what it was given (`vouched_for`): it was this manager that did not hear it.
+
+One that the operator has *barred* stays DOWN however well it speaks, until he lets it in again.
+
+Time: a beat is late a quarter of a period after it was due; a PE is declared `misses` periods and a quarter after the
+last one, so that a beat on its way when the last period ends still counts. What the manager slept through is not held
+against anybody: the driver hands over all frames before it lets a deadline pass.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+from heronry_dg.model import Spec
+from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.sansio import NEVER_NS
+
+HOLD_DOWN_PERIODS = 10
+LONGEST_HOLD_DOWN_NS = 60_000_000_000
+FORGIVEN_AFTER_NS = 60_000_000_000  # who has been counted on for this long begins anew
+
+
+class Standing(Enum):
+    """Where a PE stands."""
+
+    WAITING = "waiting"
+    UP = "up"
+    SUSPECT = "suspect"
+    DOWN = "down"
+    RETURNING = "returning"
+
+
+class Change(Enum):
+    """What happened to a PE."""
+
+    JOINED = "joined"  # counted on from now
+    SUSPECTED = "suspected"
+    ANSWERED = "answered"  # a suspect is heard again in time
+    LOST = "lost"  # was counted on, and is silent
+    FAILED = "failed"  # was counted on, and does not do what it was told; it may still drive what it drove
+    REBOOTED = "rebooted"  # the same, and what ran there has certainly stopped
+    ABSENT = "absent"  # not heard before the start-up window closed
+    HEARD_AGAIN = "heard again"  # hold-down begins
+
+
+@dataclass(frozen=True, slots=True)
+class HealthChange:
+    """One change, with the time of the last frame heard before it (None: never heard) and the cause in words."""
+
+    pe: str
+    change: Change
+    cause: str
+    last_heard_ns: int | None
+
+
+@dataclass(slots=True)
+class _Record:
+    name: str
+    period_ns: int
+    misses: int
+    command_period_ns: int  # in which LEASE comes to it
+    standing: Standing = Standing.WAITING
+    heard_ns: int | None = None
+    incarnation: int | None = None
+    returning_since_ns: int = 0
+    joined_ns: int = 0
+    losses: int = 0  # since it was last forgiven
+    lost_ns: int | None = None  # when the last one of these was counted
+    cause: str | None = None  # why it is down
+    deaf_since_ns: int | None = None  # since when it has said that it hears no lease
+    barred: bool = False
+    awaited_again: bool = False  # another reign counted on it
+    spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
+    said: int | None = None  # incarnation that it has said last, proven or not
+    said_since_ns: int = 0
+
+    def says(self, incarnation: int, now_ns: int) -> None:
+        if incarnation != self.said:
+            self.said, self.said_since_ns = incarnation, now_ns
+
+    def suspect_ns(self) -> int:
+        return (self.heard_ns or 0) + self.period_ns * 5 // 4
+
+    def declare_ns(self) -> int:
+        return (self.heard_ns or 0) + self.period_ns * self.misses + self.period_ns // 4
+
+    def fallen_silent_ns(self) -> int:
+        return self.spoke_ns + self.period_ns * self.misses + self.period_ns // 4
+
+    def is_deaf(self, now_ns: int) -> bool:
+        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.command_period_ns
+
+    def is_held_down(self, now_ns: int) -> bool:
+        return self.deaf_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
+
+    def hold_down_ns(self) -> int:
+        return min(self.period_ns * HOLD_DOWN_PERIODS << max(0, self.losses - 1), LONGEST_HOLD_DOWN_NS)
+
+
+class Health:
+    """Standing of every PE of a spec."""
+
+    def __init__(self, spec: Spec, now_ns: int, window_ns: int) -> None:
+        """Open the start-up window of `window_ns` at `now_ns`."""
+        self._window_closes_ns: int | None = now_ns + window_ns
+        self._records = {}
+        for pe in spec.pes.values():
+            bus = spec.buses[uplink_bus(spec, pe.name)]
+            self._records[pe.name] = _Record(pe.name, bus.heartbeat_ns, bus.misses, command_period_ns(spec, pe.name))
+
+    def standing(self, pe: str) -> Standing:
+        """Where a PE stands now."""
+        return self._records[pe].standing
+
+    def cause(self, pe: str) -> str | None:
+        """Why a PE is not counted on; None where it is, or may still be starting."""
+        return self._records[pe].cause
+
+    def incarnation(self, pe: str) -> int | None:
+        """Incarnation that a PE has told last; None before its first page 0."""
+        return self._records[pe].incarnation
+
+    def said_incarnation(self, pe: str, since_ns: int) -> int | None:
+        """Incarnation that a PE has said since some time, proven or not: enough to tell one request from another."""
+        record = self._records[pe]
+        return record.said if record.said_since_ns <= since_ns else None
+
+    def losses(self, pe: str) -> int:
+        """How often a PE was lost since it was last forgiven."""
+        return self._records[pe].losses
+
+    def held_down_for_ns(self, pe: str, now_ns: int) -> int | None:
+        """How long a returning PE is still held down; None for any other."""
+        record = self._records[pe]
+        if record.standing is not Standing.RETURNING:
+            return None
+        return max(0, record.returning_since_ns + record.hold_down_ns() - now_ns)
+
+    def is_counted_on(self, pe: str) -> bool:
+        """Tell whether a PE is up or merely suspect."""
+        return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
+
+    def counted_on(self) -> list[str]:
+        """PEs that are up or merely suspect."""
+        return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
+
+    def hears_nobody(self, now_ns: int) -> bool:
+        """Tell whether every PE that was ever heard has missed all it may, and there is one: none is counted on.
+
+        Where nobody was ever believed, those count that spoke.
+        """
+        if self.counted_on():
+            return False
+        records = self._records.values()
+        silent_ns = [record.declare_ns() for record in records if record.heard_ns is not None]
+        silent_ns = silent_ns or [record.fallen_silent_ns() for record in records if record.spoke_ns]
+        return now_ns >= max(silent_ns, default=NEVER_NS)
+
+    def take_back(self) -> list[str]:
+        """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""
+        last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
+        wronged = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
+        for record in wronged:
+            record.losses, record.lost_ns = record.losses - 1, None
+        return [record.name for record in wronged]
+
+    def starting(self) -> bool:
+        """Tell whether some PE has not been heard and may still be starting."""
+        return self._window_closes_ns is not None
+
+    def period_ns(self, pe: str) -> int:
+        """Heartbeat period of a PE on the bus on which it reports."""
+        return self._records[pe].period_ns
+
+    def heard(self, pe: str, incarnation: int | None, now_ns: int, *, hears_lease: bool = True) -> list[HealthChange]:
+        """A state frame of a PE arrived; `incarnation` where the page says it.
+
+        hears_lease: it hears the manager, or could not, since that does not speak.
+        """
+        record = self._records[pe]
+        last, record.heard_ns = record.heard_ns, now_ns
+        record.deaf_since_ns = None if hears_lease else record.deaf_since_ns or now_ns
+        changes: list[HealthChange] = []
+        if incarnation is not None:
+            if record.incarnation not in (None, incarnation):
+                cause = f"it rebooted (incarnation {incarnation})"
+                changes += self._lose(record, last, now_ns, cause, Change.REBOOTED)
+            record.incarnation = incarnation
+            record.says(incarnation, now_ns)
+        match record.standing:
+            case Standing.UP:
+                pass
+            case Standing.WAITING:
+                record.standing, record.joined_ns = Standing.UP, now_ns
+                changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
+                self._close_window_if_all_heard()
+            case Standing.SUSPECT:
+                record.standing = Standing.UP
+                changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
+            case Standing.DOWN if not record.barred:
+                record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
+                wait_ms = record.hold_down_ns() // 1_000_000
+                changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
+            case Standing.RETURNING | Standing.DOWN:  # pragma: no branch - nothing else is left
+                pass
+        return changes + self._fail_if_deaf(record, last, now_ns)
+
+    def _fail_if_deaf(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
+        """Stop counting on a PE that does not hear the manager, though others do."""
+        if not record.is_deaf(now_ns) or not self.is_counted_on(record.name):
+            return []
+        counted_on = self.counted_on()
+        deaf = sum(self._records[pe].deaf_since_ns is not None for pe in counted_on)
+        if 2 * deaf > len(counted_on):
+            return []
+        return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
+
+    def in_flight(self, now_ns: int) -> None:
+        """Somebody runs a configuration already: nobody is starting, and who lives is heard within its misses."""
+        if self._window_closes_ns is None:
+            return
+        waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
+        longest_ns = max((r.period_ns * (r.misses + 1) for r in waiting), default=0)
+        self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
+
+    def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
+        """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
+        for record in map(self._records.__getitem__, sorted(pes)):
+            if not record.barred and not self.is_counted_on(record.name):
+                record.standing, record.cause, record.awaited_again = Standing.WAITING, None, True
+                record.spoke_ns = now_ns
+                self._window_closes_ns = now_ns + window_ns
+
+    def vouched_for(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
+        """A reign begins: these were counted on by the one before, and still run what it gave them."""
+        return [
+            self._join(record, now_ns, "the manager before counted on it")
+            for record in map(self._records.__getitem__, sorted(pes))
+            if record.standing is Standing.RETURNING
+        ]
+
+    def spoke(self, pe: str, incarnation: int, now_ns: int) -> None:
+        """A PE has said something that cannot be believed: it counts for nothing, but it lives."""
+        record = self._records[pe]
+        record.spoke_ns = now_ns
+        record.says(incarnation, now_ns)
+
+    def awaited_again(self) -> list[str]:
+        """Who has not done so yet, while the window is open."""
+        return [r.name for r in self._records.values() if r.awaited_again and r.standing is Standing.WAITING]
+
+    def bar(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
+        """The operator counts a PE out, whatever it says."""
+        record = self._records[pe]
+        record.barred, record.cause = True, cause
+        return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+
+    def forgive(self, pe: str) -> bool:
+        """The operator lets a PE in again, after the shortest hold-down; tells whether anything kept it out."""
+        record = self._records[pe]
+        kept_out = record.barred or self.is_quarantined(pe)
+        record.barred, record.losses = False, 0
+        return kept_out
+
+    def quarantine(self, pe: str, losses: int) -> None:
+        """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
+        record = self._records[pe]
+        record.standing, record.losses, record.cause = Standing.DOWN, losses, f"it was lost {losses} times"
+        self._close_window_if_all_heard()
+
+    def is_quarantined(self, pe: str) -> bool:
+        """Tell whether a PE is held out for longer than who was lost once."""
+        return not self.is_counted_on(pe) and self._records[pe].losses > 1
+
+    def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
+        """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
+        record = self._records[pe]
+        return self._lose(record, record.heard_ns, now_ns, cause, Change.FAILED)
+
+    def cut_off(self, pes: Iterable[str], cause: str, now_ns: int) -> list[HealthChange]:
+        """A gateway hears none of these any more: those that have missed their periods here too are lost, all at once.
+
+        One that may miss more is given up, but may still drive what it drove: a word that is not true frees nothing.
+        """
+        changes: list[HealthChange] = []
+        for record in map(self._records.__getitem__, pes):
+            last = record.heard_ns
+            silent = last is not None and now_ns - last >= record.period_ns * record.misses
+            changes += self._lose(record, last, now_ns, cause, Change.LOST if silent else Change.FAILED)
+        return changes
+
+    def tick(self, now_ns: int) -> list[HealthChange]:
+        """Let time pass."""
+        changes: list[HealthChange] = []
+        for record in self._records.values():
+            changes += self._tick_one(record, now_ns)
+        if self._window_closes_ns is not None and now_ns >= self._window_closes_ns:
+            self._window_closes_ns = None
+            for record in self._records.values():
+                if record.standing is Standing.WAITING:
+                    record.standing = Standing.DOWN
+                    cause = record.cause = "not heard in the start-up window"
+                    changes.append(HealthChange(record.name, Change.ABSENT, cause, None))
+        return changes
+
+    def next_deadline_ns(self) -> int | None:
+        """When `tick` has something to do."""
+        due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
+        for record in self._records.values():
+            match record.standing:
+                case Standing.WAITING if record.awaited_again:
+                    due_ns = min(due_ns, record.fallen_silent_ns())
+                case Standing.UP:
+                    due_ns = min(due_ns, record.suspect_ns())
+                case Standing.SUSPECT:
+                    due_ns = min(due_ns, record.declare_ns())
+                case Standing.RETURNING:
+                    due_ns = min(due_ns, record.declare_ns())
+                    if record.deaf_since_ns is None:
+                        due_ns = min(due_ns, record.returning_since_ns + record.hold_down_ns())
+        return None if due_ns == NEVER_NS else due_ns
+
+    def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
+        last = record.heard_ns
+        if record.standing is Standing.WAITING and record.awaited_again and now_ns >= record.fallen_silent_ns():
+            record.standing, record.cause = Standing.DOWN, "not heard any more, before it could be believed"
+            self._close_window_if_all_heard()
+            return [HealthChange(record.name, Change.ABSENT, record.cause, last)]
+        if record.standing is Standing.UP and now_ns >= record.suspect_ns():
+            record.standing = Standing.SUSPECT
+            return [HealthChange(record.name, Change.SUSPECTED, "a heartbeat period was missed", last)]
+        if record.standing is Standing.SUSPECT and now_ns >= record.declare_ns():
+            return self._lose(record, last, now_ns, f"silent for {record.misses} heartbeat periods")
+        if record.standing is Standing.RETURNING:
+            if now_ns >= record.declare_ns():
+                record.standing = Standing.DOWN
+            elif not record.is_held_down(now_ns):
+                return [self._join(record, now_ns, "back, and its hold-down is over")]
+        return []
+
+    def _join(self, record: _Record, now_ns: int, why: str) -> HealthChange:
+        record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
+        return HealthChange(record.name, Change.JOINED, why, record.heard_ns)
+
+    def _lose(
+        self, record: _Record, last_ns: int | None, now_ns: int, cause: str, change: Change = Change.LOST
+    ) -> list[HealthChange]:
+        counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
+        if counted_on:
+            forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
+            record.losses, record.lost_ns = 1 if forgiven else record.losses + 1, now_ns
+            record.cause = cause
+        record.standing = Standing.DOWN
+        self._close_window_if_all_heard()
+        return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
+
+    def _close_window_if_all_heard(self) -> None:
+        if all(r.standing is not Standing.WAITING for r in self._records.values()):
+            self._window_closes_ns = None

@@ -1,0 +1,233 @@
+"""The situation as the manager knows it: what is down, what has shrunk, and the phase. A change asks for a plan.
+
+Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
+`radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` and `restarts_told` are told of, and are no
+part of a plan. What a lost, late, doubled or forged message does to any of them is written there.
+
+A PE that is latched is barred: it may speak as well as it likes, nobody counts on it until it is cleared.
+
+That the manager's own bus has failed is no part of a plan, whoever says so: it was heard there, and a plan for it would
+stop everything that flies.
+
+Who stands by hears what is latched in turn (`announcing`), and what is cleared once. What it has not been told again
+for three turns is latched no more: a CLEAR that was lost costs some beats. So does who advises beside it, but for what
+the operator has told this manager himself: that he only supposes, and it stays until somebody says something new of it.
+
+All of it outlives a restart (`memory`), and so does a quarantine: who is held down for long goes on waiting.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, survivors
+from heronry_manager.core.health import Health, HealthChange
+from heronry_manager.core.latched_faults import HELD_CODE, OPERATOR_CODE, LatchedFault, LatchedFaults
+from heronry_manager.core.lost_channels import LostChannels
+from heronry_manager.core.memory import Asked, Cleared, Latched, PhaseEntered, Released
+from heronry_manager.core.mission_phase import MissionPhase
+from heronry_manager.core.radio_links import RadioLinks
+from heronry_manager.core.restarts_told import RestartsTold
+from heronry_manager.core.turn import Turn
+from heronry_wire.frame import Frame
+from heronry_wire.management import FORWARD_ONLY, LEASE_PERIODS, Control, ElementKind, Emergency, FaultCode, Operation
+
+ANNOUNCED_EVERY = 5
+"""Beats from one thing that the manager who reigns tells in turn to the next."""
+
+_KINDS = frozenset(ElementKind)
+_TURNS = 3  # in which something that is latched may stay untold
+
+
+class KnownSituation:
+    """What is down, and the phase."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        turn: Turn,
+        health: Health,
+        take: Callable[[list[HealthChange]], None],
+        replan: Callable[[str], None],
+        *,
+        limited: Callable[[str], None],
+        stopped: Callable[[str], None],
+    ) -> None:
+        """`take` is given changes of health that were made here, `limited` those of radios, `replan` any other.
+
+        stopped: is told of a module that is taken for well again, and that its PE has stopped.
+        """
+        self._spec, self._turn, self._health = spec, turn, health
+        self._take, self._replan, self._limited, self._stopped = take, replan, limited, stopped
+        self._mission = MissionPhase(spec)
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns  # for which a frame may wait
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self.failed = LatchedFaults(spec)
+        self.links = RadioLinks(spec)
+        self.channels = LostChannels(spec, turn)
+        self._restarts = RestartsTold(spec, turn)
+        self.own_bus = f"bus:{spec.manager.bus}"
+        self._untold: Counter[str] = Counter()  # beats since another manager has said that it holds an element
+        self._told_phase: int | None = None  # by another manager, last
+        self._has_just_told_phase = False  # with nothing after it but which requests have been obeyed
+        self._remember()
+
+    @property
+    def phase(self) -> str | None:
+        """Mission phase that plans are made for; None where the spec has none."""
+        return self._mission.current
+
+    def now(self) -> Situation:
+        """What plans are made for."""
+        return Situation(self.down(), self.links.limits(), self.phase)
+
+    def spares(self, plan: Plan) -> bool:
+        """Tell whether a plan for other limits is legal under these, and none has risen: it is as good as any."""
+        limits = self.links.limits()
+        room = survivors(self._spec, Situation(frozenset(), limits)).bus_mbit_per_s
+        fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
+        return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
+
+    def link_reported(self, frame: Frame) -> None:
+        """A gateway says how a radio is doing."""
+        beyond = self.links.records[frame.can_id].radio.beyond
+        anybody = any(self._health.is_counted_on(pe) for pe in beyond)
+        for change in self.links.heard(frame, self._turn.now_ns, anybody_beyond=anybody):
+            radio = change.radio
+            cause = f"bus:{radio.bus} is {change.what}, says {radio.gateway}"
+            match change.what:
+                case "gone":
+                    self._turn.emit("link_gone", bus=radio.bus, by=radio.gateway)
+                    self._take(self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns))
+                case "back":
+                    self._turn.emit("link_back", bus=radio.bus, by=radio.gateway)
+                case _:
+                    share = f"{change.step / 10:g}%"
+                    self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
+                    self._limited(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}")
+
+    def _remember(self) -> None:
+        """Take up what was known before a restart."""
+        memory, now_ns = self._turn.memory, self._turn.now_ns
+        self._mission.current = memory.phase or self._mission.current
+        self._mission.remember({pe: (one.incarnation, one.number) for pe, one in memory.asked.items()})
+        for one in memory.latched.values():
+            self.failed.latch(LatchedFault(one.element, one.by, one.code, one.detail, now_ns))
+            kind, _, name = one.element.partition(":")
+            if kind == "pe":
+                self._health.bar(name, f"failed, reported by {one.by}", now_ns)
+        for pe, losses in memory.quarantined.items():
+            self._health.quarantine(pe, losses)
+
+    def down(self) -> frozenset[str]:
+        """Everything that is down, as `kind:name`."""
+        missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
+        return (self.failed.elements | frozenset(missing)) - {self.own_bus}
+
+    def reported(self, pe: str, emergency: Emergency) -> bool:
+        """A PE reports a fault; tells whether that was understood."""
+        element = self.failed.element(emergency.kind, emergency.index)
+        if element is None:
+            return False
+        if emergency.code is FaultCode.MODULE_RESTARTED:
+            self._restarts.reported(pe, element, emergency.detail)
+            return True
+        self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
+        return True
+
+    def requested(self, pe: str, request: Emergency) -> bool:
+        """A PE asks for a phase; tells whether that was heard."""
+        incarnation = self._health.incarnation(pe) if self._health.is_counted_on(pe) else None
+        if incarnation is None or not self._mission.knows(request.index):
+            return False
+        is_new = self._request_obeyed(pe, incarnation, request.detail)
+        if is_new and self._mission.allows(request.index, request.detail):
+            self.enter(list(self._spec.phases)[request.index], pe)
+        return True
+
+    def _request_answered(self, pe: str, detail: int) -> None:
+        """Another manager has said, perhaps a moment ago, that it has obeyed a request of the incarnation of then."""
+        incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
+        if incarnation is not None:
+            self._request_obeyed(pe, incarnation, detail)
+
+    def _request_obeyed(self, pe: str, incarnation: int, detail: int) -> bool:
+        """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
+        if not self._mission.obeyed(pe, incarnation, detail):
+            return False
+        self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
+        return True
+
+    def overheard(self, manager: int, told: Control) -> None:
+        """Another manager reigns, and has said what it holds, what is cleared, or which request it has obeyed."""
+        by = f"manager {manager}"
+        if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
+            if told.node in self._pe_of_node and self._has_just_told_phase:
+                self._request_answered(self._pe_of_node[told.node], told.b)
+            return
+        self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
+        if self._has_just_told_phase:
+            if self._mission.knows(told.b) and told.b != self._told_phase:
+                self._told_phase, phase = told.b, list(self._spec.phases)[told.b]
+                if phase != self.phase:
+                    self.enter(phase, by)
+            return
+        kind = ElementKind(told.a) if told.a in _KINDS else None
+        element = None if kind is None else self.failed.element(kind, told.b)
+        if element is not None and told.operation is Operation.HOLDS:
+            self._untold[element] = 0
+            self.latch(LatchedFault(element, by, HELD_CODE, 0, self._turn.now_ns))
+        elif element is not None and told.operation is Operation.CLEAR:
+            self.clear(element, by)
+
+    def overheard_beat(self, manager: int) -> None:
+        """Another manager reigns, and has told something if it was its turn: what it does not hold is cleared."""
+        supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
+        elements = self.failed.elements - supposed
+        self._untold = Counter({element: self._untold[element] + 1 for element in elements})
+        longest = _TURNS * ANNOUNCED_EVERY * (1 + len(elements))  # the phase has its turn, too
+        for element in sorted(elements):
+            if self._untold[element] > longest:
+                self.clear(element, f"manager {manager}")
+
+    def latch(self, fault: LatchedFault) -> None:
+        """An element has failed, as somebody says."""
+        is_news = fault.element not in self.failed.elements
+        if self.failed.latch(fault):
+            self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
+        if not is_news:
+            return
+        self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
+        cause = f"{fault.element} failed, reported by {fault.by}"
+        kind, _, name = fault.element.partition(":")
+        counted_on = kind == "pe" and self._health.is_counted_on(name)
+        changes = self._health.bar(name, f"failed, reported by {fault.by}", self._turn.now_ns) if kind == "pe" else []
+        self._take(changes)
+        if not counted_on:
+            self._replan(cause)
+
+    def clear(self, element: str, by: str) -> bool:
+        """An element is taken for well again; tells whether anything was held against it."""
+        fault = self.failed.clear(element)
+        kind, _, name = element.partition(":")
+        let_in = kind == "pe" and self._health.forgive(name)
+        if fault is None and not let_in:
+            return False
+        if fault is not None:
+            self._turn.keep(Cleared(element))
+            if kind == "module" and fault.code != OPERATOR_CODE:
+                self._stopped(name)
+        if name in self._turn.memory.quarantined and let_in:
+            self._turn.keep(Released(name))
+        self._turn.emit("fault_cleared", element=element, by=by)
+        if kind != "pe":  # a PE is planned with when it has joined
+            self._replan(f"{element} cleared by {by}")
+        return True
+
+    def enter(self, phase: str, by: str) -> None:
+        """Somebody wants another mission phase."""
+        before, self._mission.current = self._mission.current, phase
+        self._turn.keep(PhaseEntered(phase))
+        self._turn.emit("phase_changed", phase=phase, before=before, by=by)
+        self._replan(f"phase {phase}, asked for by {by}")

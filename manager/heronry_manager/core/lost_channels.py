@@ -1,0 +1,72 @@
+"""Channels of replicated buses that carry nothing, as this manager's own driver and the PEs tell: a report, no fault.
+
+A bus with one channel left is a bus: no plan changes, nothing that is under way is given up, and the contingencies made
+ahead serve as before. Where both channels of a bus are gone its PEs are silent, and that is `health`'s affair. So this
+is kept beside the situation, for people: an event when somebody loses a channel or has it back, and who lacks which one
+in `heronry status`. Everybody who hears a bus lacking a channel means that the channel is broken; one PE, its own wire.
+
+    lost    the PE has told so (EMCY CHANNEL_LOST), within the last LATEST_NS
+    well    it has told so (CHANNEL_BACK), or has told nothing for so long; or its driver says so, where it is the
+            manager's own
+
+Lost: a report is repeated every second. Late or doubled: no news. Forged: a false line in the status, for three
+seconds. A restart, or a standby that takes over, knows within a second. A PE that names what the spec does not have is
+ignored.
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import CHANNEL_REPORT_NS, Emergency, FaultCode
+
+LATEST_NS = 3 * CHANNEL_REPORT_NS + CHANNEL_REPORT_NS // 2  # three reports may be lost
+OWN = "the manager"
+
+
+class LostChannels:
+    """Who lacks which channel."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        self._spec, self._turn = spec, turn
+        self._told_ns: dict[tuple[str, str], int] = {}  # channel and who lacks it -> when that was told last
+        self._own: frozenset[str] = frozenset()
+
+    def own(self, channels: frozenset[int]) -> None:
+        """The driver says which channels of the manager's bus carry nothing here."""
+        before, self._own = self._own, frozenset(f"{self._spec.manager.bus}.{number}" for number in channels)
+        for channel in sorted(self._own - before):
+            self._turn.emit("channel_lost", channel=channel, by=OWN)
+        for channel in sorted(before - self._own):
+            self._turn.emit("channel_back", channel=channel, by=OWN)
+
+    def reported(self, pe: str, emergency: Emergency) -> None:
+        """A PE says that a channel of one of its buses carries nothing, or does so again."""
+        buses = self._spec.pes[pe].buses
+        bus = self._spec.buses[buses[emergency.index]] if emergency.index < len(buses) else None
+        if bus is None or bus.channels == 1 or not 1 <= emergency.detail <= bus.channels:
+            return
+        key = f"{bus.name}.{emergency.detail}", pe
+        if emergency.code is not FaultCode.CHANNEL_LOST:
+            self._forget(key)
+            return
+        if key not in self._told_ns:
+            self._turn.emit("channel_lost", channel=key[0], by=pe)
+        self._told_ns[key] = self._turn.now_ns
+
+    def beat(self) -> None:
+        """Time passes: what nobody repeats is over."""
+        for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > LATEST_NS]:
+            self._forget(key)
+
+    def lost_by(self) -> dict[str, list[str]]:
+        """Who lacks each channel of each replicated bus, in the spec's order."""
+        witnesses = (OWN, *self._spec.pes)
+        return {
+            channel: [by for by in witnesses if (channel, by) in self._told_ns or (by == OWN and channel in self._own)]
+            for bus in self._spec.buses.values()
+            if bus.channels > 1
+            for channel in (f"{bus.name}.{number}" for number in range(1, bus.channels + 1))
+        }
+
+    def _forget(self, key: tuple[str, str]) -> None:
+        if self._told_ns.pop(key, None) is not None:
+            self._turn.emit("channel_back", channel=key[0], by=key[1])

@@ -1,0 +1,67 @@
+"""The numbers of reigns and epochs: each is used by one manager, once.
+
+    terms    manager 126 takes the odd ones, 127 the even ones: a term names its manager, so two of them can never reign
+             in the same one, whatever they have heard of each other
+    epochs   in blocks of EPOCHS_PER_TERM; a reign begins with the block of its term, and takes every second one from
+             there on. So two managers that reign on both sides of a broken bus give no number twice either
+
+An epoch is also newer than any that a PE was seen to run, and than what is remembered to run: whoever is silent may
+hear and drive as before, and believes nothing older. A block is reserved (`memory`) before its first number is used:
+whoever restarts goes on behind all that he may have used. Epochs are counted modulo 2^16 (`is_newer`).
+"""
+
+from heronry_manager.core.memory import EPOCHS, Reserved
+from heronry_manager.core.turn import Turn
+from heronry_wire.errors import HeronryError
+from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.management import MAX_TERM, NO_EPOCH, newest_epoch, next_epoch
+
+EPOCHS_PER_TERM = 16
+_BLOCKS = 0x10000 // EPOCHS_PER_TERM
+
+
+class NoTermError(HeronryError):
+    """All terms have been used; the message says what to do."""
+
+
+def next_term(node: int, highest: int) -> int:
+    """Give the first term above the highest known one that is this manager's; raises NoTermError."""
+    term = highest + 1 + (highest + node - FIRST_MANAGER) % 2
+    if term > MAX_TERM:
+        raise NoTermError(f"there is no term after {highest}; restart the PEs, and remove the manager's journals")
+    return term
+
+
+class EpochNumbers:
+    """Numbers for the epochs of one manager."""
+
+    def __init__(self, turn: Turn) -> None:
+        self._turn = turn
+        self._block: int | None = None  # the one that is being used up
+        self.last = 0  # the newest number that was given, or may have been before a restart
+
+    def begin(self, term: int) -> None:
+        """Start further up for a new reign."""
+        self._block = None
+        self.last = newest_epoch(((term - 1) * EPOCHS_PER_TERM, self._turn.memory.reserved.get(EPOCHS, 0), self.last))
+
+    def next(self, newest_seen: int) -> int:
+        """Give a number that is newer than any before, and than the newest that a PE was seen to run."""
+        runs = self._turn.memory.runs
+        epoch = next_epoch(newest_epoch((self.last, newest_seen, NO_EPOCH if runs is None else runs.epoch)))
+        if (_block_of(epoch) - (self._turn.term - 1)) % 2:
+            epoch = _first_of(_block_of(epoch) + 1)
+        if _block_of(epoch) != self._block:
+            self._block = _block_of(epoch)
+            last = min(_first_of(self._block) + EPOCHS_PER_TERM - 1, 0xFFFF)
+            self._turn.keep(Reserved(EPOCHS, last))
+        self.last = epoch
+        return epoch
+
+
+def _block_of(epoch: int) -> int:
+    return (epoch - 1) // EPOCHS_PER_TERM
+
+
+def _first_of(block: int) -> int:
+    return block % _BLOCKS * EPOCHS_PER_TERM + 1

@@ -1,0 +1,155 @@
+"""How much of each radio may be planned with, as its gateway reports it: less of it is a fault with a number.
+
+A report is noisy, and a plan must not follow noise. So there are steps, and what is planned with is one of them:
+
+    falls    to the largest step that is not above what was reported, once two reports in a row are a tenth below the
+             present step: at once, since queues grow meanwhile
+    rises    once reports have been a twentieth above a higher step for a hold-down: ten heartbeat periods of the radio,
+             twice as many with each fall (up to four times), anew once no fall has come for a minute
+    gone     the gateway hears nothing from beyond: who is there is lost, all at once. From then on, and from the start,
+             until somebody beyond is counted on again, each report sets the step directly: nobody can be interrupted,
+             and who returns finds a plan that fits the radio
+
+Lost: the next report says the same. Late or doubled: its sequence tells, and it is dropped. From another node than the
+gateway: dropped. Forged: see `heronry_wire.gateway_report`. A gateway that is silent says nothing about its radio: the
+step stays, and who is beyond is missed by the heartbeats. A restart forgets all of it, and is told anew by the next.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from heronry_dg.model import Spec
+from heronry_manager.core.health import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
+from heronry_manager.core.topology import Radio, radios
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState, decode_link
+
+STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
+_LATE = 8  # a report that is less than so many behind the last one is late; further, the gateway has started anew
+MOST_DOUBLINGS = 2
+_BELOW, _ABOVE = Fraction(9, 10), Fraction(21, 20)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChange:
+    """What has changed about a radio: `what` is limited, gone or back."""
+
+    what: str
+    radio: Radio
+    step: int
+
+
+@dataclass(slots=True)
+class LinkRecord:
+    """What is known of one radio."""
+
+    radio: Radio
+    period_ns: int
+    step: int = PER_MILLE  # what is planned with
+    gone: bool = False
+    settling: bool = True  # nobody beyond has been counted on since the start, or since it was gone
+    report: LinkReport | None = None
+    low: bool = False  # the last report was below the step
+    rising_since_ns: int | None = None
+    lowest: int = PER_MILLE  # usable, since then
+    falls: int = 0
+    fell_ns: int = 0
+
+    def is_news(self, report: LinkReport) -> bool:
+        """Tell whether a report is newer than the last one."""
+        if self.report is None:
+            return True
+        behind = (self.report.sequence - report.sequence) % SEQUENCES
+        return behind >= _LATE
+
+    def hold_down_ns(self) -> int:
+        """How long more bandwidth must last before it is believed."""
+        return self.period_ns * HOLD_DOWN_PERIODS << min(max(0, self.falls - 1), MOST_DOUBLINGS)
+
+
+class RadioLinks:
+    """Every radio of a spec that a gateway reports on."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.records = {
+            radio.link_id: LinkRecord(radio, spec.buses[radio.bus].heartbeat_ns) for radio in radios(spec).values()
+        }
+        self._gateway_nodes = {one.radio.bus: spec.pes[one.radio.gateway].node_id for one in self.records.values()}
+
+    def limits(self) -> Mapping[str, Fraction]:
+        """Share of each radio that may be planned with, where that is not all of it."""
+        short = (record for record in self.records.values() if record.step < PER_MILLE)
+        return {f"bus:{record.radio.bus}": Fraction(record.step, PER_MILLE) for record in short}
+
+    def restarted(self, gateway: str) -> None:
+        """A gateway was away: it may have started anew, and counts its reports from the beginning."""
+        for record in self.records.values():
+            if record.radio.gateway == gateway:
+                record.report = None
+
+    def heard(self, frame: Frame, now_ns: int, *, anybody_beyond: bool) -> list[LinkChange]:
+        """Take a report; `anybody_beyond`: some PE beyond is counted on."""
+        record = self.records[frame.can_id]
+        report = decode_link(frame.data)
+        if isinstance(report, Malformed) or report.node != self._gateway_nodes[record.radio.bus]:
+            return []
+        if not record.is_news(report):
+            return []
+        record.report = report
+        if report.state is LinkState.GONE:
+            return self._lose(record)
+        changes = []
+        if record.gone:
+            record.gone = False
+            changes.append(LinkChange("back", record.radio, record.step))
+        if anybody_beyond:
+            record.settling = False
+        return [*changes, *self._follow(record, report.usable, now_ns)]
+
+    def _lose(self, record: LinkRecord) -> list[LinkChange]:
+        if record.gone:
+            return []
+        record.gone = record.settling = True
+        record.step = PER_MILLE  # whatever comes back says anew what it has left
+        record.low, record.rising_since_ns = False, None
+        return [LinkChange("gone", record.radio, 0)]
+
+    def _follow(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
+        """Move the step, if it must move."""
+        if record.settling:
+            return self._set(record, _step_below(usable))
+        was_low, record.low = record.low, usable < record.step * _BELOW
+        if record.low:
+            record.rising_since_ns = None
+            return self._fall(record, usable, now_ns) if was_low else []
+        if _step_below(int(usable / _ABOVE)) <= record.step:
+            record.rising_since_ns = None
+            return []
+        return self._rise(record, usable, now_ns)
+
+    def _fall(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
+        forgiven = now_ns - record.fell_ns >= FORGIVEN_AFTER_NS
+        record.falls, record.fell_ns = 1 if forgiven else record.falls + 1, now_ns
+        record.low = False
+        return self._set(record, _step_below(usable))
+
+    def _rise(self, record: LinkRecord, usable: int, now_ns: int) -> list[LinkChange]:
+        if record.rising_since_ns is None:
+            record.rising_since_ns, record.lowest = now_ns, usable
+        record.lowest = min(record.lowest, usable)
+        if now_ns - record.rising_since_ns < record.hold_down_ns():
+            return []
+        record.rising_since_ns = None
+        return self._set(record, _step_below(int(record.lowest / _ABOVE)))
+
+    def _set(self, record: LinkRecord, step: int) -> list[LinkChange]:
+        if step == record.step:
+            return []
+        record.step = step
+        return [LinkChange("limited", record.radio, step)]
+
+
+def _step_below(usable: int) -> int:
+    """Largest step that is not above what can be used; all but a tenth counts as all."""
+    return next(step for step in STEPS if usable >= (step if step < PER_MILLE else PER_MILLE * _BELOW))

@@ -1,0 +1,343 @@
+"""One epoch, from PREPARE to the last ACTIVE: the manager's half of the two phases (rule 4).
+
+    PREPARING   PREPARE and the slices are out; every awaited PE must say that it has staged this epoch's digest
+    BREAKING    ACTIVATE(BREAK) is out; PEs that lose something exclusive must say BROKEN, and the identifiers of
+                PEs that were given up although they speak must have run out
+    GOING       ACTIVATE(GO) or (GO_ALL) is out; every awaited PE must say ACTIVE
+    HOLDING     as GOING, but DEMUX branches wait until a silent PE has certainly stopped; then GO_ALL
+    DONE        every awaited PE is ACTIVE
+                (who is admitted to it later is served all the same)
+    ABANDONED   given up before ACTIVATE: the number is never used again
+
+A step is skipped when there is nothing to wait for. Everything is repeated until it is acknowledged, first after
+a heartbeat period (no answer takes so long where nothing is lost: `reconfiguration_bound` sees to that), then half as
+often each time: a lost frame costs little, a doubled one nothing, and a slow PE is not flooded. One that owes an answer
+for PATIENCE_PERIODS is overdue; the core fails it and plans around it. After the first ACTIVATE there is no way back,
+only on to a newer epoch.
+
+*Awaited* are the PEs counted on that are reached by wire alone. One beyond a radio is served all the same, but nobody
+waits for it, unless it must break first: the air never depends on the ground. It catches up by LEASE.
+
+A configuration that is on board (rule 5) is called by its number, in PREPARE. A PE that holds it needs no more than
+that; where one says that it does not, after all (NOT_ON_BOARD), or another is known not to, its slice follows as ever.
+
+Late or doubled: an answer names its epoch and how far the PE is, and counts once. After a pause of the manager all that
+waited is taken before any patience is held to have run out (`driver`). A restart knows nothing of an epoch on its way:
+who has taken a step of it says so, and the next reign adopts what is clean, or opens another one.
+
+Slices are paced to half the bus, because their identifier outranks all data; a head goes just before its body. PREPARE
+and ACTIVATE are for everybody, and everybody answers them: however many PEs are late, they are repeated once in half a
+heartbeat period.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+
+from heronry_dg.configuration import Configuration
+from heronry_manager.core.compilation import CompiledConfiguration
+from heronry_wire.management import (
+    SLICE_BYTES_PER_FRAME,
+    Activate,
+    PeState,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    Step,
+)
+
+PATIENCE_PERIODS = 25  # heartbeat periods of the PE; one that is silent altogether is declared down long before
+_SLOWEST_RETRY = 8  # as a multiple of the first
+_FRAME_BITS = 135
+_LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late
+
+
+class Stage(Enum):
+    """Where an epoch stands."""
+
+    PREPARING = "preparing"
+    BREAKING = "breaking"
+    GOING = "going"
+    HOLDING = "holding"
+    DONE = "done"
+    ABANDONED = "abandoned"
+
+
+_STEP_OF = {
+    Stage.PREPARING: Step.PREPARED,
+    Stage.BREAKING: Step.BREAK,
+    Stage.HOLDING: Step.GO,
+    Stage.GOING: Step.GO_ALL,
+    Stage.DONE: Step.GO_ALL,
+    Stage.ABANDONED: Step.PREPARED,
+}
+_REACHED = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO_ALL}
+
+
+@dataclass(frozen=True, slots=True)
+class Participant:
+    """A PE counted on when the epoch was opened."""
+
+    pe: str
+    node: int
+    period_ns: int  # of its heartbeat
+    awaited: bool
+    runs_digest: int | None  # of the slice it is known to run: where that differs, the body goes out unasked
+    on_board: bool = False  # it holds this very configuration under its number
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why the system is being reconfigured."""
+
+    what: str
+    known_ns: int
+    since_ns: int  # the last sign of the old state: detect = known - since
+
+
+@dataclass(slots=True)
+class _Progress:
+    who: Participant
+    staged: bool = False
+    step: Step = Step.PREPARED  # the furthest that its state frames have shown
+    wants_body: bool = False
+    needs_slice: bool = True  # PREPARE alone is not enough
+    since_ns: int = 0  # when it was first asked for what it now owes
+    asked_ns: int = 0
+    asked_times: int = 0
+
+    def again_ns(self) -> int:
+        """When to ask again: a period after the first time, later and later after that."""
+        return self.asked_ns + self.who.period_ns * min(1 << max(0, self.asked_times - 1), _SLOWEST_RETRY)
+
+    def owes(self, now_ns: int) -> None:
+        """It has answered: from now on it owes the next thing."""
+        self.since_ns, self.asked_ns, self.asked_times = now_ns, now_ns, 0
+
+    def is_overdue(self, now_ns: int) -> bool:
+        """Tell whether it has been asked for the same thing for too long."""
+        return now_ns >= self.since_ns + PATIENCE_PERIODS * self.who.period_ns
+
+
+@dataclass(slots=True)
+class Times:
+    """Instants of one reconfiguration, nanoseconds on the manager's clock."""
+
+    prepared_ns: int
+    staged_ns: int | None = None
+
+
+@dataclass
+class Reconfiguration:
+    """State of one epoch; `outbox` collects the messages to send."""
+
+    term: int
+    epoch: int
+    configuration: Configuration
+    compiled: CompiledConfiguration
+    placed: dict[str, set[str]]  # exclusive tokens by PE
+    participants: list[Participant]
+    bitrate: int
+    started_ns: int
+    causes: tuple[Cause, ...] = ()
+    stage: Stage = Stage.PREPARING
+    contingency: int = 0  # its number, if it has one
+    outbox: list[Prepare | SliceHead | SliceBody | Activate] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Send PREPARE, and slices where need be; an epoch that is DONE, because it was adopted, needs neither."""
+        self.step = _STEP_OF[self.stage]  # that LEASE repeats
+        self.times = Times(self.started_ns)
+        self.must_break: set[str] = set()
+        self.identifiers_free_ns: int | None = None  # BREAKING waits until then
+        self.demux_free_ns: int | None = None  # HOLDING waits until then
+        self._progress = {
+            p.pe: _Progress(p, wants_body=self._differs(p), needs_slice=not p.on_board) for p in self.participants
+        }
+        self._by_node = {progress.who.node: progress for progress in self._progress.values()}
+        self._paced: deque[SliceHead | SliceBody] = deque()
+        self._next_paced_ns = self.started_ns
+        self._gap_ns = 2 * _FRAME_BITS * 1_000_000_000 // self.bitrate
+        self._repeat_ns = min((p.period_ns for p in self.participants), default=0) // 2
+        self._broadcast_ns = self.started_ns
+        for progress in self._progress.values():
+            progress.owes(self.started_ns)
+        if self.stage is Stage.PREPARING:
+            self._send_prepare()
+            for progress in self._progress.values():
+                self._ask(progress, self.started_ns)
+
+    def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
+        """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
+        progress = self._progress.get(pe)
+        if progress is None:
+            return
+        if has_staged and not progress.staged:
+            progress.staged = True
+            progress.owes(now_ns)
+        elif wants_body and not progress.staged:
+            progress.wants_body = progress.needs_slice = True
+            self._ask(progress, now_ns)
+
+    def not_on_board(self, pe: str, now_ns: int) -> None:
+        """Page 1 of a PE: it does not hold this contingency. If that is news, it gets its slice."""
+        progress = self._progress.get(pe)
+        if progress is not None and not progress.staged and not progress.needs_slice:
+            progress.needs_slice = True
+            self._ask(progress, now_ns)
+
+    def reported(self, pe: str, state: PeState, now_ns: int) -> None:
+        """Page 0 of a PE names this epoch: it has taken a step."""
+        progress = self._progress.get(pe)
+        if progress is None or state is PeState.UNCONFIGURED:
+            return
+        progress.staged = True
+        reached = _REACHED[state]
+        if reached > progress.step:
+            progress.step = reached
+            progress.owes(now_ns)
+
+    def admit(self, who: Participant, now_ns: int) -> None:
+        """Let a PE take part from now on, after the others: it is served until it has caught up, by LEASE."""
+        before = self._progress.get(who.pe)
+        if before is not None and before.step is not Step.GO_ALL:
+            return  # it is being served
+        progress = _Progress(who, wants_body=self._differs(who), needs_slice=not who.on_board)
+        self._progress[who.pe] = self._by_node[who.node] = progress
+        self._send_prepare()
+        progress.owes(now_ns)
+        self._ask(progress, now_ns)
+
+    def drop(self, pe: str) -> None:
+        """A PE is no longer counted on: wait for it no more."""
+        self._progress.pop(pe, None)
+        self.must_break.discard(pe)
+
+    def all_staged(self) -> bool:
+        """Tell whether every awaited PE has staged."""
+        return all(p.staged for p in self._progress.values() if p.who.awaited)
+
+    def all_broken(self) -> bool:
+        """Tell whether every PE that loses something exclusive has stopped it."""
+        return all(self._progress[pe].step >= Step.BREAK for pe in self.must_break)
+
+    def all_active(self) -> bool:
+        """Tell whether every awaited PE has taken the last step."""
+        return all(p.step is Step.GO_ALL for p in self._progress.values() if p.who.awaited)
+
+    def activate(self, must_break: set[str], now_ns: int) -> None:
+        """Everybody has staged: take the first step (there is no way back)."""
+        self.times.staged_ns = now_ns
+        self.must_break = must_break & self._progress.keys()
+        if self.must_break or self.identifiers_free_ns is not None:
+            self._enter(Stage.BREAKING, now_ns)
+        else:
+            self.go(now_ns)
+
+    def go(self, now_ns: int) -> None:
+        """Everything exclusive is free but a DEMUX that a silent PE may still drive: start the rest."""
+        self._enter(Stage.GOING if self.demux_free_ns is None else Stage.HOLDING, now_ns)
+
+    def finish(self) -> None:
+        """Everybody awaited is active."""
+        self._stand_at(Stage.DONE)
+
+    def abandon(self) -> None:
+        """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
+        self._stand_at(Stage.ABANDONED)
+        self._paced.clear()
+        self._progress.clear()
+
+    def tick(self, now_ns: int) -> list[str]:
+        """Repeat what has not been acknowledged; returns the PEs whose patience has run out."""
+        self._pace(now_ns)
+        waiting = self._waiting_for()
+        overdue = [pe for pe, progress in waiting.items() if progress.is_overdue(now_ns)]
+        again = [p for pe, p in waiting.items() if pe not in overdue and now_ns >= p.again_ns()]
+        if again and self._may_repeat(now_ns):
+            if any(not progress.staged for progress in again):
+                self._send_prepare()
+            if any(progress.staged for progress in again):
+                self._send_step()
+        for progress in again:
+            if progress.staged:
+                progress.asked_ns, progress.asked_times = now_ns, progress.asked_times + 1
+            else:
+                self._ask(progress, now_ns)
+        return overdue
+
+    def next_deadline_ns(self) -> int | None:
+        """When `tick` has something to do."""
+        wanted = self.step
+        deadlines = [p.again_ns() for p in self._progress.values() if not p.staged or p.step < wanted]
+        if self._paced:
+            deadlines.append(self._next_paced_ns)
+        if self.stage is Stage.BREAKING and self.identifiers_free_ns is not None:
+            deadlines.append(self.identifiers_free_ns)
+        if self.stage is Stage.HOLDING and self.demux_free_ns is not None:
+            deadlines.append(self.demux_free_ns)
+        return min(deadlines, default=None)
+
+    def _enter(self, stage: Stage, now_ns: int) -> None:
+        """Take a step: everybody owes it from now on."""
+        self._stand_at(stage)
+        self._broadcast_ns = now_ns
+        for progress in self._progress.values():
+            progress.owes(now_ns)
+            progress.asked_times = 1
+        self._send_step()
+
+    def _stand_at(self, stage: Stage) -> None:
+        self.stage, self.step = stage, _STEP_OF[stage]
+
+    def _waiting_for(self) -> dict[str, _Progress]:
+        wanted = self.step
+        return {pe: p for pe, p in self._progress.items() if not p.staged or p.step < wanted}
+
+    def _differs(self, who: Participant) -> bool:
+        return bool(self.compiled.slices[who.node]) and who.runs_digest != self.compiled.slice_digests[who.node]
+
+    def _ask(self, progress: _Progress, now_ns: int) -> None:
+        """Send the head of a slice, and its body if it is wanted; nothing to whom PREPARE is enough."""
+        who = progress.who
+        if not progress.needs_slice:
+            progress.asked_ns = now_ns
+        elif progress.wants_body:
+            if all(frame.node != who.node for frame in self._paced):
+                self._paced += [self._head(who), *self._body(who)]
+            progress.asked_ns = now_ns + len(self._paced) * self._gap_ns
+        else:
+            self.outbox.append(self._head(who))
+            progress.asked_ns = now_ns
+        progress.asked_times += 1
+
+    def _head(self, who: Participant) -> SliceHead:
+        length, digest = len(self.compiled.slices[who.node]), self.compiled.slice_digests[who.node]
+        return SliceHead(who.node, self.epoch & 0xFF, length, digest)
+
+    def _body(self, who: Participant) -> Iterator[SliceBody]:
+        body = self.compiled.slices[who.node]
+        for index, start in enumerate(range(0, len(body), SLICE_BYTES_PER_FRAME), start=1):
+            yield SliceBody(who.node, self.epoch & 0xFF, index, body[start : start + SLICE_BYTES_PER_FRAME])
+
+    def _pace(self, now_ns: int) -> None:
+        self._next_paced_ns = max(self._next_paced_ns, now_ns - _LONGEST_BURST * self._gap_ns)
+        while self._paced and now_ns >= self._next_paced_ns:
+            frame = self._paced.popleft()
+            self.outbox.append(frame)
+            self._next_paced_ns += self._gap_ns
+            self._by_node[frame.node].asked_ns = now_ns  # its answer is due from its last frame on
+
+    def _may_repeat(self, now_ns: int) -> bool:
+        """Tell whether what is for everybody may be said again, and note that it will be."""
+        may = now_ns >= self._broadcast_ns + self._repeat_ns
+        if may:
+            self._broadcast_ns = now_ns
+        return may
+
+    def _send_prepare(self) -> None:
+        self.outbox.append(Prepare(self.term, self.epoch, self.compiled.digest, self.contingency))
+
+    def _send_step(self) -> None:
+        self.outbox.append(Activate(self.term, self.epoch, self.step, self.compiled.digest))

@@ -1,0 +1,31 @@
+"""Modules that failed and were built anew by their PE: told once each, though the PE repeats it until acknowledged.
+
+    unheard    nothing, or another count
+    heard      this PE has said this count of this module, and again within T_lease of its bus: no news
+
+A PE repeats the EMCY in each heartbeat period. Lost, late or doubled: it is told once. Said again after a gap of
+T_lease, it is told again: a PE counts from one anew once it has forgiven a module, or was started anew. Forged: a false
+line in the story. A restart may tell once more what was just told.
+"""
+
+from heronry_dg.model import Spec
+from heronry_manager.core.topology import uplink_bus
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import LEASE_PERIODS
+
+
+class RestartsTold:
+    """What each PE has said last of each module."""
+
+    def __init__(self, spec: Spec, turn: Turn) -> None:
+        self._spec, self._turn = spec, turn
+        self._heard: dict[tuple[str, str], tuple[int, int]] = {}  # by PE and element: the count, and when it was said
+
+    def reported(self, pe: str, element: str, times: int) -> None:
+        """A PE says how often it has built a module anew."""
+        now_ns = self._turn.now_ns
+        lease_ns = LEASE_PERIODS * self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
+        said, at_ns = self._heard.get((pe, element), (0, 0))
+        self._heard[pe, element] = times, now_ns
+        if said != times or now_ns - at_ns > lease_ns:
+            self._turn.emit("module_restarted", element=element, by=pe, times=times)

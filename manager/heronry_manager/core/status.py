@@ -1,0 +1,125 @@
+"""How things stand, as plain data for `heronry status`: what the manager knows, and nothing that it only wishes.
+
+A pure function of the parts of the core. The document is versioned; a later version adds keys and changes none.
+
+    v, spec, spec_digest, phase, epoch, stage
+    manager         node, term, state, advises, planning, journal (what is wrong with it, or null), key (its fingerprint
+                    or null)
+    next            epoch that is being prepared, or null
+    unknown_epoch   newest epoch that PEs run, where this manager does not know what that is: then `epoch` is null; else
+                    this is, and so it is where the manager stands by
+    pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
+                    (null without a key; else is_believed, refused_states, and refused_commands as it says)
+    latched         list of element, by, code, detail, for_ns
+    links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
+                    delivered (per cent), queued, dropped
+    channels        of replicated buses, by name (can0.1): who hears nothing on it
+    functions       by name: wanted, criticality, priority, served, mode, value, why_not (of the plan of the epoch;
+                    where that is not known, served, mode and value are null)
+    buses           by name: bits_per_s and load, as planned
+    unwatched       phases whose rule nobody watches now, because no module that gives its variable runs
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from heronry_dg.model import Function, Spec
+from heronry_dg.plan import Plan
+from heronry_manager.core.authenticity import Authenticity
+from heronry_manager.core.deployment import Deployment
+from heronry_manager.core.health import Health
+from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.radio_links import LinkRecord
+
+VERSION = 1
+
+
+def status(
+    spec: Spec,
+    now_ns: int,
+    *,
+    manager: Mapping[str, Any],
+    health: Health,
+    situation: KnownSituation,
+    deployment: Deployment,
+    unknown_epoch: int | None,
+    authenticity: Authenticity | None = None,
+) -> dict[str, Any]:
+    """Build the document; `manager` is what the core says of itself."""
+    current, plan, phase = deployment.current, deployment.plan, situation.phase
+    return {
+        "v": VERSION,
+        "spec": spec.name,
+        "spec_digest": spec.digest,
+        "manager": dict(manager),
+        "phase": phase,
+        "epoch": None if current is None else current.epoch,
+        "stage": None if current is None else current.stage.value,
+        "next": None if deployment.next is None else deployment.next.epoch,
+        "unknown_epoch": unknown_epoch,
+        "pes": {pe: _pe(pe, now_ns, health, deployment, authenticity) for pe in spec.pes},
+        "latched": [
+            {"element": f.element, "by": f.by, "code": f.code, "detail": f.detail, "for_ns": now_ns - f.since_ns}
+            for f in situation.failed.all()
+        ],
+        "links": {record.radio.bus: _link(record) for record in situation.links.records.values()},
+        "channels": situation.channels.lost_by(),
+        "functions": {f.name: _function(f, phase, plan, unknown_epoch) for f in spec.functions.values()},
+        "buses": {} if plan is None else plan.document()["buses"],
+        "unwatched": list(_unwatched(spec, plan)),
+    }
+
+
+def _pe(
+    pe: str, now_ns: int, health: Health, deployment: Deployment, authenticity: Authenticity | None
+) -> dict[str, Any]:
+    seen = deployment.seen(pe)
+    return {
+        "state": health.standing(pe).value,
+        "why": health.cause(pe),
+        "epoch": seen.epoch or None,
+        "runs": seen.state.name,
+        "losses": health.losses(pe),
+        "held_down_for_ns": health.held_down_for_ns(pe, now_ns),
+        "authentic": None if authenticity is None else authenticity.status(pe),
+    }
+
+
+def _link(record: LinkRecord) -> dict[str, Any]:
+    report = record.report
+    if report is None:
+        return {"state": "unheard", "limit": record.step, "usable": None, "delivered": None, "queued": 0, "dropped": 0}
+    return {
+        "state": report.state.name.lower(),
+        "limit": record.step,
+        "usable": report.usable,
+        "delivered": report.delivered,
+        "queued": report.queued,
+        "dropped": report.dropped,
+    }
+
+
+def _function(function: Function, phase: str | None, plan: Plan | None, unknown_epoch: int | None) -> dict[str, Any]:
+    report = plan.functions[function.name] if plan is not None else None
+    known, why_not = True, "nothing runs yet"
+    if unknown_epoch is not None:
+        known, why_not = False, f"epoch {unknown_epoch} runs, which this manager does not know"
+    return {
+        "wanted": function.priority_in(phase) > 0,
+        "criticality": function.criticality_in(phase),
+        "priority": function.priority_in(phase),
+        "served": (report is not None and report.served) if known else None,
+        "mode": None if report is None else report.mode,
+        "value": (0 if report is None else report.value) if known else None,
+        "why_not": why_not if report is None else report.why_not,
+    }
+
+
+def _unwatched(spec: Spec, plan: Plan | None) -> Iterator[str]:
+    if plan is None:
+        return
+    running = plan.configuration
+    given = {variable for module in running.modules for variable in running.mode(spec, module).gives}
+    for phase in spec.phases.values():
+        if phase.when is not None and phase.when.variable not in given:
+            yield phase.name

@@ -1,0 +1,62 @@
+"""One call of the manager's core: when it is, and what has been asked for so far.
+
+The parts that act share the turn instead of handing a time and a list through every call. What is held from one call to
+the next is the same for all of them: the time, the term of this reign, what is remembered over a restart, and the last
+kinds of events, which tell a broken invariant's story.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from heronry_manager.core.events import event as make_event
+from heronry_manager.core.memory import NOTHING, Memory, Record
+from heronry_manager.core.vocabulary import Emit, Keep, ManagerAction
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, management_id
+from heronry_wire.sansio import Send
+
+_RECENT_EVENTS = 40
+
+
+class Encodable(Protocol):
+    """A message of `heronry_wire.management`."""
+
+    def encode(self) -> bytes:
+        """Payload of the frame."""
+
+
+class Turn:
+    """The call being served, of manager `node`; a `silent` one says nothing on the bus, and remembers nothing."""
+
+    def __init__(self, node: int, now_ns: int, *, term: int, memory: Memory = NOTHING, silent: bool = False) -> None:
+        self.node, self.term, self.memory = node, term, memory
+        self.silent = silent
+        self.now_ns = now_ns
+        self.recent: deque[str] = deque(maxlen=_RECENT_EVENTS)
+        self.seal: Callable[[list[ManagerAction]], list[ManagerAction]] | None = None  # what a key adds to them
+        self._actions: list[ManagerAction] = []
+
+    def ask(self, *actions: ManagerAction) -> None:
+        """Ask for something to be done."""
+        self._actions += [action for action in actions if not (self.silent and isinstance(action, Send))]
+
+    def send(self, command: Command, message: Encodable) -> None:
+        """Send a command to everybody on the bus."""
+        self.ask(Send(0, Frame(management_id(self.node, command), message.encode())))
+
+    def keep(self, record: Record) -> None:
+        """Remember something, over a restart too."""
+        if not self.silent:
+            self.memory = self.memory.after(record)
+            self.ask(Keep(record))
+
+    def emit(self, kind: str, **data: Any) -> None:
+        """Tell the stream of events."""
+        self.recent.append(f"{self.now_ns} {kind}")
+        self.ask(Emit(make_event(kind, self.now_ns, **data)))
+
+    def end(self) -> list[ManagerAction]:
+        """Give all that was asked for, in order."""
+        actions, self._actions = self._actions, []
+        return actions if self.seal is None else self.seal(actions)

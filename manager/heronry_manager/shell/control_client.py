@@ -1,0 +1,47 @@
+"""An operator's call to a running manager: one order, one answer."""
+
+import socket
+from pathlib import Path
+
+from heronry_manager.core.vocabulary import Order
+from heronry_manager.shell.control_place import ControlError, checked_length, default_folder, default_socket
+from heronry_manager.shell.control_protocol import Answer, order_line, read_answer
+
+PATIENCE_S = 5.0  # a manager answers within a turn of its loop; one that is stopped never does
+
+
+def call(path: Path, order: Order) -> Answer:
+    """Give an order to the manager on a socket; raises ControlError where nobody answers."""
+    checked_length(path)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(PATIENCE_S)
+        try:
+            line.connect(str(path))
+            line.sendall(order_line(order))
+            with line.makefile("rb") as replies:
+                answer = read_answer(replies.readline())
+        except TimeoutError:
+            raise ControlError(f"the manager on {path} does not answer within {PATIENCE_S:.0f} s: it hangs") from None
+        except (FileNotFoundError, ConnectionError):
+            raise ControlError(f"no manager listens on {path}: start one with 'heronry manager SPEC'") from None
+        except OSError as error:
+            raise ControlError(f"{path}: {error.strerror}") from error
+    if answer is None:
+        raise ControlError(f"what answers on {path} is no manager of this version of heronry")
+    return answer
+
+
+def find_socket(spec_name: str | None) -> Path:
+    """Socket of the manager of a spec; of the only one there is, where none is named. Raises ControlError."""
+    if spec_name is not None:
+        return default_socket(spec_name)
+    found = sorted(default_folder().glob("*.sock"))
+    if not found:
+        raise ControlError(
+            f"no manager runs here: there is no socket in {default_folder()}; start one with 'heronry manager SPEC', "
+            "or name its socket with --socket"
+        )
+    if len(found) > 1:
+        names = ", ".join(file.stem for file in found)
+        raise ControlError(f"there are {len(found)} managers: {names}; say which one with --of NAME")
+    return found[0]

@@ -1,0 +1,91 @@
+"""What an operator's command and a running manager say to each other: one JSON object a line, in both directions.
+
+    {"v": 1, "do": "status"}                        {"v": 1, "done": true, "sentence": "", "status": {...}}
+    {"v": 1, "do": "phase", "what": "glide"}        {"v": 1, "done": true, "sentence": "the phase is glide from now on"}
+    {"v": 1, "do": "fail", "what": "pe:nav"}        {"v": 1, "done": false, "sentence": "no pe is named 'nav'; ..."}
+    {"v": 1, "do": "clear", "what": "device:gps"}
+    {"v": 1, "do": "unlock", "what": "pe:nav"}
+
+Every request has one reply, in the order of the requests. A line that cannot be read is answered with why.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement, Order, UnlockPe
+
+VERSION = 1
+LONGEST_ORDER_BYTES = 4096
+
+_WITH_WHAT: Mapping[str, type[EnterPhase | FailElement | ClearElement | UnlockPe]] = {
+    "phase": EnterPhase,
+    "fail": FailElement,
+    "clear": ClearElement,
+    "unlock": UnlockPe,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A reply as it travels."""
+
+    done: bool
+    sentence: str
+    status: Mapping[str, Any] | None = None
+
+
+def order_line(order: Order) -> bytes:
+    """Write a request."""
+    match order:
+        case AskStatus():
+            return _line({"v": VERSION, "do": "status"})
+        case EnterPhase(phase):
+            return _line({"v": VERSION, "do": "phase", "what": phase})
+        case FailElement(element):
+            return _line({"v": VERSION, "do": "fail", "what": element})
+        case ClearElement(element):
+            return _line({"v": VERSION, "do": "clear", "what": element})
+        case UnlockPe(element):
+            return _line({"v": VERSION, "do": "unlock", "what": element})
+
+
+def read_order(line: bytes) -> Order | str:
+    """Read a request, or give a sentence about what is wrong with it."""
+    match _fields(line):
+        case {"v": int(version)} if version != VERSION:
+            return f"this manager speaks version {VERSION} of the control protocol, not {version}: use one heronry"
+        case {"v": _, "do": "status"}:
+            return AskStatus()
+        case {"v": _, "do": str(do), "what": str(what)} if do in _WITH_WHAT:
+            return _WITH_WHAT[do](what)
+        case _:
+            return 'this is no order; write for example {"v": 1, "do": "status"}'
+
+
+def answer_line(answer: Answer) -> bytes:
+    """Write a reply."""
+    status = {} if answer.status is None else {"status": answer.status}
+    return _line({"v": VERSION, "done": answer.done, "sentence": answer.sentence, **status})
+
+
+def read_answer(line: bytes) -> Answer | None:
+    """Read a reply; None where it is none."""
+    match _fields(line):
+        case {"v": 1, "done": bool(done), "sentence": str(sentence), **rest}:
+            status = rest.get("status")
+            return Answer(done, sentence, status if isinstance(status, dict) else None)
+        case _:
+            return None
+
+
+def _line(fields: Mapping[str, object]) -> bytes:
+    return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
+
+
+def _fields(line: bytes) -> object:
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        return None

@@ -1,0 +1,159 @@
+"""The operator's way in: a UNIX-domain socket of the running manager, read by the driver's loop. It blocks nowhere.
+
+A lock beside the socket says who listens: it is held for as long as the process lives and is let go of by the kernel
+however that ends. Who gets the lock takes the socket's place, whether one was left behind (SIGKILL) or not; who does
+not is the second manager, and is told so. The socket can be opened by its owner alone, and the kernel is asked who
+calls: the owner, or root.
+
+A caller that says too much without a line break, or does not take its answer, is dropped; so is one more than
+MOST_CALLERS. Nobody else notices.
+"""
+
+import contextlib
+import fcntl
+import os
+import select
+import socket
+import struct
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from heronry_manager.core.vocabulary import OperatorSaid, Reply
+from heronry_manager.shell.control_place import ControlError, checked_length, owned_folder
+from heronry_manager.shell.control_protocol import LONGEST_ORDER_BYTES, Answer, answer_line, read_order
+
+MOST_CALLERS = 16
+_CREDENTIALS = struct.Struct("3i")  # process, user, group: man 7 unix, SO_PEERCRED
+
+
+class ControlSocket:
+    """Listens on a path."""
+
+    def __init__(self, path: Path) -> None:
+        """Listen; raises ControlError where another manager does, or nobody can."""
+        self.path = checked_length(path)
+        self._lock = _locked(owned_folder(path.parent) / f"{path.name}.lock")
+        self._callers: dict[socket.socket, bytes] = {}  # and what they have said of the next line
+        self._asked: dict[int, socket.socket] = {}
+        self._number = 0
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._listen()
+        except OSError as error:
+            self.close()
+            raise ControlError(f"{path}: {error.strerror}; name another socket with --socket") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.path.unlink(missing_ok=True)
+        self.close()
+
+    def readers(self) -> list[socket.socket]:
+        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        return [self._listener, *self._callers]
+
+    def poll(self) -> list[OperatorSaid]:
+        """Take what has been said, without waiting; what cannot be understood is answered at once."""
+        ready, _, _ = select.select(self.readers(), [], [], 0)
+        said = []
+        for one in ready:
+            if one is self._listener:
+                self._let_in()
+            else:
+                said += self._hear(one)
+        return said
+
+    def answer(self, reply: Reply) -> None:
+        """Answer an order; who has hung up is not there to hear it."""
+        caller = self._asked.pop(reply.number, None)
+        if caller in self._callers:
+            self._tell(caller, Answer(reply.done, reply.sentence, reply.status))
+
+    def close(self) -> None:
+        """Hang up."""
+        for one in self.readers():
+            one.close()
+        self._callers.clear()
+        self._lock.close()
+
+    def _listen(self) -> None:
+        self.path.unlink(missing_ok=True)
+        before = os.umask(0o177)
+        try:
+            self._listener.bind(str(self.path))
+        finally:
+            os.umask(before)
+        self._listener.setblocking(False)
+        self._listener.listen()
+
+    def _let_in(self) -> None:
+        with contextlib.suppress(OSError):  # it may have hung up already
+            caller, _ = self._listener.accept()
+            caller.setblocking(False)
+            credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            if _CREDENTIALS.unpack(credentials)[1] in (0, os.getuid()) and len(self._callers) < MOST_CALLERS:
+                self._callers[caller] = b""
+            else:
+                caller.close()
+
+    def _hear(self, caller: socket.socket) -> list[OperatorSaid]:
+        try:
+            chunk = caller.recv(LONGEST_ORDER_BYTES)
+        except OSError:
+            chunk = b""
+        *lines, rest = (self._callers[caller] + chunk).split(b"\n")
+        self._callers[caller] = rest
+        said = [one for line in lines if (one := self._understood(caller, line)) is not None]
+        if not chunk or len(rest) > LONGEST_ORDER_BYTES:
+            self._drop(caller)
+        return said
+
+    def _understood(self, caller: socket.socket, line: bytes) -> OperatorSaid | None:
+        order = read_order(line)
+        if isinstance(order, str):
+            self._tell(caller, Answer(done=False, sentence=order))
+            return None
+        self._number += 1
+        self._asked[self._number] = caller
+        return OperatorSaid(self._number, order)
+
+    def _tell(self, caller: socket.socket, answer: Answer) -> None:
+        line = answer_line(answer)
+        try:
+            sent = caller.send(line)
+        except OSError:
+            sent = 0
+        if sent < len(line):  # it does not read what it is told
+            self._drop(caller)
+
+    def _drop(self, caller: socket.socket) -> None:
+        if self._callers.pop(caller, None) is not None:
+            caller.close()
+            self._asked = {number: one for number, one in self._asked.items() if one is not caller}
+
+
+def _locked(file: Path) -> IO[str]:
+    """Take the lock and keep it for as long as the file is open; raises ControlError where somebody has it."""
+    try:
+        lock = file.open("a+")
+    except OSError as error:
+        raise ControlError(f"{file}: {error.strerror}; name another socket with --socket") from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.seek(0)
+        owner = lock.read(20).strip() or "unknown"
+        lock.close()
+        where = file.with_suffix("")
+        raise ControlError(
+            f"a manager (process {owner}) listens on {where} already: stop it, or give this one another with --socket"
+        ) from None
+    lock.truncate(0)
+    lock.write(f"{os.getpid()}\n")
+    lock.flush()
+    return lock

@@ -1,0 +1,197 @@
+"""The manager's thin shell: one bus, one planner process, one operator's socket, one select loop.
+
+Order of a turn: everything that has arrived (frames, answers of the planner, the operator's words) goes into the core
+before a deadline may pass, so that what this process slept through is not taken for silence of the others. Time is
+CLOCK_MONOTONIC.
+
+While the bus is lost (`heronry_wire.link` gets it back) the core's clock stands still: a manager that is deaf must not
+take that for the silence of all PEs. It goes on where it was, with its term and what the operator told it: PEs that did
+so too are as it knew them, one that was restarted says so, and a manager that took over has a higher term.
+
+Ends: when the core says Stop, when `stop` is called (a signal), or, with `until_eof`, when standard input ends because
+whoever started the manager is gone.
+"""
+
+import os
+import select
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from heronry_manager.core.events import event
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.vocabulary import (
+    AliveLeft,
+    ChannelsLost,
+    Emit,
+    JournalTold,
+    Keep,
+    ManagerAction,
+    ManagerEvent,
+    Reply,
+    RequestPlan,
+    Settled,
+    Stop,
+)
+from heronry_manager.planner.foresight import Foresight
+from heronry_manager.shell.control_socket import ControlSocket
+from heronry_manager.shell.journal import Journal
+from heronry_wire.frame import Frame
+from heronry_wire.identification import REQUEST_ID
+from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink
+from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.service_manager import ServiceManager
+
+# What the manager listens to: commands, EMCY and states, and the echoes of what it sends; no data, which is most of
+# the traffic. (A driver's filter holds back echoes too.)
+FILTERS = (
+    {"can_id": REQUEST_ID, "can_mask": 0x7FE, "extended": False},  # 128 and 129: node services, channel 0
+    {"can_id": 0x0C0, "can_mask": 0x7C0, "extended": False},  # 192..255
+    {"can_id": 0x100, "can_mask": 0x7C0, "extended": False},  # 256..319
+    *({"can_id": heartbeat_id(node), "can_mask": 0x7FF, "extended": False} for node in MANAGER_NODES),
+)
+_BURSTS = 16  # bursts of frames taken in one turn, so that a flood cannot stop the timers
+
+Emitter = Callable[[dict[str, Any]], None]
+
+
+class ManagerDriver:
+    """Runs a core on a link."""
+
+    def __init__(
+        self,
+        core: ManagerCore,
+        link: AnyLink,
+        foresight: Foresight,
+        control: ControlSocket,
+        *,
+        journal: Journal | None,
+        service: ServiceManager,
+        emit: Emitter,
+    ) -> None:
+        """`emit` gets every event of the stream as it happens; without a journal nothing is kept."""
+        self._core, self._link, self._foresight, self._control = core, link, foresight, control
+        self._emit, self._service, self._journal = emit, service, journal
+        self._journal_problem: str | None = None
+        self._stood_still_ns = 0  # so far is the core's clock behind
+        self._frozen_ns: int | None = None  # what it says while the bus is lost
+        self._lost_channels: frozenset[int] = frozenset()  # as the core was told
+        self._said: deque[Frame] = deque()  # ALIVEs that are on the bus, and the core does not know it yet
+        self._link.on_departure = self._departed
+        self._stop_reason: str | None = None
+        self._stopping = False
+
+    def stop(self) -> None:
+        """End the loop at its next turn; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self, *, until_eof: bool) -> str | None:
+        """Reign until stopped; gives the reason when the core stopped by itself."""
+        while not self._stopping and self._stop_reason is None:
+            readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
+            readers += [*self._foresight.readers(), *self._control.readers()]
+            ready, _, _ = select.select(readers, [], [], self._wait_s())
+            if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
+                break
+            self._take_frames()
+            for answer in self._foresight.poll():
+                self._step(answer)
+            for said in self._control.poll():
+                self._step(said)
+            deadline_ns = self._core.next_deadline_ns()
+            if deadline_ns is not None and self._now_ns() >= deadline_ns and self._frozen_ns is None:
+                self._step(Tick())
+                self._service.lives(time.monotonic_ns())
+            self._link.pump(time.monotonic_ns())
+            self._look_at_link()
+            self._look_after_journal()
+        return self._stop_reason
+
+    def _look_after_journal(self) -> None:
+        """Bring what was written to the disk once every frame is out; tell the core what becomes of it."""
+        if self._journal is None:
+            return
+        if self._link.nothing_waits:
+            self._journal.sync()
+        if self._journal.problem != self._journal_problem:
+            self._journal_problem = self._journal.problem
+            self._step(JournalTold(self._journal_problem))
+
+    def _wait_s(self) -> float | None:
+        deadlines = [self._link.next_deadline_ns()]
+        core_ns = self._core.next_deadline_ns()
+        if core_ns is not None and self._frozen_ns is None:
+            deadlines.append(core_ns + self._stood_still_ns)
+        waits_ns = [deadline_ns - time.monotonic_ns() for deadline_ns in deadlines if deadline_ns is not None]
+        return max(0, min(waits_ns)) / 1e9 if waits_ns else None
+
+    def _now_ns(self) -> int:
+        """Time on the core's clock."""
+        return time.monotonic_ns() - self._stood_still_ns if self._frozen_ns is None else self._frozen_ns
+
+    def _look_at_link(self) -> None:
+        """Tell what has befallen the bus; stop the core's clock while it is lost."""
+        for sentence in self._link.take_news():
+            self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
+            self._service.status(sentence)
+        is_lost = self._link.off_since_ns is not None
+        if is_lost and self._frozen_ns is None:
+            self._frozen_ns = self._now_ns()
+        elif not is_lost and self._frozen_ns is not None:
+            self._stood_still_ns, self._frozen_ns = time.monotonic_ns() - self._frozen_ns, None
+        if isinstance(self._link, ReplicatedLink):
+            self._compare_channels(self._link.lost_channels(time.monotonic_ns()))
+        if is_lost:
+            self._service.lives(time.monotonic_ns())  # it speaks again with the bus
+
+    def _compare_channels(self, lost: frozenset[int]) -> None:
+        if lost != self._lost_channels:
+            self._lost_channels = lost
+            self._step(ChannelsLost(lost))
+
+    def _take_frames(self) -> None:
+        for _ in range(_BURSTS):
+            arrivals = self._link.receive(time.monotonic_ns())
+            for _, frame in arrivals:
+                self._step(Received(0, frame))
+            while self._said:
+                self._step(AliveLeft(self._said.popleft()))
+            if not arrivals:
+                return
+
+    def _departed(self, frame: Frame, _now_ns: int, _took_ns: int) -> None:
+        """A frame is on the bus; this may be in the middle of a step."""
+        if frame.can_id == self._core.alive_id:
+            self._said.append(frame)
+
+    def _step(self, happened: ManagerEvent) -> None:
+        self._carry_out(self._core.step(self._now_ns(), happened))
+
+    def _carry_out(self, actions: list[ManagerAction]) -> None:
+        """Do them in order; a plan that is there at once is news for the core only when all of them are done."""
+        answers = []
+        for action in actions:
+            match action:
+                case Send(frame=frame):
+                    now_ns = time.monotonic_ns()
+                    self._link.send(frame, now_ns, now_ns + self._core.lease_ns)
+                case RequestPlan():
+                    answer = self._foresight.request(action)
+                    if answer is not None:
+                        answers.append(answer)
+                case Settled(down, phase, running, limits):
+                    self._foresight.settled(down, phase, running, limits)
+                case Emit(told):
+                    self._emit(told)
+                case Keep(record):
+                    if self._journal is not None:
+                        self._journal.write(record)
+                case Reply():
+                    self._control.answer(action)
+                case Stop(reason):
+                    self._stop_reason = reason
+        for known in answers:
+            self._step(known)

@@ -1,0 +1,235 @@
+"""The manager's journal: its memory on disk, so that a kill at any byte loses nothing that matters.
+
+    STATE_DIR/manager-NODE.journal      lines of `checked_lines`, only ever appended; replaced as a whole when it is
+                                        opened and when it has grown long
+
+Each line is `[number, kind, fields...]`; number 0 is the head (format, name and digest of the spec), the others are
+records of `memory`, numbered in turn. *Every line is written twice*, with an empty line between the copies: a single
+bit that has changed on the disk, be it a line break, leaves one copy of every record. What is not whole in either copy
+ends the facts there, so that what is remembered is always something that was once true; the numbers (terms, blocks of
+epochs or counters) are taken from whatever line is whole, before the damage or behind it: they only rise.
+
+To reserve numbers that must never be used twice, say `Keep(Reserved(kind, last))` before the first frame that uses one
+of the block: it is fsynced before anything that comes after it in the same list of actions is sent. After a restart
+`memory.reserved[kind]` is the last number that may have been used.
+
+When is what on disk?
+
+    terms, blocks of numbers   fsynced before `write` returns, hence before any later frame
+    facts                      given to the kernel by `write` (a kill of the manager loses nothing), fsynced by `sync`,
+                               which the driver calls when its frames are out
+    the whole file             a draft is fsynced, takes the old one's place, and the folder is fsynced
+
+A disk that is full or read-only stops nobody: `problem` tells, the memory goes on without it, and every later write
+tries to put down all of it anew. Until it succeeds a restart may begin a term or a block a second time.
+
+A journal belongs to one spec. Where the spec has changed the manager does not start until it is told to: then the
+numbers stay, and the facts, which speak of another aircraft, go. One manager at a time may write it: a lock beside it,
+which goes with the process, sees to that.
+"""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from heronry_dg.model import Spec
+from heronry_manager.core.checked_lines import DAMAGED, checked_line, line_content
+from heronry_manager.core.memory import NOTHING, Memory, Record, as_json, from_json, is_number
+from heronry_wire.errors import HeronryError
+
+_FORMAT = 1
+_LONGEST_BYTES = 64 * 1024
+
+
+class JournalError(HeronryError):
+    """The journal cannot be used; the message is one sentence with the remedy."""
+
+
+def written(number: int, content: list[str | int]) -> bytes:
+    """Both copies of one line."""
+    line = checked_line([number, *content])
+    return line + b"\n" + line
+
+
+def whole_journal(spec: Spec, memory: Memory) -> bytes:
+    """Shortest journal that holds this memory."""
+    contents = [_head(spec), *map(as_json, memory.records())]
+    return b"".join(written(number, content) for number, content in enumerate(contents))
+
+
+def recovered(data: bytes) -> tuple[Memory, str | None]:
+    """Read a journal, damaged or not: the memory, and the digest of its spec (None: that cannot be read)."""
+    contents = dict(_whole_lines(data))
+    first_missing = next(number for number in range(len(contents) + 1) if number not in contents)
+    facts, numbers = NOTHING, NOTHING
+    for number, content in sorted(contents.items()):
+        record = from_json(content)
+        if record is not None and is_number(record):
+            numbers = numbers.after(record)
+        elif record is not None and number < first_missing:
+            facts = facts.after(record)
+    memory = replace(facts, term=numbers.term, reserved=numbers.reserved)
+    match contents.get(0):
+        case ["journal", int(), str(), str(digest)]:
+            return memory, digest
+        case _:
+            return memory, None
+
+
+def _head(spec: Spec) -> list[str | int]:
+    return ["journal", _FORMAT, spec.name, spec.digest]
+
+
+def _whole_lines(data: bytes) -> Iterator[tuple[int, list[object]]]:
+    for line in data.split(b"\n"):
+        match line_content(line + b"\n") if line else DAMAGED:
+            case [int(number), *content] if number >= 0:
+                yield number, content
+            case _:
+                pass
+
+
+class Journal:
+    """The journal of one manager, open for writing; `memory` is what it holds, or would if the disk let it."""
+
+    def __init__(self, folder: Path, node: int, spec: Spec, *, accept_changed_spec: bool = False) -> None:
+        """Open or begin it; raises JournalError."""
+        self.file = folder / f"manager-{node}.journal"
+        self.memory = NOTHING
+        self.problem: str | None = None
+        self._spec = spec
+        self._stream = self._lock = -1
+        self._next_number, self._bytes = 0, 0
+        self._is_synced = True
+        self._lock_it(folder)
+        try:
+            self._read(accept_changed_spec=accept_changed_spec)
+        except JournalError:
+            self.close()
+            raise
+        self._put_down()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write(self, record: Record) -> None:
+        """Take a record; `problem` tells afterwards whether the disk has it."""
+        self.memory = self.memory.after(record)
+        if self.problem is not None or self._bytes > _LONGEST_BYTES:
+            self._put_down()
+            return
+        try:
+            self._append(written(self._next_number, as_json(record)))
+            self._next_number += 1
+            self._is_synced = False
+            if is_number(record):
+                os.fsync(self._stream)
+                self._is_synced = True
+        except OSError as error:
+            self._fail(error)
+
+    def sync(self) -> None:
+        """Bring what was written to the disk itself."""
+        if self._is_synced or self.problem is not None:
+            return
+        try:
+            os.fsync(self._stream)
+            self._is_synced = True
+        except OSError as error:
+            self._fail(error)
+
+    def close(self) -> None:
+        """Write down the rest and let go of it."""
+        self.sync()
+        for descriptor in (self._stream, self._lock):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._stream = self._lock = -1
+
+    def _lock_it(self, folder: Path) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(self.file.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError:
+            return  # `_put_down` will tell what is wrong with the folder
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(self._lock)
+            raise JournalError(
+                f"{self.file} is kept by another manager; stop that one, or name another folder with --state-dir"
+            ) from None
+
+    def _read(self, *, accept_changed_spec: bool) -> None:
+        try:
+            data = self.file.read_bytes()
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise JournalError(
+                f"{self.file}: {error.strerror}; make it readable, or name another folder with --state-dir"
+            ) from error
+        self.memory, digest = recovered(data)
+        if digest is None and self.memory == NOTHING:
+            raise JournalError(
+                f"{self.file} is no manager's journal; remove it, and restart the PEs, which then begin at term 1 too"
+            )
+        if digest == self._spec.digest:
+            return
+        if digest is not None and not accept_changed_spec:
+            raise JournalError(
+                f"spec {self._spec.name} has changed since {self.file} was begun (its digest was {digest[:12]}, and is "
+                f"{self._spec.digest[:12]}); fly the old one, or begin anew with this one: --changed-spec"
+            )
+        self.memory = self.memory.numbers()
+
+    def _put_down(self) -> None:
+        """Write all of it to a new file, which takes the old one's place."""
+        data, draft = whole_journal(self._spec, self.memory), self.file.with_suffix(".new")
+        stream = -1
+        try:
+            stream = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+            _write_all(stream, data)
+            os.fsync(stream)
+            draft.replace(self.file)
+            _sync_folder(self.file.parent)
+        except OSError as error:
+            if stream >= 0:
+                os.close(stream)
+            self._fail(error)
+            return
+        if self._stream >= 0:
+            os.close(self._stream)
+        self._stream, self._bytes = stream, len(data)
+        self._next_number = 1 + len(self.memory.records())
+        self.problem, self._is_synced = None, True
+
+    def _append(self, data: bytes) -> None:
+        _write_all(self._stream, data)
+        self._bytes += len(data)
+
+    def _fail(self, error: OSError) -> None:
+        self.problem = f"{self.file}: {error.strerror}; a restart may not know what happens from now on"
+
+
+def _write_all(stream: int, data: bytes) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(stream, rest) :]
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,157 @@
+"""What a PE is to tools of other people: a CANopen node (CiA 301) that CANaerospace tools can ask, too.
+
+Its parts decide, each in its own file: boot-up, heartbeat and NMT (`network_management`), SDO (`sdo_server`, with
+`object_dictionary` and `pe_objects` behind it), node services (`node_services`). This file takes their frames to them
+and hands on what they say. Nothing of it is needed to fly: what a PE runs is decided elsewhere, and goes on whatever
+happens here.
+
+SDO and NMT are heard on the uplink alone, as all commands are. With a key, NMT commands and writing by SDO wait for an
+UNLOCK (`authenticity`); a transfer that began before it ran out comes to its end.
+
+SDO outranks some of the data, so it is held back. While this PE runs nothing, an upload by block takes half of the bus;
+once it has been configured, all SDO with it takes a tenth. A request that comes sooner waits here for its turn: a few,
+since some need no answer and the next follows at once. What more comes of a client that does not wait is dropped.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from heronry_agent.core.network_management import Heeded, NetworkManagement, NmtState
+from heronry_agent.core.node_services import NodeServices
+from heronry_agent.core.object_dictionary import Locked
+from heronry_agent.core.pe_objects import Parts, PeObjects
+from heronry_agent.core.sdo_server import SdoServer
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identification import REQUEST_ID
+from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id
+from heronry_wire.management import NO_EPOCH
+from heronry_wire.sansio import NEVER_NS, Received, Send
+from heronry_wire.sdo import MESSAGE_BYTES
+from heronry_wire.timing import worst_bits
+
+_NS_PER_S = 1_000_000_000
+_DESK_SHARE, _FLIGHT_SHARE = 2, 10  # of the bus: SDO takes this part of it
+_MOST_HELD = 4
+
+
+class CanopenNode:
+    """The CANopen and CANaerospace services of one PE; `next_ns` is when to call `tick`."""
+
+    def __init__(self, parts: Parts) -> None:
+        turn, index = self._turn, self._index = parts.turn, parts.index
+        self._reign, self._reconfiguration, self._modules = parts.reign, parts.reconfiguration, parts.modules
+        self._authenticity = parts.authenticity
+        port = index.table.ports[index.uplink]
+        self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
+        self._services = NodeServices(index.node, port.heartbeat_ns, self._network)
+        objects = PeObjects(parts, self._network, self._services)
+        self._frame_ns = worst_bits(MESSAGE_BYTES) * _NS_PER_S // port.bitrate
+        self._sdo = SdoServer(Locked(objects.dictionary(), self._locked), _DESK_SHARE * self._frame_ns)
+        self._held: deque[bytes] = deque()  # requests that wait for their turn
+        self._turn_ns = turn.now_ns  # when the next one has its
+        self.next_ns = turn.now_ns
+        self._sdo_answer_id = sdo_response_id(index.node)
+
+    @property
+    def booted(self) -> bool:
+        """Tell whether boot-up has been said."""
+        return self._network.booted
+
+    def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
+        """Give what takes the frames of each identifier."""
+        yield NMT_ID, partial(self._take, self._nmt)
+        yield sdo_request_id(self._index.node), partial(self._take, self._request)
+        yield REQUEST_ID, partial(self._take, self._asked)
+
+    def tick(self) -> None:
+        """Say what is due."""
+        turn = self._turn
+        turn.out += self._network.tick(turn.now_ns, configured=self._configured(), led=self._led())
+        answers, says_state = self._services.tick(turn.now_ns)
+        turn.out += answers
+        turn.wants_page_0 |= says_state
+        turn.wants_page_1 |= says_state
+        if self._held and turn.now_ns >= self._turn_ns:
+            self._serve(self._held.popleft())
+        else:
+            self._say(self._sdo.tick(turn.now_ns))
+        self._find_next()
+
+    def _take(self, handle: Callable[[Received], None], event: Received) -> None:
+        handle(event)
+        self._find_next()
+
+    def _find_next(self) -> None:
+        held_ns = self._turn_ns if self._held else NEVER_NS
+        self.next_ns = min(self._network.next_ns, self._services.next_ns, self._sdo.next_ns, held_ns)
+
+    def _configured(self) -> bool:
+        return self._reconfiguration.running.epoch != NO_EPOCH
+
+    def _led(self) -> bool:
+        """Tell whether a manager is heard that has not unlocked this PE."""
+        is_unlocked = self._authenticity is not None and self._authenticity.is_open
+        return self._reign.hears_lease(self._turn.now_ns) and not is_unlocked
+
+    def _locked(self) -> bool:
+        return self._authenticity is not None and not self._authenticity.is_open
+
+    def _nmt(self, event: Received) -> None:
+        if self._is_from_beyond(event):
+            return
+        if self._locked():
+            self._turn.count("NMT command without an UNLOCK", NMT_ID)
+            return
+        heeded = self._network.command(
+            event.frame.data, self._turn.now_ns, configured=self._configured(), led=self._led()
+        )
+        if heeded is Heeded.MALFORMED:
+            self._turn.count("malformed NMT command", NMT_ID)
+        elif heeded is Heeded.REFUSED:
+            self._turn.count("NMT command while a manager counts on this PE", NMT_ID)
+        elif heeded is not Heeded.NOT_MINE:
+            self._turn.note("nmt", f"NMT command {event.frame.data[0]} is obeyed: nothing runs here")
+            if heeded is Heeded.RESET:
+                self._sdo.reset()
+                self._held.clear()
+                self._modules.faults.history.clear()
+
+    def _request(self, event: Received) -> None:
+        if self._is_from_beyond(event):
+            return
+        if self._network.state(configured=self._configured(), led=self._led()) is NmtState.STOPPED:
+            self._sdo.reset()
+        elif len(event.frame.data) != MESSAGE_BYTES:
+            self._turn.count("malformed SDO request", event.frame.can_id)
+        elif len(self._held) >= _MOST_HELD:
+            self._turn.count("SDO request before the answer to the last", event.frame.can_id)
+        elif self._held or (self._configured() and self._turn.now_ns < self._turn_ns):
+            self._held.append(event.frame.data)
+        else:
+            self._serve(event.frame.data)
+
+    def _serve(self, request: bytes) -> None:
+        """Answer a request, and keep the time after it free: twice, since the request took the bus as well."""
+        pause_ns = self._frame_ns * (_FLIGHT_SHARE if self._configured() else _DESK_SHARE)
+        self._turn_ns = self._turn.now_ns + 2 * pause_ns
+        self._sdo.segment_ns = pause_ns
+        self._say(self._sdo.request(request, self._turn.now_ns))
+
+    def _asked(self, event: Received) -> None:
+        """A CANaerospace node service, on whatever port."""
+        said = self._services.asked(event.port, event.frame, self._turn.now_ns)
+        if isinstance(said, Malformed):
+            self._turn.count("malformed node service", event.frame.can_id)
+        else:
+            self._turn.out += said
+
+    def _is_from_beyond(self, event: Received) -> bool:
+        if event.port == self._index.uplink:
+            return False
+        self._turn.count("command from beyond", event.frame.can_id)
+        return True
+
+    def _say(self, answer: bytes | None) -> None:
+        if answer is not None:
+            self._turn.out.append(Send(self._index.uplink, Frame(self._sdo_answer_id, answer)))

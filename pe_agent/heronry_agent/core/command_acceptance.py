@@ -1,0 +1,215 @@
+"""What a PE does with the commands of a manager: whether they count, and which part they are for.
+
+A command counts when it comes from the uplink (nobody commands from beyond a gateway) and from the manager that reigns.
+SLICE carries no term: it counts when it comes from that manager. What counts is obeyed and then passed on to the far
+buses; what does not is counted, and a deposed manager is told STALE_TERM once, in page 1.
+
+LEASE and ALIVE come every heartbeat period and mostly say nothing new, so they have a short way of their own.
+
+What if: a command that is lost is repeated by LEASE or by the manager's retry; a late or doubled one finds its step
+taken, its epoch old or its slice staged, and changes nothing. After a pause commands are taken in the order in which
+they came, and each counts from when it came. With a key, `authenticity` stands before this file; without one a forged
+command is a command.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+
+from heronry_agent.core.authenticity import Authenticity
+from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.mastership import NO_TERM, Reign
+from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.staging import Staging
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.without_manager import WithoutManager
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import FIRST_PE, MANAGER_NODES, Command, management_id
+from heronry_wire.management import (
+    ALIVE,
+    NO_EPOCH,
+    Activate,
+    Control,
+    Lease,
+    ManagementMessage,
+    Operation,
+    Ping,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    Step,
+    decode_command,
+)
+from heronry_wire.sansio import Received, StandBack
+
+_BROADCAST = 0
+
+
+@dataclass
+class Obedience:
+    """Takes the frames of managers, and moves the parts that they command."""
+
+    turn: Turn
+    index: TableIndex
+    reign: Reign
+    permission: Permission
+    staging: Staging
+    reconfiguration: Reconfiguration
+    modules: RunningModules
+    gateway: Gateway
+    without_manager: WithoutManager
+    authenticity: Authenticity | None
+    _settled_lease: bytes | None = None  # of the reigning manager, with nothing in it that has not been done
+    _sends: Slice = field(default_factory=Slice)  # what is published and forwarded: at BREAK less than the slice says
+
+    def handlers(self) -> Iterator[tuple[int, Callable[[Received], None]]]:
+        """Give what takes the frames of each management identifier."""
+        for manager in MANAGER_NODES:
+            yield management_id(manager, Command.LEASE), partial(self._lease, manager)
+            yield management_id(manager, Command.ALIVE), partial(self._alive, manager)
+            for command in (Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.PING, Command.CONTROL):
+                yield management_id(manager, command), partial(self._command, manager, command)
+
+    def _counts(self, manager: int, term: int, event: Received) -> bool:
+        """Tell whether a command counts."""
+        if event.port != self.index.uplink:
+            self.turn.count("command from beyond", event.frame.can_id)
+            return False
+        before = self.reign.term
+        if self.reign.admits(manager, term):
+            if term != before:
+                self._settled_lease = None
+                self.turn.note("term", f"manager {manager} reigns with term {term}")
+                if before != NO_TERM:
+                    self.modules.new_reign()
+            return True
+        self.turn.count("stale term", event.frame.can_id)
+        reigned = before != NO_TERM and not self.staging.collecting()
+        if reigned and self.staging.reason is not Reason.STALE_TERM:
+            self.turn.wants_page_1 = self.staging.refuse(Reason.STALE_TERM)
+        return False
+
+    def _lease(self, manager: int, event: Received) -> None:
+        """LEASE: the manager reigns, and everybody should be at this step."""
+        data = event.frame.data
+        settled = data == self._settled_lease and not self.reconfiguration.resting
+        if settled and manager == self.reign.manager and event.port == self.index.uplink:
+            self.permission.confirmed()
+            self._leased(event)
+            return
+        message = decode_command(Command.LEASE, data)
+        if not isinstance(message, Lease):
+            self.turn.count("malformed command", event.frame.can_id)
+        elif self._counts(manager, message.term, event):
+            self._leased(event)
+            self._take(message)
+            if self.reconfiguration.is_at(message.epoch, message.digest):
+                self._settled_lease = data if message.step is Step.GO_ALL else None
+                self.without_manager.named()
+
+    def _leased(self, event: Received) -> None:
+        self.reign.leased(self.turn.arrived_ns)
+        self.permission.heard(self.turn.arrived_ns)
+        self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
+
+    def _alive(self, manager: int, event: Received) -> None:
+        """ALIVE: whom the manager counts on (rule 6)."""
+        frame = event.frame
+        fields = ALIVE.unpack(frame.data)
+        if fields is None:
+            self.turn.count("malformed command", frame.can_id)
+        elif self._counts(manager, fields[0], event):
+            is_named = bool(fields[3] >> self.index.node - FIRST_PE & 1)
+            self.permission.named(is_named, self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
+            meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
+            self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
+
+    def _command(self, manager: int, command: Command, event: Received) -> None:
+        message = decode_command(command, event.frame.data)
+        if isinstance(message, Malformed):
+            self.turn.count("malformed command", event.frame.can_id)
+            return
+        term = self.reign.term if isinstance(message, SliceHead | SliceBody) else message.term
+        if not self._counts(manager, term, event):
+            return
+        self._obey(message)
+        if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # which is for this PE alone
+            self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
+
+    def _obey(self, message: ManagementMessage) -> None:
+        turn, running = self.turn, self.reconfiguration.running
+        match message:
+            case Prepare():
+                self._prepare(message)
+            case SliceHead() if message.node == self.index.node:
+                turn.wants_page_1 = self.staging.head(message, running, turn.now_ns)
+            case SliceBody() if message.node == self.index.node:
+                turn.wants_page_1 = self.staging.body(message, turn.now_ns)
+            case Activate():
+                self._take(message)
+            case Ping() if message.node in (_BROADCAST, self.index.node):
+                if message.node == self.index.node:
+                    self.permission.asked(turn.arrived_ns)
+                turn.wants_page_0 = turn.wants_page_1 = True
+            case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
+                self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
+            case Control(operation=Operation.CLEAR) if message.node in (_BROADCAST, self.index.node):
+                self.modules.cleared(message.a, message.b)
+            case Control(operation=Operation.RENEW | Operation.UNLOCK) if message.node == self.index.node:
+                if self.authenticity is not None:
+                    self.authenticity.obey(message)
+            case _:
+                pass  # for somebody else, or nothing to be obeyed
+
+    def _prepare(self, command: Prepare) -> None:
+        """Stage an epoch. One that is on board runs everywhere within two answers: until then data stand back."""
+        before = self.staging.staged
+        self.turn.wants_page_1 = self.staging.prepare(command, self.reconfiguration.running)
+        if self.staging.staged is not before and self.staging.staged.epoch == command.epoch:
+            self.turn.out.append(StandBack(self.index.uplink, self.turn.now_ns + self.index.stand_back_ns))
+
+    def _take(self, order: Lease | Activate) -> None:
+        """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""
+        if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
+            return None
+        self.reign.has_activated |= order.step is Step.GO_ALL
+        running, staged = self.reconfiguration.running, self.staging.staged
+        if self.reconfiguration.is_at(order.epoch, order.digest):
+            target = running
+        elif (order.epoch, order.digest) == (staged.epoch, staged.digest):
+            target = staged
+        elif order.epoch == running.epoch:
+            return self.permission.contradicted()
+        else:
+            return self.permission.saw_epoch(order.epoch, running.epoch)
+        if order.step is Step.GO_ALL:
+            self.permission.confirmed()
+        moves = self.reconfiguration.advance(target, order.step)
+        if moves is None:
+            return None
+        self._settled_lease = None
+        before = self._sends
+        self._sends = target.slice if order.step >= Step.GO else target.slice.restricted_to(before)
+        self.modules.carry_out(moves, self._sends)
+        self.gateway.rewire(self._sends.forward)
+        self.turn.rewired = True
+        self._withdraw(before, self._sends)
+        self.turn.wants_page_0 = True
+        self.turn.note("step", f"epoch {order.epoch} at {order.step.name}: {self.reconfiguration.state.name}")
+        return None
+
+    def _withdraw(self, before: Slice, after: Slice) -> None:
+        """Take back the data that this PE has not sent yet and no longer is the one to send, or of another producer."""
+        made_by, wanted_of = _producers(before), _producers(after)
+        gone = [source for source, node in made_by.items() if source not in wanted_of or wanted_of[source] != node]
+        self.turn.withdraw(self.index.identifiers(gone))
+
+
+def _producers(sends: Slice) -> dict[int, int | None]:
+    """Give whose each source is that a PE sends; None: its own."""
+    return dict.fromkeys(sends.publish) | {source: node for source, (node, _) in sends.forward.items()}

@@ -1,0 +1,117 @@
+"""A PE on several buses carries between them what must pass, and nothing else (rule 9).
+
+    down, from the uplink   commands that this PE obeys itself. LEASE and ALIVE at once when they say something new,
+                            else once in the heartbeat period of the far bus; SLICE only toward its node
+    up, to the uplink       state, EMCY, emergency events, heartbeat and actuator echo of the nodes beyond, and what
+                            gateways there report
+    data                    what the slice says: a source, from the node it names, to the ports it names. Where its
+                            module may also run on this side, sending it up is an exclusive output of this PE (rule 6):
+                            who counts it as down counts all beyond as down, and may have started that module here
+
+What goes to a radio away from the manager goes through `radio_port`, which knows its bandwidth.
+
+The buses form a forest, so a frame that is never sent back to where it came from cannot go in circles. A PE on one bus
+has a gateway that forwards nothing.
+
+Lost: what was not forwarded comes again with the next LEASE or retry. Late, doubled, out of order: as it came; whoever
+reads a command, a state or a datum knows what is old. After a pause what waited is handed on at once, but for what is
+exclusive. A restart forwards nothing but states and commands until it is given a slice. A forged frame passes as a true
+one would.
+"""
+
+from collections.abc import Callable, Mapping
+
+from heronry_agent.core.table_index import TableIndex
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import (
+    GATEWAY_IDS,
+    Command,
+    actuator_echo_id,
+    emcy_id,
+    emergency_event_id,
+    heartbeat_id,
+    state_id,
+)
+from heronry_wire.sansio import Send
+
+
+class Gateway:
+    """What to forward from each port."""
+
+    def __init__(self, index: TableIndex) -> None:
+        self._uplink = index.uplink
+        self._far = [port for port in index.ports if port != index.uplink]
+        self._ports = index.table.ports
+        self._beyond = {port: frozenset(self._ports[port].nodes) for port in self._far}
+        self._rising = {
+            (port, identifier) for port in self._far for identifier in (*_told_up(self._beyond[port]), *GATEWAY_IDS)
+        }
+        self._last: dict[
+            tuple[int, Command], tuple[bytes, int]
+        ] = {}  # what was said last on a far port, and when it is due again
+        self._table = index.table
+        self._contested = index.contested
+        self._data: dict[int, tuple[int, int]] = {}
+        self.contested_ids: frozenset[int] = frozenset()  # identifiers that are exclusive here, of what is forwarded up
+
+    @property
+    def rising_ids(self) -> set[int]:
+        """Identifiers that are forwarded up from some port."""
+        return {identifier for _, identifier in self._rising}
+
+    def rewire(self, forward: Mapping[int, tuple[int, int]]) -> None:
+        """Follow a new slice."""
+        sources = self._table.sources
+        self._data = {sources[source].identifier: entry for source, entry in forward.items()}
+        up = 1 << self._uplink
+        self.contested_ids = frozenset(
+            sources[source].identifier for source in self._contested.intersection(forward) if forward[source][1] & up
+        )
+
+    def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
+        """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
+        if command is Command.SLICE:
+            return self.toward(frame.data[0], frame)
+        if command not in (Command.LEASE, Command.ALIVE):
+            return [Send(port, frame) for port in self._far]
+        return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
+
+    def toward(self, node: int, frame: Frame) -> list[Send]:
+        """Forward what concerns one node beyond, and only to where it is."""
+        return [Send(port, frame) for port in self._far if node in self._beyond[port]]
+
+    def up(self, port: int, frame: Frame) -> list[Send]:
+        """Forward what a node beyond says of itself."""
+        return [Send(self._uplink, frame)] if (port, frame.can_id) in self._rising else []
+
+    def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
+        """Forward a datum that the slice names; `exclusive_until_ns` tells until when exclusive ones may go up."""
+        entry = self._data.get(frame.can_id)
+        if entry is None or not frame.data or frame.data[0] != entry[0]:
+            return []
+        mask = entry[1] & ~(1 << port)
+        if frame.can_id not in self.contested_ids:
+            return [Send(to, frame) for to in range(len(self._ports)) if mask >> to & 1]
+        until_ns, up = exclusive_until_ns(now_ns), 1 << self._uplink
+        others = [Send(to, frame) for to in self._far if mask >> to & 1]
+        return others if until_ns is None or not mask & up else [*others, Send(self._uplink, frame, until_ns)]
+
+    @property
+    def data_ids(self) -> frozenset[int]:
+        """Identifiers of data that may have to be forwarded."""
+        return frozenset(self._data)
+
+    def _is_due(self, port: int, command: Command, meaning: bytes, now_ns: int) -> bool:
+        """Tell whether to forward, once a period on the average: a beat that comes a little early is not skipped."""
+        period_ns = self._ports[port].heartbeat_ns
+        said, due_ns = self._last.get((port, command), (b"", now_ns))
+        if said == meaning and now_ns < due_ns - period_ns // 4:
+            return False
+        follows = said == meaning and now_ns < due_ns + period_ns
+        self._last[port, command] = (meaning, (due_ns if follows else now_ns) + period_ns)
+        return True
+
+
+def _told_up(nodes: frozenset[int]) -> list[int]:
+    told = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
+    return [identify(node) for node in nodes for identify in told]

@@ -1,0 +1,125 @@
+"""The inputs of the modules: the last datum of every source that is read here, and what a consumer sees of it.
+
+A mailbox belongs to one source and to one origin: this PE, or the node that the slice names. Rewiring keeps a mailbox
+whose origin stays, with what is in it, and empties one whose origin moved: what the old producer said last is foreign
+from then on. A datum from another node, of another type, or without a version never gets in.
+
+A leaf sees a datum when its version is accepted and it is fresh: no older than three of the longest periods of its
+source. Before the first datum a leaf sees the variable's `initial` value, if it has one (in the best version that the
+leaf accepts): it breaks the cycle of a feedback. Once a datum has come, silence is absence.
+
+A value that stays on this PE passes through the same codec as one that travels, so a module sees the same number
+wherever its producer runs: a FLOAT has single precision everywhere.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.module import Datum, Value
+from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, unpack_status
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Malformed
+
+FRESH_PERIODS = 3
+
+_STATUSES = tuple(unpack_status(code) for code in range(256))
+_TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)
+
+
+class Mailbox:
+    """The last datum of one source from one origin."""
+
+    __slots__ = ("_data", "_length", "_max_age_ns", "_status", "_time_ns", "_type_code", "_value", "node")
+
+    def __init__(self, node: int, type_code: int, payload_bytes: int, max_age_ns: int) -> None:
+        """`node` is the node-ID of the producer's PE."""
+        self.node = node
+        self._type_code = type_code
+        self._length = HEADER_BYTES + payload_bytes
+        self._max_age_ns = max_age_ns
+        self._time_ns: int | None = None
+        self._data = b""
+        self._status = Status(1, Validity.NOT_STATED)
+        self._value: Value | None = None
+
+    def put(self, data: bytes, now_ns: int) -> bool:
+        """Take the bytes of a data frame; False when it is not what this mailbox is for."""
+        if len(data) != self._length or data[0] != self.node or data[1] != self._type_code:
+            return False
+        status = _STATUSES[data[2]]
+        if isinstance(status, Malformed):
+            return False
+        self._time_ns, self._data, self._status, self._value = now_ns, data, status, None
+        return True
+
+    def is_virgin(self) -> bool:
+        """Tell whether nothing has come since it was wired."""
+        return self._time_ns is None
+
+    def read(self, best: int, worst: int, now_ns: int) -> Datum | None:
+        """Give the datum if it is fresh and its version is accepted."""
+        if self._time_ns is None or not best <= self._status.version <= worst:
+            return None
+        age_ns = now_ns - self._time_ns
+        if age_ns > self._max_age_ns:
+            return None
+        if self._value is None:
+            value = decode_payload(self._type_code, self._data[HEADER_BYTES:])
+            self._value = 0 if value is None else value  # type NODATA has none
+        return Datum(self._value, self._status.version, age_ns, self._status.validity in _TRUSTED)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wire:
+    path: str
+    variable: str
+    best: int
+    worst: int
+    box: Mailbox
+    initial: Value | None
+
+
+class Mailboxes:
+    """Mailboxes of all sources read here, and the wires from them to the leaves."""
+
+    def __init__(self, index: TableIndex) -> None:
+        self._index = index
+        self.boxes: dict[int, Mailbox] = {}
+        self._wires: dict[int, tuple[_Wire, ...]] = {}
+
+    def rewire(self, wanted: Slice) -> None:
+        """Follow a new slice."""
+        read = {source for module in wanted.modules for source in module.sources if source is not None}
+        self.boxes = {source: self._box(source, wanted.remote.get(source, self._index.node)) for source in sorted(read)}
+        self._wires = {
+            module.module: tuple(self._wires_of(module.module, module.mode, module.sources))
+            for module in wanted.modules
+        }
+
+    def inputs(self, module: int, now_ns: int) -> Mapping[str, tuple[str, Datum]]:
+        """What a module sees now: (variable, datum) by leaf path."""
+        seen = {}
+        for wire in self._wires[module]:
+            datum = wire.box.read(wire.best, wire.worst, now_ns)
+            if datum is None and wire.initial is not None and wire.box.is_virgin():
+                datum = Datum(wire.initial, wire.best, 0)
+            if datum is not None:
+                seen[wire.path] = (wire.variable, datum)
+        return seen
+
+    def _box(self, source: int, node: int) -> Mailbox:
+        held = self.boxes.get(source)
+        if held is not None and held.node == node:
+            return held
+        data_type = self._index.types[source]
+        max_age_ns = FRESH_PERIODS * self._index.table.sources[source].period_ns
+        return Mailbox(node, data_type, data_type.payload_bytes, max_age_ns)
+
+    def _wires_of(self, module: int, mode: int, sources: tuple[int | None, ...]) -> list[_Wire]:
+        wires = []
+        for leaf, source in zip(self._index.modules[module].modes[mode].leaves, sources, strict=True):
+            if source is not None:
+                initial = self._index.table.variables[leaf.variable].initial
+                wires.append(_Wire(leaf.path, leaf.variable, leaf.best, leaf.worst, self.boxes[source], initial))
+        return wires

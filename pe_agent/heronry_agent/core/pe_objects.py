@@ -1,0 +1,163 @@
+"""What each object of a PE says, read from the parts of its agent when somebody asks.
+
+Nothing here is kept or computed ahead, but for the two long texts: the EDS and the table are written out when they are
+first asked for. Two things can be written: the heartbeat time, and 0 to the number of errors, which empties the list.
+The table can be "written" with what it is already, by a tool that makes sure of it. Any other is taken by a PE that
+waits for one (`table_waiting`), and refused by a PE that has one. With a key the lock must be open for any of this, and
+a table must be sealed. While a PE is configured it takes none: that many
+bytes have no business on the bus then.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+
+from heronry_agent.core.authenticity import Authenticity
+from heronry_agent.core.mastership import Reign
+from heronry_agent.core.network_management import NetworkManagement
+from heronry_agent.core.node_services import NodeServices
+from heronry_agent.core.object_dictionary import ObjectDictionary
+from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.reporting import Facts
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_wire.canopen_objects import (
+    COUNTERS,
+    ERROR_HISTORY,
+    ERROR_REGISTER,
+    HEARTBEAT_TIME,
+    MODULE_IMAGES,
+    MODULE_INDICES,
+    MODULE_MODES,
+    MODULE_NAMES,
+    MODULE_STATES,
+    PROGRAM_CONTROL,
+    REIGN,
+    SPEC,
+    STATE,
+    STORED_EDS,
+    TABLE,
+    TIME,
+)
+from heronry_wire.eds import eds_text
+from heronry_wire.management import NO_EPOCH, PeFlags
+from heronry_wire.sdo import Abort
+
+_NOT_WANTED, _RUNNING, _HELD, _FAILED, _NOT_STARTED = range(5)
+_PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Parts of an agent that tell what it is and does.
+
+    facts: gives what the state frames tell now.
+    take_table: takes another table than the present one, or says why not; None where no other is taken.
+    authenticity: the lock on NMT and on writing, and what opens a sealed table; None without a key.
+    """
+
+    turn: Turn
+    index: TableIndex
+    incarnation: int
+    reign: Reign
+    reconfiguration: Reconfiguration
+    modules: RunningModules
+    facts: Callable[[], Facts]
+    take_table: Callable[[bytes], Abort | None] | None = None
+    authenticity: Authenticity | None = None
+
+
+class PeObjects:
+    """Reads the objects of one PE."""
+
+    def __init__(self, parts: Parts, network: NetworkManagement, services: NodeServices) -> None:
+        self._parts, self._network, self._services = parts, network, services
+        self._table = cache(lambda: parts.index.table.to_json().encode())
+        self._entries = tuple(parts.index.modules.values())
+
+    def dictionary(self) -> ObjectDictionary:
+        """Give the object dictionary of this PE."""
+        return ObjectDictionary(
+            self._parts.index.node,
+            readers={
+                (ERROR_REGISTER, 0): lambda: self._parts.modules.faults.register,
+                (HEARTBEAT_TIME, 0): lambda: self._network.heartbeat_ms,
+                (STORED_EDS, 0): cache(lambda: eds_text().encode()),
+                (PROGRAM_CONTROL, 1): lambda: _PROGRAM_STARTED,
+                (TABLE, 0): self._table,
+                **{(STATE, number): partial(self._state, number) for number in range(1, 11)},
+                (SPEC, 1): lambda: self._parts.index.table.name,
+                (SPEC, 2): lambda: self._parts.index.table.spec,
+                (SPEC, 3): lambda: self._parts.index.table.spec_digest,
+                (REIGN, 1): lambda: self._parts.reign.manager,
+                (REIGN, 2): lambda: self._parts.reign.term,
+                (REIGN, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),
+                (COUNTERS, 1): lambda: sum(self._parts.turn.counts.values()),
+                (COUNTERS, 2): lambda: sum(self._parts.modules.schedule.overruns.values()),
+                (TIME, 1): lambda: self._services.time_stamp,
+                (TIME, 2): lambda: self._services.time_age_ms(self._parts.turn.now_ns),
+            },
+            arrays={
+                ERROR_HISTORY: lambda: self._parts.modules.faults.history.errors,
+                MODULE_NAMES: lambda: [entry.name for entry in self._entries],
+                MODULE_INDICES: lambda: [entry.index for entry in self._entries],
+                MODULE_IMAGES: lambda: [entry.image for entry in self._entries],
+                MODULE_STATES: lambda: [self._module_state(entry.index) for entry in self._entries],
+                MODULE_MODES: lambda: [self._module_mode(entry.index) for entry in self._entries],
+            },
+            number_writers={(HEARTBEAT_TIME, 0): self._set_heartbeat, (ERROR_HISTORY, 0): self._forget_errors},
+            bytes_writers={(TABLE, 0): self._take_table},
+            takes_bytes=lambda: self._parts.reconfiguration.running.epoch == NO_EPOCH,
+        )
+
+    def _state(self, number: int) -> int:
+        """Give a sub-index of object 2000h."""
+        facts, running = self._parts.facts(), self._parts.reconfiguration.running
+        return (
+            facts.state,
+            facts.flags,
+            self._parts.incarnation,
+            facts.epoch,
+            facts.digest,
+            running.slice_digest,
+            facts.staged_epoch,
+            facts.staged_digest,
+            facts.reason,
+            facts.load,
+        )[number - 1]
+
+    def _module_state(self, module: int) -> int:
+        reconfiguration = self._parts.reconfiguration
+        if module in reconfiguration.live:
+            return _RUNNING
+        if module in reconfiguration.held:
+            return _HELD
+        if module in reconfiguration.failed:
+            return _FAILED
+        wanted = {one.module for one in reconfiguration.running.slice.modules}
+        return _NOT_STARTED if module in wanted else _NOT_WANTED
+
+    def _module_mode(self, module: int) -> str:
+        mode = self._parts.reconfiguration.live.get(module)
+        return "" if mode is None else self._parts.index.modules[module].modes[mode].name
+
+    def _set_heartbeat(self, time_ms: int) -> Abort | None:
+        if not self._network.admits_heartbeat(time_ms):
+            return Abort.VALUE
+        self._network.set_heartbeat(time_ms, self._parts.turn.now_ns)
+        return None
+
+    def _forget_errors(self, _zero: int) -> None:
+        self._parts.modules.faults.history.clear()
+
+    def _take_table(self, written: bytes) -> Abort | None:
+        authenticity = self._parts.authenticity
+        text = written if authenticity is None else authenticity.opened(written)
+        if text is None:
+            self._parts.turn.note("table", "a table is refused: it is not sealed with the key of this fleet")
+            return Abort.VALUE
+        if text.strip() == self._table():
+            return None
+        take = self._parts.take_table
+        return Abort.DEVICE_STATE if take is None else take(text)

@@ -1,0 +1,117 @@
+"""A gateway's port to a radio: everything that goes there passes here, one frame at a time (rule 9).
+
+Frames wait in `radio_queue`, and the next one is handed to the controller when the last one has left it (`Left`): so
+what is more urgent or newer overtakes to the very end, and how long a frame takes is seen. `link_meter` makes of it how
+much of the radio can be used. That is the pace of the queue, with a tenth on top, since a measured hundredth less must
+not starve what the plan routes. It is told to the manager as well, once in a heartbeat period of the radio, and at once
+when the radio is gone or back.
+
+What waits for more than T_lease is dropped, as everywhere; commands that are as good when they come late may wait for
+five periods of the radio. A frame that has not left the controller after a period is given up. A `Left` that is lost,
+with an overrun of a receive queue, looks the same and costs that period.
+"""
+
+from heronry_agent.core.link_meter import LinkMeter
+from heronry_agent.core.radio_queue import RadioQueue, is_patient
+from heronry_agent.core.table_index import TableIndex
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState
+from heronry_wire.sansio import NEVER_NS, Send
+
+_HEADROOM_PERCENT = 110
+_LEAST_PACE = 50  # per mille: nothing can be measured where nothing is sent
+_PATIENCE_PERIODS = 5
+
+
+class RadioPort:
+    """One radio, away from the manager."""
+
+    def __init__(self, port: int, index: TableIndex, now_ns: int) -> None:
+        """`port` is its number; its entry in the table says under which identifier to report."""
+        entry = index.table.ports[port]
+        self.next_ns = self._report_ns = now_ns + entry.heartbeat_ns
+        self._port, self._entry, self._node, self._uplink = port, entry, index.node, index.uplink
+        self._lease_ns = index.lease_ns
+        self._queue = RadioQueue(entry.bitrate, entry.data_per_mille, now_ns)
+        self._meter = LinkMeter(entry.bitrate, entry.heartbeat_ns, entry.misses, now_ns)
+        self._in_flight: tuple[Frame, int] | None = None  # and since when
+        self._moved = False  # since the last step
+        self._sequence = 0
+
+    def heard(self, frame: Frame, now_ns: int) -> list[Send]:
+        """Take note of a frame from beyond; gives the report that the radio is back, if it was gone."""
+        return self._report(now_ns) if self._meter.heard(frame, now_ns) else []
+
+    def send(self, frame: Frame, until_ns: int | None, since_ns: int) -> None:
+        """Let a frame wait for its turn, that came or was made at `since_ns`."""
+        patience_ns = _PATIENCE_PERIODS * self._entry.heartbeat_ns if is_patient(frame) else self._lease_ns
+        self._queue.push(frame, since_ns + patience_ns if until_ns is None else until_ns)
+        self._moved = True
+
+    def withdraw(self, identifiers: frozenset[int]) -> None:
+        """Take back what waits under these identifiers."""
+        self._queue.withdraw(identifiers)
+
+    def left(self, took_ns: int) -> None:
+        """The frame in the controller has left it."""
+        if self._in_flight is not None:
+            self._meter.left(self._in_flight[0], took_ns)
+            self._in_flight, self._moved = None, True
+
+    def step(self, now_ns: int) -> list[Send]:
+        """Give what is to be sent now: a report, and the next frame."""
+        if now_ns < self.next_ns and not self._moved:
+            return []
+        self._moved = False
+        out = self._reports(now_ns)
+        if self._in_flight is not None and now_ns >= self._given_up_ns():
+            self._meter.stuck(now_ns - self._in_flight[1])
+            self._in_flight = None
+        if self._in_flight is None:
+            out += self._hand_over(now_ns)
+        self.next_ns = self._find_next_ns()
+        return out
+
+    def _reports(self, now_ns: int) -> list[Send]:
+        """Report that the radio is gone, and whatever it is once in a period."""
+        is_gone, is_due = now_ns >= self._meter.gone_ns, now_ns >= self._report_ns
+        self._meter.gone = self._meter.gone or is_gone
+        if is_due:
+            self._meter.next_period()
+            periods = (now_ns - self._report_ns) // self._entry.heartbeat_ns + 1
+            self._report_ns += periods * self._entry.heartbeat_ns
+        return self._report(now_ns) if is_gone or is_due else []
+
+    def _hand_over(self, now_ns: int) -> list[Send]:
+        first = self._queue.take(now_ns)
+        if first is None:
+            return []
+        self._in_flight = first.frame, now_ns
+        self._meter.handed_over()
+        return [Send(self._port, first.frame, first.until_ns)]
+
+    def _given_up_ns(self) -> int:
+        assert self._in_flight is not None
+        return self._in_flight[1] + self._entry.heartbeat_ns
+
+    def _find_next_ns(self) -> int:
+        waits_ns = self._queue.next_ns() if self._in_flight is None else self._given_up_ns()
+        return min(self._report_ns, self._meter.gone_ns, NEVER_NS if waits_ns is None else waits_ns)
+
+    def _report(self, now_ns: int) -> list[Send]:
+        """Measure, go on at that pace, and tell the manager."""
+        usable = 0 if self._meter.gone else self._meter.usable()
+        pace = max(_LEAST_PACE, min(PER_MILLE, usable * _HEADROOM_PERCENT // 100))
+        self._queue.pace(self._entry.bitrate * pace // PER_MILLE, now_ns)
+        self._sequence = (self._sequence + 1) % SEQUENCES
+        report = LinkReport(
+            node=self._node,
+            state=LinkState.GONE if self._meter.gone else LinkState.UP,
+            sequence=self._sequence,
+            usable=usable,
+            delivered=self._meter.delivered_percent(),
+            queued=len(self._queue),
+            dropped=self._queue.dropped,
+        )
+        assert self._entry.link_id is not None
+        return [Send(self._uplink, Frame(self._entry.link_id, report.encode()))]

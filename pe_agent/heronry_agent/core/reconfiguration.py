@@ -1,0 +1,154 @@
+"""Which modules run here, and how a configuration takes over from the one before: the PE's half of rule 4.
+
+    UNCONFIGURED  nothing has been taken since the start
+    BROKEN        step BREAK: what the new slice lacks has stopped, what stays is rewired; nothing new runs yet, and
+                  nothing is sent that was not sent before
+    PARTIAL       step GO: the rest runs, but for DEMUX branches that are new here; those are held
+    ACTIVE        step GO_ALL, or GO with nothing held
+
+A step contains those before it. A step already taken is not taken again, and an epoch never goes back; so lost, late
+and doubled commands do no harm, whoever repeats them (ACTIVATE, or LEASE each period). A pause between two steps is
+made up for by the next one that is heard. A restart runs nothing.
+
+A module whose mode changes is stopped at BREAK and started at GO, built anew unless it says that it can go on: its old
+mode may give what nobody reads any more, and read what nobody sends. With a single GO_ALL both happen at once. A DEMUX
+branch that ran here until BREAK is not held at GO, in whatever mode it comes back: nobody else has it, or this PE is in
+doubt (`permission`).
+
+A module that failed stays stopped until the next epoch that wants it: the manager has been told, and decides. Where the
+operator has cleared it and another manager reigns before there was such an epoch, that one may know of neither: it
+begins again in this one (`forgive`). One that *rests*, because no manager is heard, starts again where this
+configuration is named again (`without_manager`), or where a new one wants it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from heronry_agent.core.staging import UNCONFIGURED, Configured
+from heronry_agent.core.table_index import TableIndex
+from heronry_wire.management import NO_EPOCH, PeState, Step
+from heronry_wire.sansio import require
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """What taking a step means: modules to stop, then to start (with their modes); `rewire` if the epoch is new.
+
+    keep: those that stop and will start again in another mode; drop: those kept before and not wanted any more.
+    """
+
+    stop: tuple[int, ...] = ()
+    keep: frozenset[int] = frozenset()
+    drop: tuple[int, ...] = ()
+    start: tuple[tuple[int, int], ...] = ()
+    rewire: bool = False
+
+
+@dataclass
+class Reconfiguration:
+    """What runs now; `live` holds the mode of each module that was started and has not stopped."""
+
+    index: TableIndex
+    running: Configured = UNCONFIGURED
+    step: Step = Step.PREPARED
+    live: dict[int, int] = field(default_factory=dict)
+    held: frozenset[int] = frozenset()
+    failed: set[int] = field(default_factory=set)
+    resting: frozenset[int] = frozenset()  # ran, and stopped because no manager is heard
+    _kept: frozenset[int] = frozenset()  # stopped, and wanted in another mode
+    _wanted: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def state(self) -> PeState:
+        """State that the state frame tells."""
+        if self.running.epoch == NO_EPOCH:
+            return PeState.UNCONFIGURED
+        if self.step is Step.BREAK:
+            return PeState.BROKEN
+        return PeState.PARTIAL if self.held else PeState.ACTIVE
+
+    def is_at(self, epoch: int, digest: int) -> bool:
+        """Tell whether this configuration has been taken."""
+        return (epoch, digest) == (self.running.epoch, self.running.digest) and epoch != NO_EPOCH
+
+    def advance(self, target: Configured, step: Step) -> Moves | None:
+        """Take `step` of a configuration, running or staged; None if it had been taken before."""
+        rewire = target is not self.running
+        if not rewire and step <= self.step:
+            return None
+        kept = self._kept
+        stop = self._break(target) if rewire else ()
+        self.step = step
+        if step is Step.GO_ALL:
+            self.held = frozenset()
+        start = self._startable() if step >= Step.GO else ()
+        self.live.update(start)
+        keep, drop = self._kept.intersection(stop), tuple(sorted(kept - self._kept))
+        self._kept = self._kept.difference(self.live)
+        return Moves(stop, keep, drop if rewire else (), start, rewire)
+
+    def rest(self) -> Moves:
+        """Stop what runs and is expendable."""
+        stop = tuple(sorted(self.expendable_live()))
+        for module in stop:
+            del self.live[module]
+        self.resting |= frozenset(stop)
+        return Moves(stop)
+
+    def resume(self) -> Moves:
+        """Start what rests."""
+        start = tuple((module, self._wanted[module]) for module in sorted(self.resting))
+        self.live.update(start)
+        self.resting = frozenset()
+        return Moves(start=start)
+
+    def expendable_live(self) -> frozenset[int]:
+        """Modules that run, and stop where no manager is heard."""
+        expendable = self.running.slice.expendable
+        return expendable.intersection(self.live) if expendable else expendable
+
+    def drop(self, module: int) -> bool:
+        """A module has failed; tells whether it ran."""
+        if self.live.pop(module, None) is None:
+            return False
+        self.failed.add(module)
+        return True
+
+    def forgive(self, modules: Iterable[int]) -> Moves:
+        """Let modules that have failed run again, as far as the present step goes; what would rest goes on resting."""
+        forgiven = self.failed.intersection(modules)
+        self.failed -= forgiven
+        if self.resting:
+            self.resting |= self.running.slice.expendable & forgiven
+        start = self._startable() if self.step >= Step.GO else ()
+        self.live.update(start)
+        return Moves(start=start)
+
+    def validate(self) -> None:
+        """Check that the parts agree; raises InvariantError."""
+        live, held, failed, wanted = self.live, self.held, self.failed | self.resting, self._wanted
+        require(live.items() <= wanted.items(), "live {} goes beyond wanted {}", live, wanted)
+        require(held.isdisjoint(live) and failed.isdisjoint(live), "held {}, failed {}, live {}", held, failed, live)
+        configured = self.running.epoch != NO_EPOCH
+        require(configured == (self.step is not Step.PREPARED), "epoch {} at {}", self.running.epoch, self.step)
+        accounted = (
+            len(live) + len(held) + len(failed) == len(wanted) and held <= wanted.keys() and failed <= wanted.keys()
+        )
+        require(accounted or self.step < Step.GO, "wanted {}, live {}, held {}, failed {}", wanted, live, held, failed)
+
+    def _break(self, target: Configured) -> tuple[int, ...]:
+        self._wanted = {module.module: module.mode for module in target.slice.modules}
+        before = self.live.keys()
+        self.held = frozenset(m for m in self._wanted if self.index.modules[m].demux and m not in before)
+        stop = tuple(m for m, mode in self.live.items() if self._wanted.get(m) != mode)
+        for module in stop:
+            del self.live[module]
+        self._kept = frozenset(self._wanted.keys() & (self._kept | set(stop)))
+        self.failed.clear()
+        self.resting = frozenset()
+        self.running = target
+        return stop
+
+    def _startable(self) -> tuple[tuple[int, int], ...]:
+        idle = self._wanted.keys() - self.live.keys() - self.held - self.failed - self.resting
+        return tuple((module, self._wanted[module]) for module in sorted(idle))

@@ -1,0 +1,388 @@
+"""The modules of one PE at work: released by the schedule, fed from the mailboxes, heard in data frames and faults.
+
+A module exists from its StartModule to its StopModule. In between the schedule releases it, step by step. Its outputs
+go to the mailboxes of this PE and, where the slice says so, on the buses; what it wants its device to do is done, if it
+may, and echoed; what it reports becomes a fault.
+
+A module *fails* when it raises, gives or writes what cannot be carried, hangs, or its partition ends under it. It is
+told and built anew as often as its table allows (`restarts`), then stopped: the manager hears of it and decides. One
+that cannot be built, or that takes too long again and again, is stopped at once. A partition in which a module hangs is
+ended by force; what else lived in it begins again at once, and other partitions notice nothing.
+
+Rule 6 is asked at the last moment, three times: a DEMUX branch is not stepped without permission, since it may speak to
+its device itself; what it wants of the device when it answers is not done without permission, since this process may
+have stood still in between; and a module that may run elsewhere computes and feeds this PE, but its frames stay here.
+
+An answer of a module that has been stopped since it was asked is dropped. While this PE holds back its own exclusive
+outputs, and for a second after that, no report is believed: a surface that nobody drives does not follow, and that is
+not its servo's fault. The module that judged so is built anew, and judges afresh.
+"""
+
+from dataclasses import dataclass
+
+from heronry_agent.core.faults import Faults
+from heronry_agent.core.mailboxes import Mailboxes
+from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.phase_requests import PhaseRequests
+from heronry_agent.core.publishing import Publisher
+from heronry_agent.core.reconfiguration import Moves, Reconfiguration
+from heronry_agent.core.restarts import Restarts
+from heronry_agent.core.schedule import Schedule
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import (
+    Drive,
+    DriveFailed,
+    Driven,
+    EndPartition,
+    MeasureStep,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+from heronry_agent.module import Value
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.frame import Frame, WireError
+from heronry_wire.management import ElementKind, FaultCode
+from heronry_wire.pe_table import ModuleEntry
+from heronry_wire.sansio import Send, require
+
+JUDGED_AFTER_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class _Running:
+    entry: ModuleEntry
+    mode: int
+    gives: dict[str, tuple[int, int]]  # variable -> source, version
+
+
+class RunningModules:
+    """Starts, steps and stops the modules."""
+
+    def __init__(self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, permission: Permission) -> None:
+        self._turn = turn
+        self._index = index
+        self._reconfiguration = reconfiguration
+        self._permission = permission
+        self._running: dict[int, _Running] = {}
+        self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
+        self._publisher = Publisher(index)
+        self.mailboxes = Mailboxes(index)
+        self.schedule = Schedule()
+        self.restarts = Restarts()
+        self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
+        self.phase_requests = PhaseRequests(index, self.faults)
+        self._held_ns = -JUDGED_AFTER_NS  # when something exclusive was last held back
+        self.has_exclusive_output = False
+        self.load_percent = 0
+
+    def carry_out(self, moves: Moves, wanted: Slice | None) -> None:
+        """Stop, rewire and start what a step of a configuration asks for; `wanted` is None where wires stay."""
+        for module in moves.stop:
+            self._stop(module, keep=module in moves.keep)
+        for module in moves.drop:
+            self._turn.out.append(StopModule(module))
+        if wanted is not None:
+            self._wire(wanted, rewire=moves.rewire)
+        for module, mode in moves.start:
+            self._start(module, mode)
+        self._take_stock()
+
+    def _wire(self, wanted: Slice, *, rewire: bool) -> None:
+        if rewire:
+            self.mailboxes.rewire(wanted)
+            self.schedule.chain(self._chains(wanted))
+        self._publish = {
+            source: tuple(port for port in self._index.ports if mask >> port & 1)
+            for source, mask in wanted.publish.items()
+        }
+
+    @property
+    def exclusive_sources(self) -> frozenset[int]:
+        """Sources that this PE publishes, and that another one might."""
+        return self._index.movable.intersection(self._publish)
+
+    @property
+    def next_ns(self) -> int:
+        """When to call `tick`, if nothing comes before."""
+        return min(self.schedule.next_ns, self.restarts.next_ns)
+
+    def tick(self) -> None:
+        """Begin again what has waited for it, and ask for what steps have spent that should have ended."""
+        for module in self.restarts.due(self._turn.now_ns):
+            self._begin(module)
+        self._turn.out += [MeasureStep(*step) for step in self.schedule.overdue(self._turn.now_ns)]
+
+    def release(self) -> None:
+        """Step the modules that are due."""
+        now_ns = self._turn.now_ns
+        for module in self.schedule.due(now_ns):
+            until_ns = now_ns + self._index.lease_ns
+            if self._running[module].entry.demux:
+                until_ns = self._permission.until_ns(now_ns)
+                if now_ns > until_ns:
+                    self._turn.count("step held", module)
+                    self._held_ns = now_ns
+                    continue
+            inputs = self.mailboxes.inputs(module, now_ns)
+            self._turn.out.append(StepModule(module, self.schedule.begin(module, now_ns), inputs, until_ns))
+
+    def stepped(self, event: Stepped) -> None:
+        """A module has computed one period."""
+        if not self.schedule.end(event.module, event.release, event.spent_ns):
+            self._turn.count("stale answer", event.module)
+            return
+        running = self._running[event.module]
+        self._drive(running, event.writes)
+        if running.entry.silent_output:
+            self._echo(self._publisher.output_echo(event.module, running.mode))
+        for element, detail in event.reports:
+            self._report(running, element, detail)
+        for phase in event.phases:
+            self._request_phase(running, phase)
+        try:
+            for variable, value in event.outputs.items():
+                self._give(running, variable, value)
+        except WireError as error:
+            self._failed(event.module, str(error))
+        else:
+            if self.schedule.overruns_now(event.module):
+                self._give_up(event.module, "it takes longer than its period", FaultCode.MODULE_OVERRUN)
+
+    def driven(self, event: Driven) -> None:
+        """The device of a module has moved: tell whoever follows it."""
+        running = self._running.get(event.module)
+        if running is None:
+            return
+        echo = self._publisher.echo(running.entry.device or "", event.value)
+        self._echo(echo or self._publisher.output_echo(event.module, running.mode))
+
+    def went_wrong(self, event: StepFailed | StartFailed | DriveFailed | PartitionEnded) -> None:
+        """A module has failed, or its partition under it."""
+        match event:
+            case StepFailed(module, release, reason):
+                if self.schedule.end(module, release, 0):
+                    self._failed(module, reason)
+                else:
+                    self._turn.count("stale answer", module)
+            case StartFailed(module, reason):
+                self._give_up(module, reason)
+            case DriveFailed(module, reason):
+                self._failed(module, reason)
+            case PartitionEnded(partition, reason, computing):  # pragma: no branch - nothing else is left
+                words = f"partition {partition} ended: {reason}"
+                self._lost(partition, computing, words, FaultCode.PARTITION_ENDED)
+
+    def not_ready(self, event: NotReady) -> None:
+        """A module could not be stepped before now: let it see what there is now."""
+        if not self.schedule.again(event.module, event.release, self._turn.now_ns):
+            self._turn.count("stale answer", event.module)
+
+    def measured(self, event: StepMeasured) -> None:
+        """A step has not ended, and has spent so much: one that hangs ends with its partition."""
+        if not self.schedule.hangs(event.module, event.release, event.spent_ns, self._turn.now_ns):
+            return
+        partition = self._index.modules[event.module].partition
+        self._turn.out.append(EndPartition(partition))
+        self._lost(
+            partition, event.module, f"it hangs, after {event.spent_ns // 1_000_000} ms", FaultCode.MODULE_OVERRUN
+        )
+
+    def _failed(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+        """A module has failed: it is built anew, or given up."""
+        running = self._running.get(module)
+        if running is None or module in self.restarts.waiting:
+            return
+        times = self.restarts.failed(module, running.entry.restarts, self._turn.now_ns)
+        if times is None:
+            self._give_up(module, reason, code)
+            return
+        self._halt(module)
+        self._turn.note(
+            "restart", f"module {running.entry.name} begins again, {times} of {running.entry.restarts}: {reason}"
+        )
+        self._found(FaultCode.MODULE_RESTARTED, ElementKind.MODULE, module, times)
+
+    def _give_up(self, module: int, reason: str, code: FaultCode = FaultCode.MODULE_EXCEPTION) -> None:
+        """Stop a module that cannot go on, and say so."""
+        if not self._reconfiguration.drop(module):
+            return
+        name = self._running[module].entry.name
+        self._stop(module)
+        self.restarts.forget(module)
+        self._take_stock()
+        self._turn.note("fault", f"module {name} is stopped: {reason}")
+        self._found(code, ElementKind.MODULE, module, 0)
+
+    def repeat_faults(self) -> None:
+        """Send the EMCYs that are due again toward the manager."""
+        self._tell(self.faults.tick(self._turn.now_ns))
+
+    def cleared(self, kind: int, index: int) -> None:
+        """The operator takes an element for well again."""
+        self._tell(self.faults.clear(kind, index))
+
+    def new_reign(self) -> None:
+        """Another term has begun: what is still asked for, and what has failed here, that manager may not know.
+
+        What was cleared, and has not been given anew before that reign ended, begins again.
+        """
+        now_ns = self._turn.now_ns
+        self._tell(self.phase_requests.new_reign(now_ns))
+        cleared = []
+        for module in sorted(self._reconfiguration.failed):
+            told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
+            self._tell(told)
+            cleared += [] if told else [module]
+        self._tell(self.faults.tell_all_again(self._permission.hears_since_ns(self._turn.arrived_ns), now_ns))
+        if cleared:
+            self.carry_out(self._reconfiguration.forgive(cleared), None)
+
+    def heard_echo(self, frame: Frame) -> tuple[str, float] | None:
+        """Read another PE's echo: device and value."""
+        return self._publisher.heard(frame)
+
+    def validate(self) -> None:
+        """Check that what runs here is what the reconfiguration says; raises InvariantError."""
+        modes = {module: running.mode for module, running in self._running.items()}
+        live = self._reconfiguration.live
+        require(modes == live, "modules {} run, and {} should", modes, live)
+        scheduled = self.schedule.modules
+        require(
+            scheduled.isdisjoint(self.restarts.waiting), "scheduled {}, waiting {}", scheduled, self.restarts.waiting
+        )
+        require(scheduled | self.restarts.waiting == modes.keys(), "scheduled {}, running {}", scheduled, modes)
+
+    def _start(self, module: int, mode: int) -> None:
+        entry = self._index.modules[module]
+        gives = {v: (self._index.source_of[entry.name, v], q) for v, q in entry.modes[mode].gives.items()}
+        self._running[module] = _Running(entry, mode, gives)
+        self._begin(module)
+
+    def _begin(self, module: int) -> None:
+        """Let a module compute, built anew or carried over."""
+        running = self._running[module]
+        entry, mode = running.entry, running.mode
+        self.schedule.start(module, entry.modes[mode].rate_mhz, self._turn.now_ns, entry.partition)
+        self.phase_requests.started(module, mode)
+        self._turn.out.append(StartModule(module, entry, mode))
+
+    def _stop(self, module: int, *, keep: bool = False) -> None:
+        del self._running[module]
+        keep = keep and module not in self.restarts.waiting
+        self.restarts.cancel(module)
+        self._halt(module, keep=keep)
+
+    def _halt(self, module: int, *, keep: bool = False) -> None:
+        """Let a module compute no more, for now or for good."""
+        self.schedule.stop(module)
+        self.phase_requests.stopped(module)
+        self._turn.out.append(StopModule(module, keep))
+
+    def _lost(self, partition: str, culprit: int | None, reason: str, code: FaultCode) -> None:
+        """A partition is gone: charge the culprit, or all of its modules, and let the others begin again."""
+        lived = [m for m in sorted(self.schedule.modules) if self._index.modules[m].partition == partition]
+        for module in lived:
+            if culprit in (None, module):
+                self._failed(module, reason, code)
+            else:
+                self._halt(module)
+                self.restarts.begin_at(module, self._turn.now_ns)
+
+    def _chains(self, wanted: Slice) -> dict[int, frozenset[int]]:
+        """Which modules each one reads here."""
+        here = {self._index.modules[module.module].name: module.module for module in wanted.modules}
+        chains = {}
+        for module in wanted.modules:
+            local = (source for source in module.sources if source is not None and source not in wanted.remote)
+            producers = frozenset(here[self._index.table.sources[source].module] for source in local)
+            if producers:
+                chains[module.module] = producers
+        return chains
+
+    def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
+        """Do what a module wants of its device, if it still may."""
+        if writes and running.entry.demux and not self._permission.allows(self._turn.now_ns):
+            self._turn.count("write held", running.entry.index)
+            self._held_ns = self._turn.now_ns
+            return
+        self._turn.out += [Drive(running.entry.index, value) for value in writes]
+
+    def _take_stock(self) -> None:
+        """Work out anew what depends on which modules run."""
+        self.has_exclusive_output = any(
+            r.entry.demux or (r.entry.movable and any(source in self._publish for source, _ in r.gives.values()))
+            for r in self._running.values()
+        )
+        cpu_millis = sum(r.entry.modes[r.mode].cpu_millis for r in self._running.values())
+        self.load_percent = 100 * cpu_millis // max(self._index.table.cpu_millis, 1)
+
+    def _give(self, running: _Running, variable: str, value: Value) -> None:
+        """A module has given the value of a variable."""
+        if variable not in running.gives:
+            self._turn.count("output that the mode does not give", running.entry.index)
+            return
+        source, version = running.gives[variable]
+        self._put_out(source, self._publisher.datum(source, version, value), running)
+        self._tell(self.phase_requests.gave(running.entry.index, variable, value, self._turn.now_ns))
+
+    def _put_out(self, source: int, frame: Frame, running: _Running) -> None:
+        """Hand a datum to its readers here, and to the buses that the slice names."""
+        box = self.mailboxes.boxes.get(source)
+        if box is not None:
+            box.put(frame.data, self._turn.now_ns)
+        ports = self._publish.get(source)
+        if not ports:
+            return
+        until_ns = None
+        if running.entry.movable:
+            until_ns = self._permission.identifiers_until_ns(self._turn.now_ns)
+            if until_ns is None:
+                self._turn.count("frame held", frame.can_id)
+                self._held_ns = self._turn.now_ns
+                return
+        self._publisher.sent(frame)
+        self._turn.out += [Send(port, frame, until_ns) for port in ports]
+
+    def _echo(self, frame: Frame) -> None:
+        self._turn.out.append(Send(self._index.uplink, frame))
+
+    def _report(self, running: _Running, element: str, detail: int) -> None:
+        found = self._index.elements.get(element)
+        if found is None:
+            self._turn.count("report of an unknown element", running.entry.index)
+            return
+        if self.has_exclusive_output and not self._permission.allows(self._turn.now_ns):
+            self._held_ns = self._turn.now_ns
+        if self._turn.now_ns < self._held_ns + JUDGED_AFTER_NS:
+            self._turn.count("report while outputs are held", running.entry.index)
+            self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
+            return
+        if self._found(FaultCode.REPORTED, *found, detail):
+            self._turn.note("fault", f"module {running.entry.name} reports {element} failed, detail {detail}")
+
+    def _request_phase(self, running: _Running, phase: str) -> None:
+        index = self._index.phase_index.get(phase)
+        if index is None:
+            self._turn.count("request of an unknown phase", running.entry.index)
+            return
+        frames = self.phase_requests.asked(running.entry.index, index, self._turn.now_ns)
+        if frames:
+            self._turn.note("phase", f"module {running.entry.name} asks for phase {phase}")
+        self._tell(frames)
+
+    def _found(self, code: FaultCode, kind: ElementKind, position: int, detail: int) -> bool:
+        frames = self.faults.found(code, kind, position, detail, self._turn.now_ns)
+        self._tell(frames)
+        return bool(frames)
+
+    def _tell(self, frames: list[Frame]) -> None:
+        """Send toward the manager."""
+        self._turn.out += [Send(self._index.uplink, frame) for frame in frames]

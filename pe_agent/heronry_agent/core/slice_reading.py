@@ -1,0 +1,70 @@
+"""From the bytes of a slice to a slice that this PE can run, or the reason why it cannot.
+
+Everything is checked before anything is staged, so that taking a step cannot fail half way: every index is in the
+table, what a leaf reads has the leaf's variable and is produced here or comes from a named node, what is published is
+given by a module of this slice, every mask has ports of this PE only, and every image is here.
+"""
+
+from collections.abc import Iterable
+
+from heronry_agent.core.table_index import TableIndex
+from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice, slice_digest
+from heronry_wire.identifiers import PE_NODES
+from heronry_wire.management import Reason
+
+
+class SliceReader:
+    """Reads the slices of one PE."""
+
+    def __init__(self, index: TableIndex, missing_images: frozenset[str]) -> None:
+        """`missing_images` are those of the table that cannot be loaded here."""
+        self._index = index
+        self.missing_images = missing_images
+
+    def on_board(self, number: int, digest: int) -> tuple[bytes, int] | None:
+        """Find the slice of a contingency, and its digest; `digest` is that of the whole configuration."""
+        body = self._index.on_board(number, digest)
+        return None if body is None else (body, slice_digest(self._index.table.spec_digest, body))
+
+    def read(self, body: bytes, digest: int) -> Slice | Reason:
+        """Decode and check the bytes of a slice that was announced with this digest."""
+        if slice_digest(self._index.table.spec_digest, body) != digest:
+            return Reason.DIGEST
+        try:
+            wanted = decode_slice(body, self._index.leaf_counts)
+        except SliceError:
+            return Reason.UNKNOWN_INDEX
+        if not self._is_coherent(wanted):
+            return Reason.UNKNOWN_INDEX
+        images = {self._index.modules[module.module].image for module in wanted.modules}
+        return Reason.IMAGE if images & self.missing_images else wanted
+
+    def _is_coherent(self, wanted: Slice) -> bool:
+        given = {source for m in wanted.modules for source in self._index.gives(m.module, m.mode)}
+        return (
+            wanted.publish.keys() <= given
+            and not wanted.remote.keys() & given
+            and self._are_sources(wanted.remote)
+            and self._are_sources(wanted.forward)
+            and all(node in PE_NODES and node != self._index.node for node in wanted.remote.values())
+            and all(node in PE_NODES for node, _ in wanted.forward.values())
+            and all(map(self._is_mask, wanted.publish.values()))
+            and all(self._is_mask(mask) for _, mask in wanted.forward.values())
+            and all(self._is_wired(module, given | wanted.remote.keys()) for module in wanted.modules)
+        )
+
+    def _are_sources(self, sources: Iterable[int]) -> bool:
+        return all(source < len(self._index.table.sources) for source in sources)
+
+    def _is_mask(self, mask: int) -> bool:
+        return 0 < mask < 1 << len(self._index.ports)
+
+    def _is_wired(self, module: ModuleSlice, supplied: set[int]) -> bool:
+        """Tell whether every wired leaf reads its own variable from somebody."""
+        variables = self._index.leaf_variables(module.module, module.mode)
+        for variable, source in zip(variables, module.sources, strict=True):
+            if source is None:
+                continue
+            if source not in supplied or self._index.table.sources[source].variable != variable:
+                return False
+        return True

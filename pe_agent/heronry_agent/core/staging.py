@@ -1,0 +1,206 @@
+"""What is to run next: from PREPARE and SLICE frames to a staged configuration.
+
+    nothing      no PREPARE has been obeyed, or the last one was refused
+    collecting   PREPARE named an epoch; the head and the body of this PE's slice come in any order, doubled, or not
+                 (a contingency that is on board is complete at once; one that is not is asked for: NOT_ON_BOARD)
+    staged       the slice is complete, has its digest, and this PE can run it
+
+A newer epoch, or one from a higher term, replaces whatever was collected or staged; a repeated command about what is
+already staged is answered again and changes nothing else. A head that announces the slice which already runs here
+stages it at once. For any other the body follows, unless the manager thinks that it runs here already: INCOMPLETE is
+answered whenever frames have stopped coming for half a heartbeat period while some are missing.
+
+An answer is a page 1 of the state; every method tells whether one is due now. It names the epoch that was last asked
+for, with its digest once it is staged, and until then with none and the reason: so the manager knows which question is
+answered. Late: what names an older epoch than is collected is answered with STALE_EPOCH. After a pause what waited is
+taken in its order; what the manager had no answer to it has said again, which changes nothing. A restart loses all of
+this: the PE is then unconfigured, and the manager starts again.
+"""
+
+from dataclasses import dataclass
+
+from heronry_agent.core.slice_reading import SliceReader
+from heronry_wire.configuration_slice import Slice
+from heronry_wire.management import (
+    NO_EPOCH,
+    SLICE_BYTES_PER_FRAME,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    is_newer,
+)
+from heronry_wire.sansio import NEVER_NS
+
+MAX_SLICE_BYTES = 255 * SLICE_BYTES_PER_FRAME
+
+
+@dataclass(frozen=True, slots=True)
+class Configured:
+    """One PE's part of a configuration; `digest` is that of the whole, the slice's own is `slice_digest`."""
+
+    epoch: int
+    digest: int
+    slice: Slice
+    slice_digest: int
+    length: int
+
+
+UNCONFIGURED = Configured(NO_EPOCH, 0, Slice(), 0, 0)
+
+
+@dataclass(slots=True)
+class _Collection:
+    """An epoch that is being collected."""
+
+    prepare: Prepare
+    head: SliceHead | None = None
+    bodies: dict[int, bytes] | None = None
+
+    def missing(self) -> bool:
+        """Tell whether the body is not complete."""
+        assert self.head is not None
+        held = self.bodies or {}
+        return any(index not in held for index in range(1, _frames(self.head.length) + 1))
+
+    def body(self) -> bytes:
+        """Bytes of the slice, once nothing is missing."""
+        assert self.head is not None
+        held = self.bodies or {}
+        joined = b"".join(held[index] for index in range(1, _frames(self.head.length) + 1))
+        return joined[: self.head.length]
+
+
+def _frames(length: int) -> int:
+    return -(-length // SLICE_BYTES_PER_FRAME)
+
+
+class Staging:
+    """Collects the slices of one PE."""
+
+    def __init__(self, reader: SliceReader, quiet_ns: int) -> None:
+        """`quiet_ns` is how long the frames of a body may pause before the missing ones are asked for."""
+        self.reader = reader
+        self._quiet_ns = quiet_ns
+        self._collection: _Collection | None = None
+        self._term = 0  # the one whose PREPARE was last accepted
+        self.staged = UNCONFIGURED  # stays when it has been taken: page 1 goes on naming it until the next PREPARE
+        self.reason = Reason.NONE
+        self.ask_ns = NEVER_NS  # when to say INCOMPLETE
+
+    def prepare(self, command: Prepare, running: Configured) -> bool:
+        """PREPARE was obeyed."""
+        epoch = command.epoch
+        if (epoch, command.digest) in ((self.staged.epoch, self.staged.digest), (running.epoch, running.digest)):
+            self.reason = Reason.NONE
+            return True
+        newest = self._newest()
+        if newest is not None and (newest.epoch, newest.digest) == (epoch, command.digest):
+            return self.reason is Reason.NOT_ON_BOARD
+        if not is_newer(epoch, running.epoch) or self._is_superseded(command):
+            return self.refuse(Reason.STALE_EPOCH)
+        self._drop()
+        self.staged = running
+        self._term = command.term
+        self.reason = Reason.NONE
+        self._collection = _Collection(command)
+        return command.contingency != 0 and self._take_from_board(command)
+
+    def _take_from_board(self, command: Prepare) -> bool:
+        """Stage the slice that this number stands for, or ask for it."""
+        collection, found = self._collection, self.reader.on_board(command.contingency, command.digest)
+        assert collection is not None
+        if found is None:
+            return self.refuse(Reason.NOT_ON_BOARD)
+        body, digest = found
+        collection.head = SliceHead(0, command.epoch & 0xFF, len(body), digest)
+        read = self.reader.read(body, digest)
+        return self._stage(read) if isinstance(read, Slice) else self.refuse(read)
+
+    def head(self, command: SliceHead, running: Configured, now_ns: int) -> bool:
+        """The head of this PE's slice came from the reigning manager."""
+        collection = self._collection
+        if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
+            return self._is_about(command.epoch_low, self.staged.epoch)
+        if command.length > MAX_SLICE_BYTES:
+            return self.refuse(Reason.UNKNOWN_INDEX)
+        if collection.head is not None and collection.head != command:
+            collection.bodies = None
+        collection.head = command
+        if running.epoch != NO_EPOCH and (command.digest, command.length) == (running.slice_digest, running.length):
+            return self._stage(running.slice)
+        return self._check(now_ns)
+
+    def body(self, command: SliceBody, now_ns: int) -> bool:
+        """Five bytes of this PE's slice came from the reigning manager."""
+        collection = self._collection
+        if collection is None or not self._is_about(command.epoch_low, collection.prepare.epoch):
+            return False
+        if collection.bodies is None:
+            collection.bodies = {}
+        collection.bodies[command.index] = command.body
+        return collection.head is not None and self._check(now_ns)
+
+    def tick(self, now_ns: int) -> bool:
+        """Let time pass: the frames of a body may have stopped coming."""
+        if now_ns < self.ask_ns:
+            return False
+        self.ask_ns = NEVER_NS
+        return self.refuse(Reason.INCOMPLETE)
+
+    def refuse(self, reason: Reason) -> bool:
+        """Keep the reason for page 1."""
+        self.reason = reason
+        return True
+
+    @property
+    def told(self) -> tuple[int, int]:
+        """Epoch and digest that page 1 names: what is staged, or what is being collected, which has no digest yet."""
+        if self._collection is not None:
+            return self._collection.prepare.epoch, 0
+        return self.staged.epoch, self.staged.digest
+
+    def collecting(self) -> bool:
+        """Tell whether a slice is being collected."""
+        return self._collection is not None
+
+    def _is_about(self, epoch_low: int, epoch: int) -> bool:
+        return epoch != NO_EPOCH and epoch_low == epoch & 0xFF
+
+    def _newest(self) -> Prepare | Configured | None:
+        """What was prepared last and has not been taken for stale."""
+        if self._collection is not None:
+            return self._collection.prepare
+        return self.staged if self.staged.epoch != NO_EPOCH else None
+
+    def _is_superseded(self, command: Prepare) -> bool:
+        """A late PREPARE of the same reign must not undo a later one."""
+        newest = self._newest()
+        return newest is not None and command.term == self._term and not is_newer(command.epoch, newest.epoch)
+
+    def _check(self, now_ns: int) -> bool:
+        """Stage what is complete; wait on for what is not."""
+        collection = self._collection
+        assert collection is not None
+        assert collection.head is not None
+        if collection.missing():
+            self.ask_ns = now_ns + self._quiet_ns
+            return False
+        read = self.reader.read(collection.body(), collection.head.digest)
+        if isinstance(read, Slice):
+            return self._stage(read)
+        collection.bodies, self.ask_ns = None, NEVER_NS
+        return self.refuse(read)
+
+    def _stage(self, wanted: Slice) -> bool:
+        collection = self._collection
+        assert collection is not None
+        assert collection.head is not None
+        prepare, head = collection.prepare, collection.head
+        self.staged = Configured(prepare.epoch, prepare.digest, wanted, head.digest, head.length)
+        self._drop()
+        self.reason = Reason.NONE
+        return True
+
+    def _drop(self) -> None:
+        self._collection, self.ask_ns = None, NEVER_NS

@@ -1,0 +1,217 @@
+"""The command `pe-agent`: the agent of one PE, from its table, on its buses.
+
+Exit codes: 0 stopped in order, 1 its node-ID is taken, 2 what it was given cannot be used (a flag, a table, a bus).
+Whatever ends it is one sentence on standard error.
+"""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
+from pathlib import Path
+
+from can.cli import add_bus_arguments
+
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.vocabulary import Note
+from heronry_agent.shell.devices import PLANT, find_device_driver
+from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
+from heronry_agent.shell.incarnation import next_incarnation
+from heronry_agent.shell.partition_groups import open_groups
+from heronry_agent.shell.partition_host import PartitionHost
+from heronry_agent.shell.ports import bus_configs
+from heronry_agent.shell.table_waiting import HEARTBEAT_NS, MISSES, Waiting, WaitingCore
+from heronry_wire.authentication import Key
+from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus
+from heronry_wire.errors import HeronryError
+from heronry_wire.identifiers import PE_NODES
+from heronry_wire.key_file import read_key
+from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
+from heronry_wire.service_manager import ServiceManager
+
+_LISTEN_NS = 1_200_000_000  # more than a heartbeat of a node that waits, too
+_SALT_BYTES = 16
+_USUAL_BITRATE = 1_000_000  # bit/s: paces SDO, where no flag says another
+
+_EPILOG = """\
+examples:
+  pe-agent --table nav.table -i socketcan -c can0
+  pe-agent --table nav.table --bus can0=vcan0 -i socketcan         the same, by the name of the bus in the spec
+  pe-agent --table link.table -i socketcan -c can0 --bus radio=slcan:/dev/ttyUSB0     a gateway: each bus by name
+  pe-agent --table nav.table -i softbus -c /tmp/can0.sock --state-dir /var/lib/heronry
+  pe-agent --table nav.table -i socketcan -c can0 --key fleet.key  obeys nobody but who has the key
+  pe-agent --table nav.table -i socketcan -c can0,can1             a replicated bus: both its channels
+  pe-agent --node 92 -i socketcan -c can0                          waits until 'heronry send-table' gives it its table
+  pe-agent --node 92 -i socketcan -c can0 --key fleet.key          the same, and takes it from who has the key alone
+
+'heronry table SPEC PE' writes the table. The flags below are python-can's own and mean the bus toward the manager;
+can.conf and CAN_* variables are honoured. The agent stops with Ctrl-C or SIGTERM; a PE that just vanishes is no harm.
+"""
+
+
+class _IdTakenError(HeronryError):
+    """Somebody else on the bus has this node-ID."""
+
+    def __init__(self, node: int, where: str = "") -> None:
+        super().__init__(f"another node on the bus has node-ID {node}; give one of them another{where}")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return _run(arguments)
+    except HeronryError as error:
+        print(f"pe-agent: {error}", file=sys.stderr)
+        return 1 if isinstance(error, _IdTakenError) else 2
+    except KeyboardInterrupt:
+        return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="pe-agent",
+        description="Run the modules that the manager gives this processing element, and report to it.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    table = parser.add_mutually_exclusive_group(required=True)
+    table.add_argument("--table", type=Path, metavar="FILE", help="what 'heronry table' wrote for it")
+    table.add_argument(
+        "--node", type=_node, metavar="ID", help="wait as this node (92 to 125) for 'heronry send-table', over the bus"
+    )
+    parser.add_argument(
+        "--bus",
+        action="append",
+        default=[],
+        metavar="NAME=[INTERFACE:]CHANNEL",
+        help="a bus of the table on this channel; once for each bus of a gateway",
+    )
+    parser.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where the boot count is kept (default: drawn from the clock)"
+    )
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: from now on nobody without it commands"
+    )
+    parser.add_argument(
+        "--bench-origin",
+        type=int,
+        metavar="NS",
+        help="when the simulated flight took off, in ns of the monotonic clock (default: now)",
+    )
+    parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
+    talk = parser.add_mutually_exclusive_group()
+    talk.add_argument("-q", "--quiet", action="store_true", help="say only what ends the agent")
+    talk.add_argument("-v", "--verbose", action="store_true", help="say at the end what was not understood or late")
+    add_bus_arguments(parser, group_title="the bus toward the manager")
+    return parser
+
+
+def _node(text: str) -> int:
+    if text.isascii() and text.isdecimal() and int(text) in PE_NODES:
+        return int(text)
+    raise argparse.ArgumentTypeError(f"{text} is not the node-ID of a PE; use {PE_NODES[0]} to {PE_NODES[-1]}")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    tell = _silent if arguments.quiet else _print_note
+    key = None if arguments.key is None else read_key(arguments.key)
+    table = _wait_for_table(arguments, tell, key) if arguments.table is None else _read_table(arguments.table)
+    if table is None:
+        return 0
+    configs = bus_configs(table, arguments, arguments.bus)
+    origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
+    with ExitStack() as undo:
+        links: list[AnyLink] = []
+        for port, config in zip(table.ports, configs, strict=True):
+            links.append(open_link(config, port.heartbeat_ns, port.misses))
+            undo.callback(links[-1].close)
+        if id_is_taken(links, table):
+            raise _IdTakenError(table.node_id, " in the spec")
+
+        def new_core() -> AgentCore:
+            incarnation = next_incarnation(arguments.state_dir, table.node_id)
+            return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
+
+        devices = find_device_driver(PLANT)(origin_ns)
+        followed = devices.follows(device.name for device in table.devices if device.node == table.node_id)
+        host = PartitionHost(table, devices, open_groups(tell))
+        undo.callback(host.close)
+        service = ServiceManager()
+        undo.callback(service.close)
+        driver = AgentDriver(table, new_core, host, links, tell=tell, service=service)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: driver.stop())
+        driver.run(until_eof=arguments.until_eof)
+        service.stopping()
+        if arguments.verbose:
+            _print_counts(driver.core, links, table)
+    return 0
+
+
+def _secret(key: Key | None) -> Secret | None:
+    return None if key is None else Secret(key, os.urandom(_SALT_BYTES))
+
+
+def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None], key: Key | None) -> PeTable | None:
+    """Be a node without a table until there is one; None if it was stopped before."""
+    flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
+    bitrate = flags.get("bitrate", _USUAL_BITRATE)
+    core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
+    channels = channel_configs(flags, channels_named(flags), "the bus")
+    with closing(open_link(channels, HEARTBEAT_NS, MISSES)) as link:
+        if hears_own_id([link], arguments.node, _LISTEN_NS):
+            raise _IdTakenError(arguments.node)
+        waiting = Waiting(core, link, tell)
+        numbers = (signal.SIGTERM, signal.SIGINT)
+        before = {number: signal.signal(number, lambda *_: waiting.stop()) for number in numbers}
+        try:
+            return waiting.run(until_eof=arguments.until_eof)
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _read_table(file: Path) -> PeTable:
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise TableError(f"{file}: {reason}; write the table with 'heronry table'") from error
+    try:
+        return PeTable.from_json(text)
+    except TableError as error:
+        raise TableError(f"{file}: {error}") from error
+
+
+def _print_counts(core: AgentCore, links: Sequence[AnyLink], table: PeTable) -> None:
+    for (what, where), times in sorted(core.counts.items()):
+        _print_note(Note("count", f"{what} ({where}): {times}"))
+    for module, times in sorted(core.modules.schedule.overruns.items()):
+        _print_note(Note("count", f"releases of {table.module_names[module]} skipped: {times}"))
+    for bus in links:
+        if isinstance(bus, ReplicatedLink):
+            _print_note(Note("count", f"{bus.name}: copies {bus.merge.copies}, withheld {bus.merge.stale}"))
+    for link in (link for bus in links for link in (bus.links if isinstance(bus, ReplicatedLink) else (bus,))):
+        lost = f"frames without an echo {link.echoes_lost}, dropped {link.queue.dropped}, too late {link.queue.expired}"
+        _print_note(Note("count", f"{link.name}: {lost}"))
+        for what, times in sorted(link.health.counts.items()):
+            _print_note(Note("count", f"{link.name}: {what} {times}"))
+
+
+def _silent(note: Note) -> None:
+    """Say nothing."""
+
+
+def _print_note(note: Note) -> None:
+    with suppress(OSError):  # a full disk, or a reader that went away, is no reason to stop flying
+        print(f"{time.monotonic():.3f} {note.kind}: {note.text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,217 @@
+"""The agent's thin shell: the buses of one PE, its modules, one select loop. Time is CLOCK_MONOTONIC.
+
+A turn goes so:
+
+1. Wait until a frame has come, a deadline is due, or whoever started the agent is gone.
+2. Hand over every frame that has come, with its age: after a pause of this process the old ones among them must not
+   look like news (rule 6), and no deadline passes before they are known.
+3. Hand over what the partitions have computed, then the deadline if it is due. What this releases is computed
+   elsewhere, meanwhile.
+
+What means nothing to the PE now is kept back by the kernel (or the hub): on a full bus that is most of the traffic.
+
+A frame that could not leave within T_lease does not leave at all: rule 6 allowed it for then, not for now.
+
+No step of this loop waits for anything but its select. Nothing runs in a thread, and nothing repeats frames for us:
+when this loop stands still, the PE is silent.
+
+A bus that is lost ends nothing (`heronry_wire.link` gets it back). Meanwhile the core goes on, its frames go nowhere,
+and rule 6 takes its exclusive outputs away. When the bus toward the manager comes back after more than T_lease, others
+have been told to do what this PE did: its modules are stopped, it listens whether its node-ID is still its own, and
+starts unconfigured, as a new incarnation. While another node has its node-ID it stays silent, and goes on listening.
+
+Frames are taken in bounded bursts, of more than a socket holds: a flood delays heartbeats, and stops none.
+
+It ends when `stop` is called (a signal), and with `until_eof` when standard input ends.
+"""
+
+import os
+import select
+import sys
+import time
+from collections.abc import Callable, Collection, Sequence
+from typing import Any
+
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.vocabulary import Action, ChannelsLost, Event, Left, Note
+from heronry_agent.shell.partition_host import PartitionHost
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import heartbeat_id, state_id
+from heronry_wire.link import Arrival
+from heronry_wire.pe_table import PeTable
+from heronry_wire.replicated_link import AnyLink, ReplicatedLink
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
+from heronry_wire.service_manager import ServiceManager
+
+_NS_PER_S = 1_000_000_000
+_BURSTS = 8  # of 64 frames, taken in one turn; SocketCAN's default buffer holds fewer
+_LISTEN_PERIODS = 2  # heartbeats of a node that runs
+
+
+def hears_own_id(links: Sequence[AnyLink], node: int, listen_ns: int) -> bool:
+    """Listen before speaking: tell whether another node already has this node-ID."""
+    own = (state_id(node), heartbeat_id(node))
+    end_ns = time.monotonic_ns() + listen_ns
+    while (left_ns := end_ns - time.monotonic_ns()) > 0:
+        select.select([reader for link in links for reader in link.readers], [], [], left_ns / _NS_PER_S)
+        for link in links:
+            if any(_is_plain(frame) and frame.can_id in own for _, frame in link.receive(time.monotonic_ns())):
+                return True
+    return False
+
+
+def _is_plain(frame: Frame) -> bool:
+    return not (frame.extended or frame.remote or frame.error)
+
+
+def id_is_taken(links: Sequence[AnyLink], table: PeTable) -> bool:
+    """Listen for as long as a PE with this table's node-ID could be silent: tell whether there is one."""
+    return hears_own_id(links, table.node_id, _LISTEN_PERIODS * table.ports[table.uplink].heartbeat_ns)
+
+
+class AgentDriver:
+    """Runs a core on its links, one per port."""
+
+    def __init__(
+        self,
+        table: PeTable,
+        new_core: Callable[[], AgentCore],
+        host: PartitionHost,
+        links: Sequence[AnyLink],
+        *,
+        tell: Callable[[Note], None],
+        service: ServiceManager,
+    ) -> None:
+        """`new_core` makes the core of the next incarnation, `tell` gets every note as it happens."""
+        self.core = new_core()
+        self._table, self._new_core, self._host, self._links, self._tell = table, new_core, host, links, tell
+        self._service, self._own_state = service, state_id(table.node_id)
+        self._off_since_ns: int | None = None  # the outage of the uplink that is not dealt with yet
+        self._lost_channels: dict[int, frozenset[int]] = {}  # by port, as the core was told
+        self._accepted: Collection[int] = ()  # what the links were last told to take in
+        self._until_eof = False
+        self._stopping = False
+
+    def stop(self) -> None:
+        """End the loop at its next turn; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self, *, until_eof: bool) -> None:
+        """Run until stopped."""
+        self._until_eof = until_eof
+        always: list[Any] = [sys.stdin] if until_eof else []
+        while not self._stopping:
+            readers: list[Any] = [*always, *self._host.readers()]
+            readers += [reader for link in self._links for reader in link.readers]
+            ready, _, _ = select.select(readers, [], [], self._wait_s())
+            if sys.stdin in ready and self._is_abandoned():
+                break
+            self._take_frames(ready)
+            for event in self._host.take(ready, time.monotonic_ns()):
+                self._step(time.monotonic_ns(), event)
+            now_ns = time.monotonic_ns()
+            if now_ns >= self.core.next_deadline_ns():
+                self._step(now_ns, Tick())
+            self._host.flush(now_ns)
+            for link in self._links:
+                link.pump(now_ns)
+            self._take_departures()
+            self._look_at_links(now_ns)
+            if self.core.identifiers is not self._accepted:
+                self._accept(self.core.identifiers)
+
+    def _is_abandoned(self) -> bool:
+        """Tell whether whoever started the agent is gone."""
+        return bool(select.select([sys.stdin], [], [], 0)[0]) and not os.read(sys.stdin.fileno(), 4096)
+
+    def _look_at_links(self, now_ns: int) -> None:
+        """Tell what has befallen them, and begin anew after an outage in which this PE will have been replaced."""
+        for port, link in enumerate(self._links):
+            for sentence in link.take_news():
+                self._tell(Note("bus", sentence))
+                self._service.status(sentence)
+            if isinstance(link, ReplicatedLink):
+                self._compare_channels(port, link.lost_channels(now_ns))
+        before_ns, self._off_since_ns = self._off_since_ns, self._links[self._table.uplink].off_since_ns
+        if before_ns is not None and self._off_since_ns is None and now_ns - before_ns > self.core.lease_ns:
+            self._begin_anew()
+
+    def _compare_channels(self, port: int, lost: frozenset[int]) -> None:
+        if lost != self._lost_channels.get(port, frozenset()):
+            self._lost_channels[port] = lost
+            self._step(time.monotonic_ns(), ChannelsLost(port, lost))
+
+    def _begin_anew(self) -> None:
+        """Stop all modules, listen, and be a new incarnation of this PE."""
+        self._host.abandon()
+        is_told = False
+        while id_is_taken(self._links, self._table):
+            if not is_told:
+                who = f"another node has taken node-ID {self._table.node_id}"
+                self._tell(Note("clash", f"{who}; this one is silent until that is gone"))
+                is_told = True
+            self._service.lives(time.monotonic_ns())  # it may be silent for long, and does what it should
+            self._stopping = self._stopping or (self._until_eof and self._is_abandoned())
+            if self._stopping:
+                return
+        self.core, self._accepted, self._lost_channels = self._new_core(), (), {}
+
+    def _accept(self, identifiers: Collection[int]) -> None:
+        self._accepted = identifiers
+        for port, link in enumerate(self._links):
+            if port not in self.core.radio_ports:
+                link.accept(identifiers)
+
+    def _wait_s(self) -> float:
+        deadlines = [self.core.next_deadline_ns(), self._host.next_deadline_ns()]
+        deadlines += [at_ns for link in self._links if (at_ns := link.next_deadline_ns()) is not None]
+        return max(0, min(deadlines) - time.monotonic_ns()) / _NS_PER_S
+
+    def _take_frames(self, ready: Collection[object]) -> None:
+        links = [(port, link) for port, link in enumerate(self._links) if any(one in ready for one in link.readers)]
+        for _ in range(_BURSTS):
+            for arrival, port in self._arrivals(links):
+                now_ns = time.monotonic_ns()
+                self._step(now_ns, Received(port, arrival.frame, max(0, now_ns - arrival.time_ns)))
+            links = [(port, link) for port, link in links if link.has_more]
+            if not links:
+                return
+
+    def _take_departures(self) -> None:
+        """Say what has left for a radio; what follows it leaves at once where nobody knows when that is."""
+        for port in self.core.radio_ports:
+            while departures := self._links[port].departures_ns():
+                for took_ns in departures:
+                    self._step(time.monotonic_ns(), Left(port, took_ns))
+
+    def _arrivals(self, links: Sequence[tuple[int, AnyLink]]) -> list[tuple[Arrival, int]]:
+        """What has come on some ports, in the order in which it came."""
+        found = []
+        for port, link in links:
+            found += [(arrival, port) for arrival in link.receive(time.monotonic_ns())]
+        if len(links) > 1:
+            found.sort(key=lambda one: one[0].time_ns)
+        return found
+
+    def _step(self, now_ns: int, event: Event) -> None:
+        for action in self.core.step(now_ns, event):
+            self._carry_out(action, now_ns)
+
+    def _carry_out(self, action: Action, decided_ns: int) -> None:
+        match action:
+            case Send(port, frame, until_ns):
+                latest_ns = decided_ns + self.core.lease_ns if until_ns is None else until_ns
+                self._links[port].send(frame, time.monotonic_ns(), latest_ns)
+                if frame.can_id == self._own_state:
+                    self._service.lives(decided_ns)
+            case Withdraw(identifiers):
+                for link in self._links:
+                    link.withdraw(identifiers)
+            case StandBack(port, until_ns):
+                self._links[port].stand_back(until_ns)
+            case Note():
+                self._tell(action)
+            case _:
+                answer = self._host.carry_out(action, time.monotonic_ns())
+                if answer is not None:
+                    self._step(time.monotonic_ns(), answer)

@@ -1,0 +1,78 @@
+"""The module host inside one process: what a simulator runs modules with.
+
+The core asks, the host does, and the answer goes back as an event. `PartitionHost` takes the same actions and gives the
+same events, with the modules in processes apart, which is what a node does. Here nothing protects one module from
+another, and computing takes no time: whoever wants a module to hang or to be slow says so in its place.
+
+All images of the table are loaded when the host is made; the ones that cannot be are in `missing_images`.
+"""
+
+from heronry_agent.core.schedule import NS_MHZ
+from heronry_agent.core.vocabulary import (
+    Action,
+    Drive,
+    EndPartition,
+    Heard,
+    ModuleEvent,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+from heronry_agent.device import DeviceDriver
+from heronry_agent.shell.devices import Devices
+from heronry_agent.shell.module_runner import ModuleRunner, Orders
+from heronry_wire.pe_table import PeTable
+
+
+def orders_of(action: StartModule) -> Orders:
+    """What a StartModule means to the code of the module."""
+    entry, mode = action.entry, action.entry.modes[action.mode]
+    return Orders(entry.name, entry.image, mode.name, NS_MHZ // mode.rate_mhz, entry.device is not None)
+
+
+class ModuleHost:
+    """The modules of one PE that exist now."""
+
+    def __init__(self, table: PeTable, devices: DeviceDriver) -> None:
+        """Load the images of a table."""
+        self._devices = Devices(table, devices)
+        self._partitions = {module.index: module.partition for module in table.modules}
+        self._now_ns = 0
+        self._runner = ModuleRunner(lambda: self._now_ns)
+        reasons = ((image, self._runner.load(image)) for image in sorted({entry.image for entry in table.modules}))
+        self.missing_images = {image: reason for image, reason in reasons if reason is not None}
+
+    def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
+        """Do what an action asks of the modules or their world; gives what the core is to hear of it, if anything."""
+        self._now_ns = now_ns
+        match action:
+            case StepModule():
+                return self._step(action, now_ns)
+            case StartModule():
+                reason = self._runner.start(action.module, orders_of(action), now_ns)
+                return None if reason is None else StartFailed(action.module, reason)
+            case StopModule():
+                self._runner.stop(action.module, keep=action.keep)
+                if not action.keep:
+                    self._devices.make_safe(action.module, now_ns)
+            case EndPartition():
+                for module in (m for m, partition in self._partitions.items() if partition == action.partition):
+                    self._runner.stop(module)
+                    self._devices.make_safe(module, now_ns)
+            case Drive():
+                return self._devices.drive(action, now_ns)
+            case Heard():
+                self._devices.heard(action, now_ns)
+            case _:
+                pass
+        return None
+
+    def _step(self, action: StepModule, now_ns: int) -> Stepped | StepFailed:
+        reading = self._devices.read(action.module, now_ns)
+        result = self._runner.step(action.module, now_ns, action.until_ns, reading, action.inputs)
+        if isinstance(result, str):
+            return StepFailed(action.module, action.release, result)
+        return Stepped(action.module, action.release, result.outputs, result.writes, result.reports, result.phases)

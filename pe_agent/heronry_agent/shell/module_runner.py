@@ -1,0 +1,164 @@
+"""Modules as objects: built, stepped, carried over into another mode, dropped; what they raise becomes one line.
+
+The same code runs them in a partition, which is what a node does, and in the process of a simulator. Nothing here knows
+a bus, a table or another process. A module is
+
+    built    by `start`, from its image; one that was kept is asked for `mode_changed` first, and goes on if it says so
+    stepped  by `step`: what it gave, wrote, reported and asked for comes back as one value, checked for its form alone
+    kept     by `stop(keep=True)`: not stepped, until `start` names it again or `stop` drops it
+
+A second `start` of a module that runs builds it anew.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from heronry_agent.module import Datum, Inputs, Module, Value
+from heronry_agent.shell.image_catalogues import find_image
+
+_MOST_DETAIL = 0xFFFF
+
+
+class Orders(NamedTuple):
+    """How a module is to run."""
+
+    name: str
+    image: str
+    mode: str
+    period_ns: int
+    has_device: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of one step."""
+
+    outputs: Mapping[str, Value]
+    writes: tuple[Value, ...] = ()
+    reports: tuple[tuple[str, int], ...] = ()
+    phases: tuple[str, ...] = ()
+
+
+@dataclass(slots=True)
+class _Context:
+    """What a module may ask of its host (`module.Context`)."""
+
+    clock: Callable[[], int]
+    module: str
+    mode: str
+    period_ns: int
+    now_ns: int
+    has_device: bool
+    until_ns: int = 0
+    reading: Value | None = None
+    writes: list[Value] = field(default_factory=list)
+    reports: list[tuple[str, int]] = field(default_factory=list)
+    phases: list[str] = field(default_factory=list)
+
+    def read(self) -> Value | None:
+        """Device as it was when this step began; None when it did not answer."""
+        self._require_device()
+        return self.reading
+
+    def write(self, value: Value) -> None:
+        """Drive the device when this step has ended."""
+        self._require_device()
+        self.writes.append(value)
+
+    def may_drive(self) -> bool:
+        """Tell whether outputs may be set now."""
+        return self.clock() <= self.until_ns
+
+    def report_failed(self, element: str, detail: int = 0) -> None:
+        """Tell the manager that an element has failed."""
+        self.reports.append((str(element), min(max(int(detail), 0), _MOST_DETAIL)))
+
+    def request_phase(self, phase: str) -> None:
+        """Ask the manager for a mission phase."""
+        self.phases.append(str(phase))
+
+    def _require_device(self) -> None:
+        if not self.has_device:
+            raise RuntimeError(f"module {self.module} is bolted to no device: give it one in the spec")
+
+
+class ModuleRunner:
+    """The modules that exist in one process."""
+
+    def __init__(self, clock: Callable[[], int]) -> None:
+        """`clock` gives the time in nanoseconds while a module computes."""
+        self._clock = clock
+        self._classes: dict[str, type[Module]] = {}
+        self._running: dict[int, tuple[Module, _Context, str]] = {}
+        self._kept: dict[int, tuple[Module, _Context, str]] = {}
+
+    def load(self, image: str) -> str | None:
+        """Import the code of an image; gives the reason if that cannot be done."""
+        if image in self._classes:
+            return None
+        try:
+            self._classes[image] = find_image(image)
+        except Exception as error:  # noqa: BLE001 - foreign code is imported here: whatever it raises, it is missing
+            return one_line(error)
+        return None
+
+    def start(self, module: int, orders: Orders, now_ns: int) -> str | None:
+        """Let a module run; gives the reason if it cannot be built."""
+        held = self._kept.pop(module, None)
+        if held is not None and held[2] == orders.image and self._carried_over(module, held, orders, now_ns):
+            return None
+        self._running.pop(module, None)
+        reason = self.load(orders.image)
+        if reason is not None:
+            return reason
+        context = _Context(self._clock, orders.name, orders.mode, orders.period_ns, now_ns, orders.has_device)
+        try:
+            self._running[module] = (self._classes[orders.image](context), context, orders.image)
+        except Exception as error:  # noqa: BLE001 - a module's constructor may raise anything
+            return one_line(error)
+        return None
+
+    def stop(self, module: int, *, keep: bool = False) -> None:
+        """Step a module no more; does nothing to one that is not there."""
+        self._kept.pop(module, None)
+        held = self._running.pop(module, None)
+        if keep and held is not None:
+            self._kept[module] = held
+
+    def step(
+        self, module: int, now_ns: int, until_ns: int, reading: Value | None, inputs: Mapping[str, tuple[str, Datum]]
+    ) -> Result | str:
+        """Let a module compute one period; gives the reason if that failed."""
+        held = self._running.get(module)
+        if held is None:
+            return "it was never built"
+        code, context, _ = held
+        context.now_ns, context.until_ns, context.reading = now_ns, until_ns, reading
+        context.writes, context.reports, context.phases = [], [], []
+        try:
+            outputs: object = code.step(Inputs(inputs))
+        except Exception as error:  # noqa: BLE001 - a module's step may raise anything
+            context.writes, context.reports, context.phases = [], [], []  # they may be what took all memory
+            return one_line(error)
+        if not isinstance(outputs, dict | Mapping):  # a dict mostly, which is told at once
+            return f"its step gave {type(outputs).__name__}, not a mapping"
+        return Result(dict(outputs), tuple(context.writes), tuple(context.reports), tuple(context.phases))
+
+    def _carried_over(self, module: int, held: tuple[Module, _Context, str], orders: Orders, now_ns: int) -> bool:
+        """Ask a module that was kept whether it goes on in its new mode."""
+        code, context, _ = held
+        context.mode, context.period_ns, context.now_ns = orders.mode, orders.period_ns, now_ns
+        try:
+            goes_on = code.mode_changed()
+        except Exception:  # noqa: BLE001 - foreign code: one that cannot tell is built anew
+            goes_on = False
+        if goes_on:
+            self._running[module] = held
+        return bool(goes_on)
+
+
+def one_line(error: BaseException) -> str:
+    """Name and first line of an exception."""
+    words = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {words[0]}" if words else type(error).__name__

@@ -1,0 +1,117 @@
+"""A partition: the process in which a group of modules computes, with one socket to its agent and nothing else.
+
+    python -m heronry_agent.shell.partition AGENT_PID NAME     started by the agent; the socket is file descriptor 3
+
+It has no bus, no table, no key: it does what comes on the socket, one order after the other, and says of each step at
+once what came of it (`partition_messages`): so the agent knows who was computing when the process ends. What a module
+raises is an answer.
+
+Nothing here outlives the agent. The kernel kills this process when the agent dies (PR_SET_PDEATHSIG), even in the
+middle of a step, and a closed socket ends it. An agent that stands still asks for nothing, and so nothing is computed;
+a step that was asked for before, and comes to its turn when the agent's word is too old (`until_ns`), is not computed.
+
+A partition leaves no core file, which would take seconds.
+"""
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+from heronry_agent.module import Datum
+from heronry_agent.shell.module_runner import ModuleRunner, Result
+from heronry_agent.shell.partition_messages import (
+    SOCKET,
+    Done,
+    Failed,
+    Load,
+    Loaded,
+    Order,
+    Start,
+    StartRefused,
+    Step,
+    Stop,
+    Uncarriable,
+    decode_orders,
+    encode_answer,
+)
+
+_PR_SET_PDEATHSIG = 1
+_PACKET_BYTES = 262_144
+_DESCRIPTORS = 65_536
+
+
+class Partition:
+    """The modules of this process, and what they are told."""
+
+    def __init__(self, runner: ModuleRunner) -> None:
+        self._runner = runner
+        self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
+
+    def obey(self, packet: bytes) -> Iterator[bytes]:
+        """Do what a packet says, order by order; gives the answers."""
+        for order in decode_orders(packet):
+            answer = self._obey(order)
+            if answer is not None:
+                yield answer
+
+    def _obey(self, order: Order) -> bytes | None:
+        match order:
+            case Step():
+                return self._step(order)
+            case Start():
+                self._leaves[order.module] = order.leaves
+                reason = self._runner.start(order.module, order.orders, time.monotonic_ns())
+                return None if reason is None else encode_answer(StartRefused(order.module, reason))
+            case Stop():
+                self._runner.stop(order.module, keep=order.keep)
+                return None
+            case Load():
+                reasons = {image: self._runner.load(image) for image in order.images}
+                return encode_answer(Loaded({image: reason for image, reason in reasons.items() if reason is not None}))
+
+    def _step(self, order: Step) -> bytes:
+        result: Result | str = Result({})
+        if time.monotonic_ns() <= order.until_ns:
+            inputs: dict[str, tuple[str, Datum]] = {}
+            leaves = self._leaves.get(order.module, ())
+            for leaf, value, version, age_ns, valid in order.inputs:
+                path, variable = leaves[leaf]
+                inputs[path] = (variable, Datum(value, version, age_ns, valid))
+            result = self._runner.step(order.module, order.now_ns, order.until_ns, order.reading, inputs)
+        if isinstance(result, str):
+            return encode_answer(Failed(order.module, order.release, result))
+        try:
+            return encode_answer(Done(order.module, order.release, time.monotonic_ns(), result))
+        except Uncarriable as error:
+            return encode_answer(Failed(order.module, order.release, str(error)))
+
+
+def die_with(agent: int) -> None:
+    """Let the kernel kill this process when its agent dies; ends it at once if the agent is gone already."""
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != agent:
+        sys.exit(1)
+
+
+def main(arguments: list[str]) -> int:
+    """Serve the agent until it is gone; gives the exit code."""
+    die_with(int(arguments[0]))
+    os.closerange(SOCKET + 1, _DESCRIPTORS)  # what the agent itself was given by whoever started it
+    os.set_inheritable(SOCKET, False)  # else a program that a module has started keeps our end from being seen
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the agent, which ends us
+    partition = Partition(ModuleRunner(time.monotonic_ns))
+    with suppress(ConnectionError):  # so ends what the agent ends while there is something unread
+        while packet := os.read(SOCKET, _PACKET_BYTES):
+            for answer in partition.obey(packet):
+                os.write(SOCKET, answer)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

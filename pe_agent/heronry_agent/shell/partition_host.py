@@ -1,0 +1,314 @@
+"""The module host of a node: the modules live in partitions, and the agent's loop never waits for one.
+
+It takes the actions of the core and gives the events that `ModuleHost` gives in a simulator. A partition is
+
+    absent    until one of its modules is started; or it is warmed up, one partition a second once the PE is at work, so
+              that no exec delays a reconfiguration in flight
+    loading   its process imports the code of all its modules in the table. What is started meanwhile is told to it
+              afterwards; a step is given back as `NotReady` then, to be asked for anew with what there is to see then
+    running   it does what it is told, one thing after the other
+    ending    killed, and not reaped yet; nobody waits for it, and its successor may start
+
+Whatever a partition does that it was not asked for ends it: an answer too many, a packet that cannot be read, one too
+long. So a flood is one packet. Who was computing is for the core to find out: here a partition has ended, and why.
+The core asks what steps have spent that it waits for; of one that it does not wait for any more, because the module was
+stopped, nobody asks, and what is behind it would wait for ever: that one hangs by the same measure, and is ended here.
+"""
+
+import time
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+
+from heronry_agent.core.schedule import HUNG_NS, NS_MHZ, hung_ns
+from heronry_agent.core.vocabulary import (
+    Action,
+    Drive,
+    EndPartition,
+    Heard,
+    ImagesMissing,
+    MeasureStep,
+    ModuleEvent,
+    NotReady,
+    PartitionEnded,
+    StartFailed,
+    StartModule,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+    StopModule,
+)
+from heronry_agent.device import DeviceDriver
+from heronry_agent.shell.devices import Devices
+from heronry_agent.shell.host import orders_of
+from heronry_agent.shell.partition_groups import PartitionGroups
+from heronry_agent.shell.partition_messages import (
+    Answer,
+    Done,
+    Failed,
+    Garbled,
+    Load,
+    Loaded,
+    Start,
+    StartRefused,
+    Step,
+    Stop,
+    decode_answer,
+)
+from heronry_agent.shell.partition_process import PartitionProcess
+from heronry_wire.pe_table import ModuleEntry, PeTable
+from heronry_wire.sansio import NEVER_NS
+
+WARM_UP_NS = 1_000_000_000
+LOADING_NS = 20_000_000_000
+_REAP_NS = 2_000_000
+
+
+class PartitionHost:
+    """The partitions of one PE."""
+
+    def __init__(self, table: PeTable, devices: DeviceDriver, groups: PartitionGroups | None = None) -> None:
+        """`groups`: the control groups in which partitions are to live, where there are any."""
+        self._devices = Devices(table, devices)
+        self._groups = groups
+        self._entries = {module.index: module for module in table.modules}
+        self._processes: dict[str, PartitionProcess] = {}
+        self._load_by_ns: dict[str, int] = {}  # loading partitions
+        self._waiting: dict[str, list[StartModule]] = {}  # to be told when it is loaded
+        self._held: defaultdict[str, list[StepModule]] = defaultdict(list)  # to be asked for anew then
+        self._modes: dict[int, int] = {}
+        self._numbers: dict[int, dict[str, int]] = {}  # of the leaves of each module that runs
+        self._ending: list[tuple[PartitionProcess, bool]] = []  # and whether the core has to hear of it
+        self._cold = sorted({module.partition for module in table.modules}, reverse=True)
+        self._warm_ns = NEVER_NS
+
+    def readers(self) -> list[PartitionProcess]:
+        """What to select on now."""
+        return [process for process in self._processes.values() if not process.gathers]
+
+    def next_deadline_ns(self) -> int:
+        """When to call `take`, if nothing comes before."""
+        looks = (process.look_ns for process in self._processes.values() if process.gathers)
+        look_ns, loaded_ns = min(looks, default=NEVER_NS), min(self._load_by_ns.values(), default=self._warm_ns)
+        return min(look_ns, loaded_ns, time.monotonic_ns() + _REAP_NS if self._ending else NEVER_NS)
+
+    def carry_out(self, action: Action, now_ns: int) -> ModuleEvent | None:
+        """Do what an action asks of the modules or their devices; gives what the core is to hear at once."""
+        match action:
+            case StepModule():
+                self._step(action, now_ns)
+            case StartModule():
+                return self._start(action, now_ns)
+            case StopModule():
+                self._stop(action)
+                if not action.keep:
+                    self._devices.make_safe(action.module, now_ns)
+            case MeasureStep():
+                return self._measure(action, now_ns)
+            case EndPartition():
+                self._end(action.partition, tell=False)
+            case Drive():
+                return self._devices.drive(action, now_ns)
+            case Heard():
+                self._devices.heard(action, now_ns)
+            case _:
+                pass
+        return None
+
+    def flush(self, now_ns: int) -> None:
+        """Tell the partitions what `carry_out` has collected: to be called once, when a turn ends."""
+        for process in self._processes.values():
+            process.flush(now_ns)
+
+    def take(self, ready: Collection[object], now_ns: int) -> list[ModuleEvent]:
+        """What has come from the partitions, and from time passing; `ready` are those that select named."""
+        events: list[ModuleEvent] = []
+        for process in list(self._processes.values()):
+            if process in ready or (process.gathers and now_ns >= process.look_ns):
+                process.gathers = False
+                events += self._read(process, now_ns)
+            if process.broken is None and now_ns >= self._load_by_ns.get(process.name, NEVER_NS):
+                self._look_at_loading(process, now_ns)
+            if process.broken is not None:
+                self._end(process.name, tell=True)
+        if self._ending:
+            events += self._reap()
+        if now_ns >= self._warm_ns and not self._load_by_ns:
+            self._warm_up(now_ns)
+        return events
+
+    def abandon(self) -> None:
+        """End all partitions; nobody is told. What is started from now on begins in new ones."""
+        self._ending = [(process, False) for process, _ in self._ending]
+        for name in list(self._processes):
+            self._end(name, tell=False)
+
+    def close(self) -> None:
+        """End everything."""
+        self.abandon()
+        while self._ending:
+            self._reap()
+            time.sleep(_REAP_NS / 1e9)
+
+    # What the core asks
+
+    def _start(self, action: StartModule, now_ns: int) -> StartFailed | None:
+        name = action.entry.partition
+        self._modes[action.module] = action.mode
+        leaves = action.entry.modes[action.mode].leaves
+        self._numbers[action.module] = {leaf.path: number for number, leaf in enumerate(leaves)}
+        if name not in self._processes:
+            try:
+                self._spawn(name, now_ns)
+            except OSError as error:
+                return StartFailed(action.module, f"no process for partition {name}: {error.strerror}")
+        if self._warm_ns == NEVER_NS and self._cold:
+            self._warm_ns = now_ns + WARM_UP_NS
+        if self._processes[name].loading:
+            self._waiting[name].append(action)
+        else:
+            self._tell_start(self._processes[name], action)
+        return None
+
+    def _tell_start(self, process: PartitionProcess, action: StartModule) -> None:
+        leaves = tuple((leaf.path, leaf.variable) for leaf in action.entry.modes[action.mode].leaves)
+        process.refusals_due[action.module] += 1
+        process.send(Start(action.module, orders_of(action), leaves))
+
+    def _stop(self, action: StopModule) -> None:
+        name = self._entries[action.module].partition
+        process = self._processes.get(name)
+        if process is None:
+            return
+        if process.loading:
+            self._waiting[name] = [start for start in self._waiting[name] if start.module != action.module]
+            self._held[name] = [step for step in self._held[name] if step.module != action.module]
+        else:
+            process.send(Stop(action.module, action.keep))
+            process.disown(action.module)
+
+    def _step(self, action: StepModule, now_ns: int) -> None:
+        name = self._entries[action.module].partition
+        process = self._processes.get(name)
+        if process is None:
+            return  # it has just ended, which the core is about to hear
+        if process.loading:
+            self._held[name].append(action)
+            return
+        numbers = self._numbers[action.module]
+        inputs = [(numbers[path], *datum) for path, (_, datum) in action.inputs.items()]
+        reading = self._devices.read(action.module, now_ns)
+        process.ask(action.module, action.release, now_ns)
+        process.send(Step(action.module, action.release, now_ns, action.until_ns, reading, inputs))
+
+    def _measure(self, action: MeasureStep, now_ns: int) -> StepMeasured:
+        process = self._processes.get(self._entries[action.module].partition)
+        if process is None:
+            return StepMeasured(action.module, action.release, 0)
+        unwanted = process.unwanted(now_ns)
+        if unwanted is not None:
+            stopped, spent_ns = unwanted
+            if spent_ns >= hung_ns(self._rate_mhz(self._entries[stopped])):
+                process.broken = "it hangs in a module that was stopped"
+        return StepMeasured(action.module, action.release, process.spent_ns(action.module, action.release, now_ns))
+
+    # What the partitions say
+
+    def _read(self, process: PartitionProcess, now_ns: int) -> Iterator[ModuleEvent]:
+        while process.broken is None and (packet := process.receive()) is not None:
+            yield from self._hear(process, decode_answer(packet), now_ns)
+            if not process.owes:
+                return
+
+    def _hear(self, process: PartitionProcess, answer: Answer, now_ns: int) -> Iterator[ModuleEvent]:
+        match answer:
+            case Done(module, release, ended_ns, result):
+                spent_ns = process.answered(module, release, min(ended_ns, now_ns), self._period_ns(module))
+                if spent_ns is not None:
+                    outputs, writes = result.outputs, result.writes
+                    yield Stepped(module, release, outputs, writes, result.reports, result.phases, spent_ns)
+                    return
+            case Failed(module, release, reason):
+                if process.answered(module, release, now_ns, NEVER_NS) is not None:
+                    yield StepFailed(module, release, reason)
+                    return
+            case StartRefused(module, reason) if process.refusals_due[module] > 0:
+                process.refusals_due[module] -= 1
+                yield StartFailed(module, reason)
+                return
+            case Loaded(missing) if process.loading:
+                yield from self._loaded(process, frozenset(missing))
+                return
+            case Garbled(reason):
+                process.broken = reason
+                return
+            case _:
+                pass
+        process.broken = "it speaks out of turn"
+
+    def _loaded(self, process: PartitionProcess, missing: frozenset[str]) -> Iterator[ModuleEvent]:
+        process.loading = False
+        process.limit_memory()
+        del self._load_by_ns[process.name]
+        if missing:
+            yield ImagesMissing(missing & {entry.image for entry in self._entries.values()})
+        for action in self._waiting.pop(process.name):
+            self._tell_start(process, action)
+        for step in self._held.pop(process.name, ()):
+            yield NotReady(step.module, step.release)
+
+    def _period_ns(self, module: int) -> int:
+        entry = self._entries.get(module)
+        return NS_MHZ // self._rate_mhz(entry) if entry is not None else 0
+
+    def _rate_mhz(self, entry: ModuleEntry) -> int:
+        return entry.modes[self._modes.get(entry.index, 0)].rate_mhz
+
+    # Processes
+
+    def _spawn(self, name: str, now_ns: int) -> None:
+        own = [entry for entry in self._entries.values() if entry.partition == name]
+        process = self._processes[name] = PartitionProcess(name, sum(entry.ram for entry in own), self._groups)
+        process.send(Load(tuple(sorted({entry.image for entry in own}))))
+        self._load_by_ns[name], self._waiting[name] = now_ns + LOADING_NS, []
+        if name in self._cold:
+            self._cold.remove(name)
+
+    def _warm_up(self, now_ns: int) -> None:
+        self._warm_ns = now_ns + WARM_UP_NS
+        if not self._cold:
+            self._warm_ns = NEVER_NS
+            return
+        name = self._cold.pop()
+        with suppress(OSError):  # it will be tried again when it is needed
+            self._spawn(name, now_ns)
+
+    def _look_at_loading(self, process: PartitionProcess, now_ns: int) -> None:
+        """Give up a partition that has spent too much on loading its code."""
+        left_ns = LOADING_NS - process.loading_ns(now_ns)
+        if left_ns <= 0:
+            process.broken = "it does not finish loading its code"
+        self._load_by_ns[process.name] = now_ns + max(left_ns, HUNG_NS)
+
+    def _end(self, name: str, *, tell: bool) -> None:
+        process = self._processes.pop(name, None)
+        if process is None:
+            return
+        process.kill()
+        self._ending.append((process, tell))
+        self._load_by_ns.pop(name, None)
+        self._waiting.pop(name, None)
+        self._held.pop(name, None)
+
+    def _reap(self) -> list[ModuleEvent]:
+        events: list[ModuleEvent] = []
+        still = []
+        for process, tell in self._ending:
+            words = process.reap()
+            if words is None:
+                still.append((process, tell))
+            elif tell:
+                events.append(PartitionEnded(process.name, process.broken or words, process.computing))
+        self._ending = still
+        return events

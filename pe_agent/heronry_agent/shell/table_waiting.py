@@ -1,0 +1,206 @@
+"""A PE that was started with nothing but its node-ID: it waits on the bus until it is given its table by SDO.
+
+    waiting   a CANopen node that runs nothing: boot-up, heartbeat PRE-OPERATIONAL, SDO, NMT, node services. It sends no
+              state frame, so to a manager it is down, and nobody plans with it
+    given     object 2020h was written with a table that can be used, whose node-ID is this one's. The answer still
+              goes out; then the agent starts as if the table had been a file
+
+With a key the node asks a manager that speaks for a fresh start, as every PE does (`authenticity`), and obeys nothing
+of it but LEASE and UNLOCK. Only while it is unlocked does it take a table, and only one that is sealed with the key:
+the UNLOCK says when, the seal says what, whoever sends.
+
+Lost, late, doubled: as in `sdo_server`; a table arrives complete and checked, or not at all. One that cannot be used is
+refused with 0609 0030h, and noted with the reason. Forged: without a key, whoever sends the table decides which of the
+code that is installed here will run. So a PE waits only where it was told to at its start, for a bus whose nodes are
+all trusted, and a PE that has its table takes no other. After a restart it waits again.
+"""
+
+import os
+import select
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable
+from functools import partial
+from typing import Any
+
+from heronry_agent.core.authenticity import Authenticity, Secret
+from heronry_agent.core.canopen_node import CanopenNode
+from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.mastership import Reign
+from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.pe_objects import Parts
+from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.reporting import Facts
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import Action, Note
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
+from heronry_wire.management import (
+    Control,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Reason,
+    SliceBody,
+    SliceHead,
+    decode_command,
+)
+from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
+from heronry_wire.replicated_link import AnyLink
+from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
+from heronry_wire.sdo import Abort
+
+HEARTBEAT_NS = 20_000_000  # of a bus, where a spec says nothing
+MISSES = 3
+_WAITING = Facts(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0, Reason.NONE, 0)
+_NS_PER_S = 1_000_000_000
+_LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
+
+
+class WaitingCore:
+    """The node as long as it has no table; `table` is what it was given."""
+
+    def __init__(self, node: int, bitrate: int, now_ns: int, secret: Secret | None = None) -> None:
+        """Wait as this node (92..125), on a bus of so many bit/s; the first deadline is now.
+
+        secret: the key of the fleet; with one nothing is taken but what was sealed with it, and only while unlocked.
+        Raises TableError where the node is no PE's.
+        """
+        self.table: PeTable | None = None
+        self._node = node
+        turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
+        reconfiguration, reign = Reconfiguration(index), Reign(index.lease_ns)
+        modules = RunningModules(turn, index, reconfiguration, Permission(index.lease_ns))
+        authenticity = None
+        if secret is not None:
+            authenticity = Authenticity(
+                turn, index, reign, Gateway(index), facts=lambda: _WAITING, pending=list, secret=secret
+            )
+        self._authenticity = authenticity
+        parts = Parts(turn, index, 0, reign, reconfiguration, modules, lambda: _WAITING, self._take, authenticity)
+        self._turn, self._reign, self._canopen = turn, reign, CanopenNode(parts)
+        self._handlers = dict(self._canopen.handlers())
+        if authenticity is not None:
+            commands = [(manager, command) for manager in MANAGER_NODES for command in Command]
+            self._handlers |= authenticity.guarded(
+                (management_id(manager, command), partial(self._obey, manager, command))
+                for manager, command in commands
+                if command is not Command.TAG
+            )
+
+    @property
+    def identifiers(self) -> Collection[int]:
+        """Every identifier that means something to a node that waits."""
+        return self._handlers
+
+    def step(self, now_ns: int, event: Received | Tick) -> list[Action]:
+        """Take one event and give what is to be done."""
+        out = self._turn.begin(now_ns)
+        if isinstance(event, Tick):
+            self._canopen.tick()
+            return out
+        frame = event.frame
+        handler = self._handlers.get(frame.can_id)
+        if handler is not None and not (frame.extended or frame.remote or frame.error):
+            handler(event)
+        return out
+
+    def next_deadline_ns(self) -> int:
+        """When to call with Tick, if nothing comes before."""
+        return self._canopen.next_ns
+
+    def _obey(self, manager: int, command: Command, event: Received) -> None:
+        """A command that was proven: whose reign it is counts, and whether this node is unlocked."""
+        message = decode_command(command, event.frame.data)
+        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._reign.admits(manager, message.term):
+            return
+        if isinstance(message, Lease):
+            self._reign.leased(self._turn.arrived_ns)
+        elif isinstance(message, Control) and (message.node, message.operation) == (self._node, Operation.UNLOCK):
+            assert self._authenticity is not None
+            self._authenticity.obey(message)
+
+    def _take(self, text: bytes) -> Abort | None:
+        try:
+            table = PeTable.from_json(text.decode())
+            TableIndex(table)
+        except (TableError, UnicodeDecodeError) as error:
+            self._turn.note("table", f"a table is refused: {error}")
+            return Abort.VALUE
+        if table.node_id != self._node:
+            self._turn.note("table", f"a table is refused: it is for node {table.node_id}")
+            return Abort.VALUE
+        self._turn.note("table", f"PE {table.name} of {table.spec}")
+        self.table = table
+        return None
+
+
+def _empty_table(node: int, bitrate: int) -> PeTable:
+    """Table of a PE that can run nothing."""
+    port = Port("uplink", bitrate, HEARTBEAT_NS, MISSES, wireless=False, channels=1, nodes=())
+    table = PeTable(
+        format=FORMAT,
+        spec="",
+        spec_digest="0" * 64,
+        name=f"node_{node}",
+        node_id=node,
+        cpu_millis=0,
+        without_manager="keep",
+        uplink=0,
+        ports=(port,),
+        modules=(),
+        sources=(),
+        variables={},
+        devices=(),
+        module_names=(),
+    )
+    return PeTable.from_json(table.to_json())  # so that it is checked as any other
+
+
+class Waiting:
+    """The thin shell of a WaitingCore: one bus, one select loop."""
+
+    def __init__(self, core: WaitingCore, link: AnyLink, tell: Callable[[Note], None]) -> None:
+        """`tell` gets every note as it happens."""
+        self._core, self._link, self._tell = core, link, tell
+        link.accept(core.identifiers)
+        self._stopping = False
+
+    def stop(self) -> None:
+        """End the loop at its next turn; safe in a signal handler."""
+        self._stopping = True
+
+    def run(self, *, until_eof: bool) -> PeTable | None:
+        """Wait until there is a table and the answer to it is on the bus; None when stopped."""
+        core, link = self._core, self._link
+        while not self._stopping:
+            readers: list[Any] = [*link.readers, *([sys.stdin] if until_eof else [])]
+            ready, _, _ = select.select(readers, [], [], self._wait_s())
+            if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
+                break
+            now_ns = time.monotonic_ns()
+            for arrival in link.receive(now_ns):
+                self._carry_out(core.step(now_ns, Received(0, arrival.frame)), now_ns)
+            if now_ns >= core.next_deadline_ns():
+                self._carry_out(core.step(now_ns, Tick()), now_ns)
+            link.pump(now_ns)
+            for sentence in link.take_news():
+                self._tell(Note("bus", sentence))
+            if core.table is not None and link.all_left:
+                return core.table
+        return None
+
+    def _wait_s(self) -> float:
+        deadlines = [self._core.next_deadline_ns(), self._link.next_deadline_ns() or NEVER_NS]
+        left_ns = min(deadlines) - time.monotonic_ns()
+        return min(max(0, left_ns) / _NS_PER_S, _LONGEST_WAIT_S)
+
+    def _carry_out(self, actions: Iterable[Action], now_ns: int) -> None:
+        for action in actions:
+            if isinstance(action, Send):
+                self._link.send(action.frame, now_ns)
+            elif isinstance(action, Note):
+                self._tell(action)

@@ -1,0 +1,1 @@
+"""The laboratory: what tests heronry itself, and is never shipped."""

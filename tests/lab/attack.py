@@ -1,0 +1,294 @@
+"""Attacks on a PE with a key: a great many commands that are not what they seem, and what becomes of each.
+
+    forged      bytes and a tag as somebody without the key would make them up, or a true pair with bits changed
+    replayed    a true command and its TAG, said before
+    reordered   a true command that arrives after a later one
+    truncated   a true command cut short, with its TAG
+    foreign     a command tagged with the key of another fleet
+
+The PE is the core that flies, and a true manager leads it all the while: between the attacks its commands must be
+believed, or whoever believes nothing would pass. After every attack all that a command could change is compared with
+what it was (`_Watch`), by what the PE does and says, not by what its verifier thinks.
+
+    python -m lab.attack --count 1000000 --seed 1
+
+It also tells what the tags cost: the load of management on each bus of a spec that flies, without and with a key.
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import TypeGuard
+
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.vocabulary import Action
+from heronry_dg.model import Spec
+from heronry_manager.core.compilation import Compiler
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.progress import Progress
+from heronry_tools.console.spec_argument import load_spec
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.world.bus import Sent
+from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.command_tags import CommandSigner
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Use, classify, management_id, state_id
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    Control,
+    Lease,
+    Operation,
+    Ping,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    StatePage2,
+    Step,
+    decode_state,
+)
+from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.timing import exact_bits
+
+_MS = 1_000_000
+_NS_PER_S = 1_000_000_000
+_TERM = 3
+_LED_EVERY = 64  # attacks between two true beats
+_REMEMBERED = 4096
+_BEAT_NS = 101 * _MS  # longer than a command waits for its TAG
+_COMMANDS = tuple(command for command in Command if command is not Command.TAG)
+_SETTLED_NS, _MEASURED_NS = 3 * _NS_PER_S, 10 * _NS_PER_S
+
+Pair = tuple[Frame, Frame]
+
+
+class _Watch:
+    """All of a PE that a command could change."""
+
+    def __init__(self, core: AgentCore) -> None:
+        self._core = core
+
+    def seen(self) -> tuple[object, ...]:
+        """What it is now."""
+        core = self._core
+        assert core.authenticity is not None
+        running, staged = core.reconfiguration.running, core.staging.staged
+        return (
+            (core.reign.manager, core.reign.term, core.reign.hears_lease(0)),
+            (running, core.reconfiguration.state, staged, core.staging.collecting()),
+            core.authenticity.is_open,
+            (core.permission.allows(0), core.modules.faults.pending),
+        )
+
+
+class Attacked:
+    """One PE, its true manager, and whoever attacks."""
+
+    def __init__(self, spec: Spec, seed: int) -> None:
+        """Lead the first PE of a spec until it believes its manager."""
+        self._random = Random(seed)
+        self.accepted: Counter[str] = Counter()
+        self.attacks: Counter[str] = Counter()
+        key = Key(self._random.randbytes(KEY_BYTES))
+        table = Compiler(spec).table(next(iter(spec.pes)))
+        self._node, self._state_id, self._now_ns = table.node_id, state_id(table.node_id), _NS_PER_S
+        self._core = AgentCore(table, 1, self._now_ns, secret=Secret(key, self._random.randbytes(16)))
+        self._watch = _Watch(self._core)
+        self._signer = CommandSigner(key, FIRST_MANAGER, _TERM)
+        foreign = Key(self._random.randbytes(KEY_BYTES))
+        self._foreign = [CommandSigner(foreign, node, _TERM + 1) for node in (FIRST_MANAGER, LAST_MANAGER)]
+        self._said: list[Pair] = []
+        self._waiting: set[Frame] = set()  # commands that were heard since the last beat, whatever became of them
+        self._kinds: dict[str, Callable[[], list[Frame]]] = {
+            "forged": self._forged,
+            "replayed": self._replayed,
+            "reordered": self._reordered,
+            "truncated": self._truncated,
+            "foreign": self._foreigner,
+        }
+        self._meet()
+
+    @property
+    def refused(self) -> int:
+        """Frames that the PE has refused and counted."""
+        assert self._core.authenticity is not None
+        return self._core.authenticity.refused.total() + self._core.counts.total()
+
+    @property
+    def kinds(self) -> list[str]:
+        """Every kind of attack."""
+        return list(self._kinds)
+
+    def attack(self, kind: str) -> None:
+        """Attack once, and see whether anything has come of it."""
+        if self.attacks.total() % _LED_EVERY == 0:
+            self._lead()
+        frames = self._kinds[kind]()
+        self._waiting.update(frames)
+        before, refused = self._watch.seen(), self.refused
+        actions = [action for frame in frames for action in self._hear(frame)]
+        said = [action for action in actions if not self._is_question(action)]
+        self.attacks[kind] += 1
+        if said or self._watch.seen() != before or self.refused == refused:
+            self.accepted[kind] += 1
+
+    def _meet(self) -> None:
+        """Let the PE ask, and answer it."""
+        asked: list[int] = []
+        while not asked:
+            self._now_ns = self._core.next_deadline_ns()
+            pages = [decode_state(a.frame.data) for a in self._core.step(self._now_ns, Tick()) if self._is_state(a)]
+            asked = [page.nonce for page in pages if isinstance(page, StatePage2)]
+        for frame in self._signer.welcome(self._node, asked[0]):
+            self._hear(frame)
+        self._lead()
+        assert self._core.reign.term == _TERM, "the true manager is not believed"
+
+    def _lead(self) -> None:
+        """A beat of the true manager, which must be believed."""
+        self._now_ns += _BEAT_NS
+        self._waiting.clear()
+        while self._core.next_deadline_ns() <= self._now_ns:
+            self._core.step(self._now_ns, Tick())
+        for pair in (self._true(Command.LEASE), self._true(Command.ALIVE)):
+            self._say(pair)
+        ping = self._true(Command.PING)
+        self._hear(ping[0])
+        assert self._hear(ping[1]), "a true PING is not answered"
+
+    def _say(self, pair: Pair) -> list[Action]:
+        self._said.append(pair)
+        if len(self._said) > _REMEMBERED:
+            self._said[self._random.randrange(_REMEMBERED)] = self._said.pop()
+        return [action for frame in pair for action in self._hear(frame)]
+
+    def _hear(self, frame: Frame) -> list[Action]:
+        return self._core.step(self._now_ns, Received(0, frame))
+
+    def _is_state(self, action: Action) -> TypeGuard[Send]:
+        return isinstance(action, Send) and action.frame.can_id == self._state_id
+
+    def _is_question(self, action: Action) -> bool:
+        """Tell whether it asks for a fresh start: to be more cautious is no harm."""
+        return isinstance(action, Send) and isinstance(decode_state(action.frame.data), StatePage2)
+
+    # What can be said
+
+    def _payload(self, command: Command, term: int = _TERM) -> bytes:
+        """A command that would do something."""
+        draw, node = self._random.randrange, self._node
+        match command:
+            case Command.LEASE:
+                return Lease(term, 0, Step.PREPARED, draw(1 << 24)).encode()
+            case Command.ALIVE:
+                return Alive(term, draw(256), frozenset({node})).encode()
+            case Command.PREPARE:
+                return Prepare(term, 1 + draw(0xFFFF), draw(1 << 24)).encode()
+            case Command.SLICE if draw(2):
+                return SliceHead(node, draw(256), draw(64), draw(1 << 24)).encode()
+            case Command.SLICE:
+                return SliceBody(node, draw(256), 1 + draw(20), self._random.randbytes(5)).encode()
+            case Command.ACTIVATE:
+                return Activate(term, 1 + draw(0xFFFF), Step.GO_ALL, draw(1 << 24)).encode()
+            case Command.PING:
+                return Ping(term, node, draw(256)).encode()
+            case _:
+                operations = (Operation.UNLOCK, Operation.RENEW, Operation.CLEAR, Operation.WELCOME)
+                return Control(term, node, self._random.choice(operations), draw(1 << 16), draw(1 << 16)).encode()
+
+    def _frame(self, term: int = _TERM, manager: int = FIRST_MANAGER) -> Frame:
+        """A command that does not wait for its TAG already: with a true one that would be a true command."""
+        while True:
+            command = self._random.choice(_COMMANDS)
+            frame = Frame(management_id(manager, command), self._payload(command, term))
+            if frame not in self._waiting:
+                return frame
+
+    def _true(self, command: Command) -> Pair:
+        return self._tagged(self._signer, Frame(management_id(FIRST_MANAGER, command), self._payload(command)))
+
+    def _tagged(self, signer: CommandSigner, frame: Frame) -> Pair:
+        tag = signer.tag(frame)
+        assert tag is not None
+        return frame, tag
+
+    # Attacks
+
+    def _forged(self) -> list[Frame]:
+        frame = self._frame(self._random.choice((_TERM, _TERM, _TERM + 1, 4095)))
+        tag_id = management_id(FIRST_MANAGER, Command.TAG)
+        if self._random.randrange(2):
+            return [frame, Frame(tag_id, self._random.randbytes(8))]
+        pair = list(self._tagged(self._signer, frame))
+        spoilt = self._random.randrange(2)
+        data = bytearray(pair[spoilt].data)
+        data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
+        pair[spoilt] = pair[spoilt]._replace(data=bytes(data))
+        return pair
+
+    def _replayed(self) -> list[Frame]:
+        return list(self._random.choice(self._said))
+
+    def _reordered(self) -> list[Frame]:
+        early = self._tagged(self._signer, self._frame())
+        self._say(self._true(Command.LEASE))
+        return list(early)
+
+    def _truncated(self) -> list[Frame]:
+        frame, tag = self._tagged(self._signer, self._frame())
+        return [frame._replace(data=frame.data[: self._random.randrange(len(frame.data))]), tag]
+
+    def _foreigner(self) -> list[Frame]:
+        signer, manager = self._random.choice(list(zip(self._foreign, (FIRST_MANAGER, LAST_MANAGER), strict=True)))
+        return list(self._tagged(signer, self._frame(_TERM + 1, manager)))
+
+
+def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
+    """Share of each bus that commands take while nothing changes: ten seconds after the first configuration runs."""
+    simulation = Simulation(spec, 1, key=key)
+    bits: Counter[str] = Counter()
+
+    def tap(sent: Sent) -> None:
+        if not sent.frame.extended and classify(sent.frame.can_id).use is Use.MANAGEMENT:
+            bits[sent.bus] += exact_bits(sent.frame)
+
+    while not simulation.events_of("reconfigured"):
+        simulation.run_for(_NS_PER_S)
+    simulation.run_for(_SETTLED_NS)
+    for bus in simulation.buses.values():
+        bus.taps.append(tap)
+    simulation.run_for(_MEASURED_NS)
+    return {name: bits[name] * _NS_PER_S / _MEASURED_NS / bus.bitrate for name, bus in spec.buses.items()}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Attack, and print what came of it; returns 1 if anything was accepted, or not counted."""
+    parser = argparse.ArgumentParser(prog="python -m lab.attack", description="Attack a PE with a key.")
+    parser.add_argument("spec", nargs="?", default="big_blue", metavar="SPEC", help="default: big_blue")
+    parser.add_argument("--count", type=int, default=100_000, metavar="N", help="attacks of all kinds together")
+    parser.add_argument("--seed", type=int, default=1, metavar="NUMBER", help="the same one attacks in the same way")
+    arguments = parser.parse_args(argv)
+    spec = load_spec(arguments.spec)
+    began_s = time.process_time()
+    attacked = Attacked(spec, arguments.seed)
+    with Progress() as progress:
+        progress.begin("attacks", arguments.count)
+        for number in range(arguments.count):
+            attacked.attack(attacked.kinds[number % len(attacked.kinds)])
+            progress.step()
+    spent_s = time.process_time() - began_s
+    for kind in attacked.kinds:
+        print(f"{kind:10} {attacked.attacks[kind]:9} attacks, {attacked.accepted[kind]} accepted or not counted")
+    print(f"{attacked.refused} refused and counted in {spent_s:.1f} s of CPU")
+    plain, tagged = management_load(spec, None), management_load(spec, Key(bytes(KEY_BYTES)))
+    for bus in spec.buses:
+        print(f"{bus}: commands take {100 * plain[bus]:.2f} % of it without a key, {100 * tagged[bus]:.2f} % with one")
+    return 1 if attacked.accepted.total() else 0
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "attack"))

@@ -1,0 +1,1 @@
+"""How fast and how steady: one bench a file, one harness."""

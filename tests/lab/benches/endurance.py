@@ -1,0 +1,226 @@
+"""False alarms, and reboots that go unnoticed: `python -m lab.benches.endurance`.
+
+    false alarms    hours of flight in which nothing fails: one frame in a thousand is destroyed, and one in a thousand
+                    missed by each receiver, clocks are up to 500 ppm fast or slow, and the manager's processor stands
+                    still for 50 ms every two seconds or so. Every loss of a PE and every reconfiguration after the
+                    first is false
+    reboots         PEs that die and are back before their silence is noticed (within the window of three heartbeats).
+                    Each must be noticed within one heartbeat of its return, whatever its phase to the others
+
+The data plane is off: every module has one step in a thousand seconds, so that there is time for hours. Each hour is a
+flight of its own, with a seed of its own.
+
+Exit code 1 where something was false, or was not noticed in time.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from random import Random
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_tools.commands.sim import processors, whole_number
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.progress import Progress
+from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.sim.compiled.machine_code import go_on_compiled
+from heronry_tools.sim.flight.campaign import fly_all
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.world.bus import Faults
+
+LOSS = 1e-3
+SKEW_PPM = 500
+STALL_NS = 50 * MS
+STALL_EVERY_NS = 2_000 * MS
+HOUR_NS = 3_600_000 * MS
+
+_ONE_STEP_IN_1000_S = 1  # mHz
+_MOST_HOURS = 100_000
+_PIECE_NS = 60_000 * MS
+_START_NS = 3_000 * MS
+_BETWEEN_REBOOTS_NS = 1_500 * MS
+_WINDOW_LEFT_NS = 5 * MS  # of the window, so that a PE's first state may still be on its way
+
+
+@dataclass(slots=True)
+class Quiet:
+    """What came of a flight in which nothing failed."""
+
+    virtual_ns: int
+    frames: int = 0
+    stalls: int = 0
+    suspected: int = 0
+    false: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """One PE that was away for a moment."""
+
+    pe: str
+    away_ns: int
+    noticed_ns: int | None  # from its start to when the manager knew; None: it never did
+    heartbeat_ns: int
+
+    @property
+    def is_in_time(self) -> bool:
+        """Tell whether it was noticed within a heartbeat; a frame or two may have had to go first."""
+        return self.noticed_ns is not None and self.noticed_ns <= self.heartbeat_ns + 2 * MS
+
+
+def data_plane_off(spec: Spec) -> Spec:
+    """Give the same aircraft with modules that hardly ever do anything."""
+    modules = {}
+    for module in spec.modules.values():
+        modes = {mode.name: replace(mode, rate_mhz=_ONE_STEP_IN_1000_S) for mode in module.modes.values()}
+        modules[module.name] = replace(module, modes=modes)
+    digest = f"{int(spec.digest, 16) ^ 1:064x}"  # it is another spec: nothing kept for the first one is good for it
+    return replace(spec, modules=modules, digest=digest)
+
+
+def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
+    """Fly with a seed for a time in which nothing fails but frames, clocks and the manager's patience."""
+    seed, duration_ns = flight
+    random = Random(f"stalls of {seed}")
+    simulation = Simulation(data_plane_off(spec), seed, faults=Faults(LOSS, LOSS), skew_ppm=SKEW_PPM)
+    simulation.run_for(_START_NS)
+    quiet = Quiet(duration_ns)
+
+    def stall() -> None:
+        assert simulation.manager is not None
+        simulation.manager.pause(STALL_NS)
+        quiet.stalls += 1
+        simulation.at(simulation.now_ns + round(random.expovariate(1 / STALL_EVERY_NS)), stall)
+
+    known = _counted(simulation)
+    simulation.at(simulation.now_ns + STALL_EVERY_NS, stall)
+    end_ns = simulation.now_ns + duration_ns
+    if known["reconfigured"] != 1:
+        quiet.false.append(f"seed {seed}: {known['reconfigured']} reconfigurations before all was quiet")
+    while simulation.now_ns < end_ns:
+        simulation.events.clear()
+        simulation.run_until(min(end_ns, simulation.now_ns + _PIECE_NS))
+        simulation.digest()
+        counted = _counted(simulation)
+        quiet.suspected += counted["pe_suspected"]
+        for event in (*simulation.events_of("pe_lost"), *simulation.events_of("reconfigured")):
+            quiet.false.append(f"seed {seed}: {event['t_ns'] / 1e9:.3f} s {event['event']} {event.get('cause', '')}")
+    quiet.false += [f"seed {seed}: {violation}" for violation in simulation.broken()]
+    quiet.frames = sum(bus.frames for bus in simulation.buses.values())
+    return quiet
+
+
+def fly_reboots(spec: Spec, seed: int) -> list[Reboot]:
+    """Reboot every PE of an aircraft once, in an order, at phases and for times that the seed draws."""
+    random = Random(f"reboots of {seed}")
+    simulation = Simulation(data_plane_off(spec), seed, skew_ppm=SKEW_PPM)
+    simulation.run_for(_START_NS)
+    return [_reboot(simulation, pe, random) for pe in random.sample(list(spec.pes), len(spec.pes))]
+
+
+def _reboot(simulation: Simulation, pe: str, random: Random) -> Reboot:
+    spec = simulation.spec
+    bus = min((spec.buses[name] for name in spec.pes[pe].buses), key=lambda bus: bus.name != spec.manager.bus)
+    window_ns = (bus.misses - 1) * bus.heartbeat_ns - _WINDOW_LEFT_NS  # one more passes before it speaks
+    simulation.run_for(_BETWEEN_REBOOTS_NS + random.randrange(bus.heartbeat_ns))
+    away_ns = random.randrange(100_000, window_ns)
+    begun_ns = simulation.now_ns
+    simulation.kill(pe)
+    simulation.run_for(away_ns)
+    back_ns = simulation.now_ns
+    simulation.restore(pe)
+    simulation.run_for(_BETWEEN_REBOOTS_NS)
+    known = (e["t_ns"] for e in simulation.events_of("pe_lost") if e["pe"] == pe and e["t_ns"] >= begun_ns)
+    noticed_ns = next(known, None)
+    return Reboot(pe, away_ns, None if noticed_ns is None else noticed_ns - back_ns, bus.heartbeat_ns)
+
+
+def _counted(simulation: Simulation) -> Counter[str]:
+    return Counter(event["event"] for event in simulation.events)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m lab.benches.endurance",
+        description="Count false alarms in hours of flight without a fault, and reboots that go unnoticed.",
+    )
+    parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC", help="default: elevator_and_chute")
+    parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="of flight without a fault (default: 1)")
+    parser.add_argument(
+        "--reboots", type=whole_number, default=300, metavar="N", help="at least so many (default: 300)"
+    )
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
+    parser.add_argument(
+        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
+    )
+    parser.add_argument(
+        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast"
+    )
+    argv = sys.argv[1:] if argv is None else argv
+    arguments = parser.parse_args(argv)
+    if arguments.hours == arguments.reboots == 0:
+        parser.error("0 hours and 0 reboots show nothing; write more of one of them")
+    if arguments.compiled:
+        go_on_compiled(argv, "lab.benches.endurance")
+    quiet = _hours(arguments)
+    reboots = _reboots(arguments)
+    return 1 if quiet.false or not all(reboot.is_in_time for reboot in reboots) else 0
+
+
+def hours(text: str) -> float:
+    """Read how many hours to fly; argparse tells the name of this function to the user."""
+    number = float(text)
+    if not 0 <= number <= _MOST_HOURS:
+        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {_MOST_HOURS} hours")
+    return number
+
+
+def _hours(arguments: argparse.Namespace) -> Quiet:
+    whole = Quiet(0)
+    left_ns = round(arguments.hours * HOUR_NS)
+    flights: list[tuple[int, int]] = []
+    while left_ns > 0:
+        flights.append((arguments.seed + len(flights), min(left_ns, HOUR_NS)))
+        left_ns -= HOUR_NS
+    with Progress() as progress:
+        progress.begin("hours", len(flights))
+        for quiet in fly_all(spec_path(arguments.spec), flights, arguments.jobs, fly_quietly):
+            progress.step()
+            whole.virtual_ns += quiet.virtual_ns
+            whole.frames += quiet.frames
+            whole.stalls += quiet.stalls
+            whole.suspected += quiet.suspected
+            whole.false += quiet.false
+    flown = f"{whole.virtual_ns / HOUR_NS:g} h without a fault, {whole.frames} frames"
+    print(f"{arguments.spec}: {flown}, {LOSS:g} of them destroyed and missed,")
+    print(f"  {whole.stalls} stalls of the manager, clocks within {SKEW_PPM} ppm: {whole.suspected} PEs suspected,")
+    print(f"  {len(whole.false)} false alarms")
+    print("".join(f"    {line}\n" for line in whole.false), end="")
+    return whole
+
+
+def _reboots(arguments: argparse.Namespace) -> list[Reboot]:
+    each = len(load(spec_path(arguments.spec)).pes)
+    seeds = range(arguments.seed, arguments.seed + -(-arguments.reboots // each))
+    reboots: list[Reboot] = []
+    with Progress() as progress:
+        progress.begin("flights with reboots", len(seeds))
+        for found in fly_all(spec_path(arguments.spec), seeds, arguments.jobs, fly_reboots):
+            progress.step()
+            reboots += found
+    if reboots:
+        missed = [reboot for reboot in reboots if not reboot.is_in_time]
+        longest = max(reboot.noticed_ns / reboot.heartbeat_ns for reboot in reboots if reboot.noticed_ns is not None)
+        share = 1 - len(missed) / len(reboots)
+        print(f"  {len(reboots)} reboots inside the window: {share:.1%} noticed within one heartbeat of the return,")
+        print(f"  the last one after {longest:.2f} heartbeats")
+        print("".join(f"    {reboot}\n" for reboot in missed), end="")
+    return reboots
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "endurance"))

@@ -1,0 +1,278 @@
+"""How fast an aircraft of eight PEs reacts on a half-loaded bus: `python -m lab.benches.reaction`.
+
+The aircraft is made for this: eight PEs on one bus of 1 Mbit/s, data and management together half of what it carries;
+eight modules that talk and eight that listen from other PEs, each with a second PE to move to; and a DEMUX with
+branches on two PEs. Rates differ by a few per cent, so that data meet at random, as clocks have them do after hours of
+flight; in the first seconds after a GO everybody's data come at once. In each flight one PE dies, at a moment that the
+seed draws. Every single fault is planned for ahead, and the plans are on board: deciding is a look-up, and the plan is
+called by its number.
+
+    decide                CPU time of that look-up: from the question to a plan (`planner.foresight`)
+    decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO; where a
+                          silent PE held the DEMUX, to the last word about all that does not wait for it
+    fault to active       from the death of a PE to the same; apart where a silent PE held the DEMUX: to the last word
+                          about that too, for which T_lease passes first
+
+Virtual times are exact, and those of messages alone: cores and modules compute in no time. Real processes on a software
+bus fly the same aircraft: `--write FILE`, `heronry contingencies FILE -o PLANS --faults 1`, then
+`python -m lab.benches.reconfiguration --spec FILE --contingencies PLANS`.
+
+Exit code 1 where a p99 is above its limit.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+from heronry_agent.module import Inputs, Module, Value
+from heronry_dg.loader import loads
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement, placement
+from heronry_dg.situation import Situation
+from heronry_manager.core.vocabulary import PlanReady, RequestPlan
+from heronry_manager.planner.client import Failed, Planned
+from heronry_manager.planner.foresight import Foresight
+from heronry_tools.commands.sim import flights, whole_number
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.progress import Progress
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.planning import prepared
+from heronry_wire.identifiers import Use, classify
+from heronry_wire.management import PeState, StatePage0, decode_state
+
+PES = 8
+TALKERS = 8
+VARIABLES_EACH = 4
+HERE = "lab.benches.reaction"
+
+DECIDE_MS = 0.1  # limits of each p99, in milliseconds
+ONE_STEP_MS = {20: 3.0}  # by heartbeat period, as all that follows
+SEVERAL_STEPS_MS = {20: 5.0}
+REACTION_MS = {20: 80.0, 5: 30.0}
+
+FORESEEN = 1  # faults at once
+
+_START_NS = 1_000 * MS
+_STEADY_NS = 500 * MS
+_AFTER_NS = 500 * MS
+_NS_PER_S = 1_000_000_000
+_HAVE_GONE = (PeState.PARTIAL, PeState.ACTIVE)
+_LOOK_UPS = 50  # of each question
+
+
+class Talks(Module):
+    """Gives each of its variables a number, at every step."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it looks at nothing
+        """Compute nothing."""
+        return {f"{self.ctx.module}_{i}": 1.0 for i in range(VARIABLES_EACH)}
+
+
+class Listens(Module):
+    """Gives nothing."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it is enough that it runs
+        """Compute nothing."""
+        return {}
+
+
+class Commands(Module):
+    """Gives what the DEMUX leads on."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
+        """Compute nothing."""
+        return {"demand": 1.0}
+
+
+class Drives(Module):
+    """Moves its actuator to where it is told."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Move."""
+        if "demand" in inputs:
+            self.ctx.write(inputs["demand"].value)
+        return {}
+
+
+def aircraft(heartbeat_ms: int, reserve: float) -> str:
+    """The text of its spec."""
+    lines = ["dg: 1", f"name: reaction_{heartbeat_ms}_ms"]
+    lines += [f"buses: {{can0: {{bitrate: 1000000, heartbeat_ms: {heartbeat_ms}, reserve: {reserve}}}}}", "pes:"]
+    lines += [f"  pe_{i}: {{node_id: {92 + i}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for i in range(PES)]
+    lines += ["devices:", *(f"  servo_{i}: {{kind: actuator, pe: pe_{i}}}" for i in (0, 1)), "variables:"]
+    lines += [f"  talker_{i}_{j}: {{type: FLOAT}}" for i in range(TALKERS) for j in range(VARIABLES_EACH)]
+    lines += ["  demand: {type: FLOAT}", "gates:", "  servos: {demux: demand}", "modules:"]
+    size = "cpu: 0.15, ram: 1KiB"
+    for i in range(TALKERS):
+        gives = ", ".join(f"talker_{i}_{j}: 1" for j in range(VARIABLES_EACH))
+        needs = ", ".join(f"talker_{i}_{j}" for j in range(VARIABLES_EACH))
+        rate = f"rate_hz: {100 + TALKERS - 1 - 2 * i}"
+        lines.append(f'  talker_{i}: {{image: "{HERE}:Talks", gives: {{{gives}}}, {_homes(i)}, {size}, {rate}}}')
+        lines.append(
+            f'  listener_{i}: {{image: "{HERE}:Listens", needs: {{and: [{needs}]}}, {_homes(i + 2)}, '
+            f"{size}, rate_hz: {50 + i - TALKERS // 2}}}"
+        )
+    lines.append(f'  commander: {{image: "{HERE}:Commands", gives: {{demand: 1}}, {_homes(2)}, {size}, rate_hz: 50}}')
+    lines += [
+        f'  driver_{i}: {{image: "{HERE}:Drives", needs: servos, device: servo_{i}, {size}, rate_hz: 50}}'
+        for i in (0, 1)
+    ]
+    lines += ["functions:", "  surface: {output: servos, criticality: A}"]
+    lines += [f"  heard_{i}: {{output: listener_{i}, criticality: B}}" for i in range(TALKERS)]
+    return "\n".join([*lines, ""])
+
+
+def _homes(first: int) -> str:
+    """Where a module may run: on a PE, or on the next one."""
+    return f"runs_on: [pe_{first % PES}, pe_{(first + 1) % PES}]"
+
+
+@dataclass(slots=True)
+class Times:
+    """What was measured, in milliseconds."""
+
+    decide: list[float] = field(default_factory=list)
+    one_step: list[float] = field(default_factory=list)
+    several_steps: list[float] = field(default_factory=list)
+    reaction: list[float] = field(default_factory=list)
+    held: list[float] = field(default_factory=list)  # a silent PE held the DEMUX
+    loads: list[float] = field(default_factory=list)  # of the bus, before each death
+
+
+class _NoPlanner:
+    """Whatever was not foreseen gets no answer, and fails the bench."""
+
+    def request(self, _number: int, _now: Situation, _running: Placement | None) -> None:
+        """Do nothing."""
+
+    def poll(self) -> list[Planned | Failed]:
+        """Give nothing."""
+        return []
+
+    def fileno(self) -> int:
+        """Nobody waits for it."""
+        return -1
+
+
+def measure_decisions(spec: Spec, times: Times) -> None:
+    """Look up each loss of a PE while all runs well, again and again."""
+    table = prepared(spec, FORESEEN).made
+    foresight = Foresight(spec, _NoPlanner(), _NoPlanner, table)
+    everything = foresight.request(RequestPlan(0, frozenset(), None, None))
+    assert isinstance(everything, PlanReady)
+    running = placement(everything.plan.configuration)
+    for number in range(_LOOK_UPS):
+        for pe in spec.pes:
+            asked = RequestPlan(number, frozenset({f"pe:{pe}"}), None, dict(running))
+            begun_ns = time.process_time_ns()
+            found = foresight.request(asked)
+            times.decide.append((time.process_time_ns() - begun_ns) / 1e6)
+            if not isinstance(found, PlanReady):
+                raise SystemExit(f"the loss of {pe} was not foreseen")
+
+
+def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
+    """Let every PE die once, each in a flight of its own."""
+    random = Random(f"deaths of {seed}")
+    for number, pe in enumerate(spec.pes):
+        measure_death(spec, pe, len(spec.pes) * seed + number, random, times)
+
+
+def measure_death(spec: Spec, pe: str, seed: int, random: Random, times: Times) -> None:
+    """Let one PE die in a flight in which all is well."""
+    simulation = Simulation(spec, seed, contingencies=FORESEEN)
+    bus = simulation.buses["can0"]
+    simulation.run_for(_START_NS)
+    busy_bits, since_ns = bus.busy_bits, simulation.now_ns
+    simulation.run_for(_STEADY_NS + random.randrange(spec.buses["can0"].heartbeat_ns))
+    times.loads.append((bus.busy_bits - busy_bits) * _NS_PER_S / bus.bitrate / (simulation.now_ns - since_ns))
+    _die(simulation, pe, times)
+    violations = simulation.broken()
+    if violations:
+        raise SystemExit(f"seed {seed}: {violations[0]}")
+
+
+def _die(simulation: Simulation, pe: str, times: Times) -> None:
+    begun_ns, before = simulation.now_ns, simulation.checks.epoch
+    assert before is not None
+    simulation.events.clear()
+    last = simulation.witness.last_output("surface")
+    holds = last is not None and last.node == simulation.spec.pes[pe].node_id
+    gone: dict[str, int] = {}  # by PE: when it said first that it had taken GO
+    simulation.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
+    simulation.kill(pe)
+    simulation.run_for(_AFTER_NS)
+    (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
+    (opened,) = simulation.events_of("epoch_prepared")
+    if not opened["contingency"]:
+        raise SystemExit(f"the loss of {pe} has no number")
+    (times.held if holds else times.reaction).append((done["t_ns"] - begun_ns) / MS)
+    steps = len(simulation.events_of("epoch_step"))
+    (times.one_step if steps == 1 else times.several_steps).append((max(gone.values()) - ready["t_ns"]) / MS)
+
+
+def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:
+    """Take a state frame that may name another epoch than before."""
+    page = decode_state(sent.frame.data) if classify(sent.frame.can_id).use is Use.STATE else None
+    if isinstance(page, StatePage0) and page.epoch != before and page.state in _HAVE_GONE:
+        gone.setdefault(sent.sender, sent.end_ns)
+
+
+def report(spec: Spec, times: Times) -> bool:
+    """Print the figures; tells whether every p99 is within its limit."""
+    heartbeat_ms = spec.buses["can0"].heartbeat_ns // MS
+    limit_ms = REACTION_MS.get(heartbeat_ms)
+    held_ms = None if limit_ms is None else limit_ms + 5 * heartbeat_ms
+    rows = [
+        ("decide (CPU)", times.decide, DECIDE_MS),
+        ("decision to active, one step", times.one_step, ONE_STEP_MS.get(heartbeat_ms)),
+        ("decision to active, more steps", times.several_steps, SEVERAL_STEPS_MS.get(heartbeat_ms)),
+        ("fault to active", times.reaction, limit_ms),
+        ("fault to active, DEMUX held", times.held, held_ms),
+    ]
+    load = sum(times.loads) / max(1, len(times.loads))
+    print(f"{len(spec.pes)} PEs, 1 Mbit/s, {load:.0%} load, {heartbeat_ms} ms heartbeats, k = 3")
+    print(f"{'ms':32}{'count':>7}{'median':>9}{'p99':>9}{'longest':>9}{'limit':>9}")
+    good = True
+    for name, values, limit in rows:
+        if values:
+            ordered = sorted(values)
+            p99 = ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))]
+            good = good and (limit is None or p99 <= limit)
+            told = f"{limit:9.1f}" if limit is not None else ""
+            print(f"{name:32}{len(ordered):7}{ordered[len(ordered) // 2]:9.3f}{p99:9.3f}{ordered[-1]:9.3f}{told}")
+    return good
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {HERE}", description="Measure how fast eight PEs on a half-loaded bus react to a loss."
+    )
+    parser.add_argument("--flights", type=flights, default=20, metavar="N", help="times eight deaths (default: 20)")
+    parser.add_argument("--heartbeat-ms", type=int, default=20, metavar="MS", help="default: 20")
+    parser.add_argument("--reserve", type=float, default=0.1, metavar="SHARE", help="for management (default: 0.1)")
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="write the aircraft's spec, and fly nothing")
+    arguments = parser.parse_args(argv)
+    text = aircraft(arguments.heartbeat_ms, arguments.reserve)
+    if arguments.write is not None:
+        arguments.write.write_text(text)
+        return 0
+    spec, times = loads(text, "reaction.dg.yaml"), Times()
+    measure_decisions(spec, times)
+    with Progress() as progress:
+        progress.begin("flights", arguments.flights)
+        for seed in range(arguments.seed, arguments.seed + arguments.flights):
+            measure_deaths(spec, seed, times)
+            progress.step()
+    return 0 if report(spec, times) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "reaction_bench"))

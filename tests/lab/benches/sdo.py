@@ -1,0 +1,119 @@
+"""Measure SDO block transfers into and out of a PE: `python -m lab.benches.sdo`.
+
+An unmodified `canopen` client and an agent that runs nothing, as processes on an idle software bus of 1 Mbit/s. The
+client writes the PE's own table by block, and reads it, again and again. Beside it stands what the same client process
+gets onto that bus without any protocol: seven bytes of every eight are data there, too, so no block download can be
+faster. An upload is paced by the PE to half of the bus.
+
+On a machine that does other things, the figures tell of those: `chrt -f 10` in front of the command keeps them out.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import can
+import canopen
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import shipped_spec_path
+from heronry_tools.console.errors import exit_code
+from heronry_tools.runtime.softbus.starter import start_hub
+from heronry_tools.runtime.table_files import write_tables
+from heronry_wire.canopen_objects import TABLE
+from heronry_wire.eds import FILE_NAME, eds_text
+from heronry_wire.identifiers import sdo_request_id
+from heronry_wire.sdo import SEGMENT_BYTES
+
+_SPEC, _PE = "elevator_and_chute", "tail_pe"
+_PATIENCE_S = 10.0
+_CLOCK_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
+
+def main() -> None:
+    """Run the benchmark and print its figures."""
+    parser = argparse.ArgumentParser(
+        prog="python -m lab.benches.sdo", description="Measure SDO block transfers on a software bus."
+    )
+    parser.add_argument("--runs", type=int, default=20, help="transfers of each kind (default: %(default)s)")
+    runs = parser.parse_args().runs
+    with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus", 1_000_000) as hub:
+        _show("a single sender, no protocol", _bare(str(hub.path), runs))
+        spec = load(shipped_spec_path(_SPEC))
+        table = write_tables(spec, (_PE,), Path(folder))[_PE]
+        words = [sys.executable, "-m", "heronry_agent", "--table", str(table), "--until-eof", "--quiet"]
+        with subprocess.Popen([*words, "-i", "softbus", "-c", str(hub.path)], stdin=subprocess.PIPE) as agent:
+            _transfer(str(hub.path), Path(folder), spec.pes[_PE].node_id, runs, agent.pid)
+            agent.terminate()
+
+
+def _bare(path: str, runs: int) -> list[float]:
+    """Bytes per second of one sender that sends as fast as the bus takes its frames."""
+    message = can.Message(arbitration_id=sdo_request_id(92), data=bytes(range(1, 9)), is_extended_id=False)
+    with can.Bus(interface="softbus", channel=path) as bus:
+
+        def send() -> int:
+            for _ in range(1000):
+                bus.send(message)
+            return 1000 * SEGMENT_BYTES
+
+        return [_rate(send) for _ in range(runs)]
+
+
+def _transfer(path: str, folder: Path, node: int, runs: int, agent: int) -> None:
+    eds = folder / FILE_NAME
+    eds.write_text(eds_text(), encoding="ascii")
+    network = canopen.Network()
+    network.connect(interface="softbus", channel=path)
+    remote: Any = network.add_node(node, str(eds))
+    remote.nmt.wait_for_bootup(_PATIENCE_S)
+    remote.sdo.RESPONSE_TIMEOUT = _PATIENCE_S
+    table = remote.sdo[TABLE]
+
+    def read() -> bytes:
+        with table.open("rb", block_transfer=True) as stream:
+            content: bytes = stream.read()
+            return content
+
+    content = read()
+
+    def write() -> int:
+        with table.open("wb", size=len(content), block_transfer=True, buffering=SEGMENT_BYTES * 1000) as stream:
+            stream.write(content)
+        return len(content)
+
+    print(f"the table has {len(content)} bytes")
+    for name, act in (("download, by block", write), ("upload, by block", lambda: len(read()))):
+        before_s = _cpu_s(agent)
+        _show(name, [_rate(act) for _ in range(runs)])
+        used_us = (_cpu_s(agent) - before_s) * 1e6 / (runs * -(-len(content) // SEGMENT_BYTES))
+        print(f"  the agent's CPU      {used_us:.0f} us for each segment")
+    network.disconnect()
+
+
+def _rate(act: Callable[[], int]) -> float:
+    """Bytes per second of something that says how many bytes it has carried."""
+    began_s = time.monotonic()
+    return act() / (time.monotonic() - began_s)
+
+
+def _show(name: str, rates: list[float]) -> None:
+    slowest = sorted(rates)[len(rates) // 100]
+    print(f"{name}: median {statistics.median(rates) / 1e3:.1f} kB/s, slowest of a hundred {slowest / 1e3:.1f} kB/s")
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor time that a process has used, user and system (proc(5), stat, fields 14 and 15)."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _CLOCK_TICKS_PER_S
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "sdo_bench"))

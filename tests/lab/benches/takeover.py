@@ -1,0 +1,223 @@
+"""How long an aircraft is without a manager: in the simulator, and with real processes, after SIGKILL.
+
+    python -m lab.benches.takeover [--seeds 40] [--kills 5] [--spec elevator_and_chute]
+
+Three times, from the death of the manager that reigned to the first LEASE of the next one, on the bus, that names what
+runs:
+
+    standby, simulator    a second manager stands by; the kill comes at a drawn moment of a heartbeat period
+    standby, processes    the same with processes on a software bus, each pair killed once
+    restart, processes    no standby: the same manager is started again at once. What Python and the solver take to load
+                          is told apart: from the kill to the manager's first word, and from there to that LEASE
+
+*Silent* counts the functions that were not heard for longer than their outputs may be late, while that went on: none
+should be, since a take-over stops nobody.
+
+Processes are killed once every PE is counted on and a configuration runs. On a busy computer the standby may have taken
+over before: whichever reigns is killed. Or a PE is lost at that very moment: then the next manager has to plan, and
+commands when that is deployed. Such a kill counts like any other, and is told of.
+
+Prints median, p99 and the longest, in milliseconds.
+"""
+
+import argparse
+import platform
+import select
+import statistics
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.ear import Ear
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES, Command, management_id
+from heronry_wire.management import Lease, Step, decode_command
+
+_BEFORE_S = 2.0  # it is listened, and the manager thinks ahead
+_AFTER_S = 1.0  # for functions that fall silent
+_LEASE_IDS = {management_id(node, Command.LEASE) for node in MANAGER_NODES}
+
+
+def main() -> int:
+    """Run the benchmark; returns the exit code."""
+    parser = argparse.ArgumentParser(description="Measure how long an aircraft is without a manager.")
+    parser.add_argument("--seeds", type=int, default=40, help="flights in the simulator (default 40)")
+    parser.add_argument("--kills", type=int, default=5, help="kills of each kind with real processes (default 5)")
+    parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC")
+    arguments = parser.parse_args()
+    spec = load_spec(arguments.spec)
+    beat_ms = spec.buses[spec.manager.bus].heartbeat_ns // MS
+    machine = f"{platform.machine()}, Python {platform.python_version()}"
+    print(f"{spec.name}, heartbeats every {beat_ms} ms; {arguments.seeds} flights, {arguments.kills} kills; {machine}")
+    print(f"{'ms':<42}{'median':>9}{'p99':>9}{'longest':>9}{'silent':>9}")
+    _tell("standby, simulator", [_in_simulator(spec, seed) for seed in range(arguments.seeds)])
+    _tell("standby, processes", [_standby(arguments.spec) for _ in range(arguments.kills)])
+    restarts = [_restart(arguments.spec) for _ in range(arguments.kills)]
+    _tell("restart, processes: all of it", restarts)
+    _tell("  of it Python and the solver", restarts, [one.loading_ms for one in restarts])
+    _tell("  of it from then on", restarts, [one.gone_ms - one.loading_ms for one in restarts])
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Gone:
+    """One death of a manager."""
+
+    gone_ms: float  # until the next one named what runs
+    silent: int  # functions that were not heard meanwhile
+    loading_ms: float = 0.0  # until its first word
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What the bus tells of a death."""
+
+    witness: Witness
+    killed_ns: int | None = None
+    commanded_ns: int | None = None  # first LEASE since then that names what runs
+
+    def see(self, t_ns: int, frame: Frame) -> None:
+        """Take a frame of the manager's bus, which ended at `t_ns`."""
+        self.witness.see(t_ns, frame)
+        if frame.can_id in _LEASE_IDS and self.killed_ns is not None and self.commanded_ns is None:
+            lease = decode_command(Command.LEASE, frame.data)
+            if t_ns > self.killed_ns and isinstance(lease, Lease) and lease.step is not Step.PREPARED:
+                self.commanded_ns = t_ns
+
+    def gone(self, end_ns: int, loading_ms: float = 0.0) -> _Gone:
+        """What has come of it, once it is over."""
+        assert self.killed_ns is not None
+        assert self.commanded_ns is not None
+        silent = {
+            outage.function for outage in self.witness.outages(end_ns) if (outage.to_ns or end_ns) > self.killed_ns
+        }
+        return _Gone((self.commanded_ns - self.killed_ns) / MS, len(silent), loading_ms)
+
+
+def _in_simulator(spec: Spec, seed: int) -> _Gone:
+    simulation, heard = Simulation(spec, seed, standby=True), _Heard(Witness(spec))
+    simulation.tap(spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
+    while not simulation.events_of("reconfigured") or simulation.unsettled():
+        simulation.run_for(50 * MS)
+    simulation.run_for(1_000 * MS + seed * 7_919_000 % (20 * MS))
+    heard.killed_ns = simulation.now_ns
+    simulation.kill_manager()
+    simulation.run_for(1_000 * MS)
+    return heard.gone(simulation.now_ns)
+
+
+def _standby(spec_name: str) -> _Gone:
+    spec = load_spec(spec_name)
+    folder = run_folder()
+    with Fleet(spec, spec_path(spec_name), folder) as fleet:
+        buses = choose(spec, folder, {}, None, prefer_vcan=False)
+        fleet.start_buses(buses)
+        primary = AwaitedEvents(fleet, fleet.start_manager(standby=True))
+        primary.wait("manager_started")  # or the other one might come first, and reign
+        standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
+        standby.wait("standing_by")
+        _fly(fleet, spec, primary)
+        with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
+            death = _Death(fleet, spec, ear)
+            victim = fleet.reigning()
+            death.kill(victim)
+            death.wait_for_commands(standby if victim == FIRST_MANAGER else primary)
+            return death.gone()
+
+
+def _restart(spec_name: str) -> _Gone:
+    spec = load_spec(spec_name)
+    folder = run_folder()
+    with Fleet(spec, spec_path(spec_name), folder) as fleet:
+        buses = choose(spec, folder, {}, None, prefer_vcan=False)
+        fleet.start_buses(buses)
+        _fly(fleet, spec, AwaitedEvents(fleet, fleet.start_manager()))
+        with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
+            death = _Death(fleet, spec, ear)
+            death.kill(FIRST_MANAGER)
+            death.wait_for_commands(AwaitedEvents(fleet, fleet.start_manager()))
+            return death.gone()
+
+
+class _Death:
+    """A manager's death, as it is heard; times are the wall clock's, as the bus gives them."""
+
+    def __init__(self, fleet: Fleet, spec: Spec, ear: Ear) -> None:
+        """Listen for a while first."""
+        self._fleet, self._ear, self._heard = fleet, ear, _Heard(Witness(spec))
+        self._loading_ms = 0.0
+        self._listen(_BEFORE_S)
+
+    def kill(self, manager: int) -> None:
+        """Kill it now."""
+        self._hear()
+        self._heard.killed_ns = time.time_ns()
+        self._fleet.kill_manager(manager)
+
+    def wait_for_commands(self, events: AwaitedEvents) -> None:
+        """Listen until the next one commands, and a while longer; ends the benchmark where it does not."""
+        heard, until_s = self._heard, time.monotonic() + LONGEST_S
+        while heard.commanded_ns is None:
+            if time.monotonic() > until_s:
+                raise SystemExit(f"the benchmark ends here: no manager commands in {LONGEST_S:g} s")
+            self._listen(0.01)
+            for told in events.take():
+                self._note(told)
+        self._listen(_AFTER_S)
+
+    def gone(self) -> _Gone:
+        """What has come of it."""
+        return self._heard.gone(time.time_ns(), self._loading_ms)
+
+    def _note(self, told: dict[str, Any]) -> None:
+        assert self._heard.killed_ns is not None
+        at_ns = told["t_ns"] + time.time_ns() - time.monotonic_ns()
+        if told["event"] == "manager_started":
+            self._loading_ms = (at_ns - self._heard.killed_ns) / MS
+        if told["event"] == "reconfigured" and at_ns > self._heard.killed_ns:
+            print(f"  it had to plan: {', '.join(told['causes'])}", file=sys.stderr)
+
+    def _listen(self, duration_s: float) -> None:
+        until_s = time.monotonic() + duration_s
+        while (left_s := until_s - time.monotonic()) > 0:
+            select.select(self._ear.readers, [], [], left_s)
+            self._hear()
+
+    def _hear(self) -> None:
+        for at_s, frame in self._ear.hear():
+            self._heard.see(round(at_s * 1e9), frame)
+
+
+def _fly(fleet: Fleet, spec: Spec, events: AwaitedEvents) -> None:
+    """Let every PE fly."""
+    for pe in spec.pes:
+        fleet.start_pe(pe)
+    there: set[str] = set()
+    while there != spec.pes.keys():
+        told = events.wait("pe_joined", "pe_lost")
+        (there.add if told["event"] == "pe_joined" else there.discard)(told["pe"])
+    events.wait("reconfigured")
+
+
+def _tell(what: str, deaths: Sequence[_Gone], values: Sequence[float] = ()) -> None:
+    """Print a line of the table: of these times, by default of all that it took."""
+    if not deaths:
+        return
+    times = sorted(values or [death.gone_ms for death in deaths])
+    p99 = times[min(len(times) - 1, int(0.99 * len(times)))]
+    silent = sum(death.silent for death in deaths)
+    print(f"{what:<42}{statistics.median(times):>9.1f}{p99:>9.1f}{times[-1]:>9.1f}{silent:>9}", flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "takeover_bench"))

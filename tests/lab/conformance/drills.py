@@ -1,0 +1,57 @@
+"""All drills, by name: FILE.DRILL."""
+
+from collections.abc import Callable, Mapping
+
+from lab.conformance import (
+    manager_counting,
+    manager_epochs,
+    manager_reacting,
+    manager_standing_by,
+    manager_telling,
+    pe_alone,
+    pe_answering,
+    pe_between,
+    pe_failing,
+    pe_keyed,
+    pe_obeying,
+    pe_serving,
+    pe_speaking,
+    pe_staging,
+    pe_stepping,
+    pe_telling,
+    player,
+)
+
+Drill = Callable[[], None]
+_FILES = (
+    pe_speaking,
+    pe_obeying,
+    pe_serving,
+    pe_answering,
+    pe_staging,
+    pe_stepping,
+    pe_telling,
+    pe_failing,
+    pe_between,
+    pe_alone,
+    pe_keyed,
+    manager_counting,
+    manager_epochs,
+    manager_reacting,
+    manager_standing_by,
+    manager_telling,
+)
+
+DRILLS: Mapping[str, Drill] = {
+    f"{file.__name__.rpartition('.')[2]}.{drill.__name__}": drill for file in _FILES for drill in file.DRILLS
+}
+
+
+def drilled(name: str) -> tuple[str | None, str]:
+    """Play a drill; gives what went wrong, if anything did, and a digest of all frames."""
+    said = player.begin()
+    try:
+        DRILLS[name]()
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        return f"{type(error).__name__}: {error}".partition("\n")[0][:200], said.so_far()
+    return None, said.so_far()

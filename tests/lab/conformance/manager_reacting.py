@@ -1,0 +1,604 @@
+"""What a manager does with what it is told: faults, phases, radios, orders, and a planner that fails (rules 7 to 9)."""
+
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise
+
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
+from heronry_manager.core.vocabulary import (
+    AskStatus,
+    ChannelsLost,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    JournalTold,
+    PlanReady,
+    RequestPlan,
+    UnlockPe,
+)
+from heronry_tools.sim.world.planning import best_plan
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkReport, LinkState
+from heronry_wire.identifiers import GATEWAY_IDS, Command, emcy_id, management_id
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    RESTART_HEARD,
+    Alive,
+    Control,
+    ElementKind,
+    FaultCode,
+    Lease,
+    Operation,
+    Prepare,
+)
+from lab.conformance.manager_under_test import PERIOD_NS, ManagerUnderTest, example
+from lab.conformance.player import MS, demand, equal
+
+_DEVICE, _MODULE, _PHASE = ElementKind.DEVICE, ElementKind.MODULE, ElementKind.PHASE
+
+
+def _told(manager: ManagerUnderTest, since_ns: int, *operations: Operation) -> list[tuple[int, Operation, int, int]]:
+    """Its CONTROLs of some kinds: node, operation, a and b."""
+    return [
+        (one.node, one.operation, one.a, one.b) for one in manager.acknowledged(since_ns) if one.operation in operations
+    ]
+
+
+def a_fault_is_latched_and_acknowledged() -> None:
+    """Each time it is told; planned around once, until the operator clears it, which is told to everybody."""
+    manager = ManagerUnderTest().flies()
+    node, asked = manager.pes["tail_a"].node, len(manager.asked())
+    for _ in range(3):
+        began_ns = manager.now_ns
+        manager.emergency("tail_a", _DEVICE, 1, 7)
+        manager.run(3)
+        acknowledgement = (node, Operation.ACKNOWLEDGE, _DEVICE, 1)
+        equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [acknowledgement], "acknowledgements")
+    equal([one.down for one in manager.asked(asked)], [{"device:elevator_servo_1"}], "plans asked for")
+    fault = manager.told("fault_reported")
+    equal([(f["element"], f["by"], f["detail"]) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
+    manager.run(300)
+    began_ns = manager.now_ns
+    reply = manager.obey(ClearElement("device:elevator_servo_1"))
+    demand(reply.done and "plan" in reply.sentence, reply.sentence)
+    manager.run(3)
+    equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _DEVICE, 1)], "CLEARs")
+    equal(manager.asked()[-1].down, frozenset(), "down after it was cleared")
+    reply = manager.obey(ClearElement("device:elevator_servo_1"))
+    demand(not reply.done, "what is well is cleared")
+
+
+def its_own_bus_is_not_planned_without() -> None:
+    """Whoever says that it has failed was heard there; a plan without it would stop everything."""
+    manager = ManagerUnderTest().flies()
+    lease = manager.lease()
+    own = f"bus:{manager.spec.manager.bus}"
+    demand(not manager.obey(FailElement(own)).done, "the operator can switch the aircraft off")
+    began_ns = manager.now_ns
+    manager.emergency("tail_a", ElementKind.BUS, list(manager.spec.buses).index(manager.spec.manager.bus))
+    manager.run(300)
+    told = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+    equal(len(told), 1, "acknowledgements of a bus that is said to have failed")
+    demand(all(own not in one.down for one in manager.asked()), "it plans without its own bus")
+    equal(manager.lease(), lease, "what runs, after somebody has said that the bus has failed")
+
+
+def what_is_no_fault_is_not_latched() -> None:
+    """RESET, a restart that is told, an element that there is not, and bytes that mean nothing."""
+    manager = ManagerUnderTest().flies()
+    asked = len(manager.asked())
+    for code, kind, index, acknowledged in (
+        (FaultCode.RESET, _DEVICE, 1, 0),
+        (FaultCode.MODULE_RESTARTED, _MODULE, 1, 1),
+        (FaultCode.REPORTED, _DEVICE, 99, 0),
+        (FaultCode.REPORTED, _DEVICE, len(manager.spec.devices), 0),
+        (FaultCode.MODULE_EXCEPTION, ElementKind.CHANNEL, 0, 0),
+    ):
+        began_ns = manager.now_ns
+        manager.emergency("tail_a", kind, index, 1, code)
+        manager.run(5)
+        answer = (93, Operation.ACKNOWLEDGE, kind | RESTART_HEARD, index)
+        found = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+        equal(found, [answer] * acknowledged, f"acknowledgements of {code.name} {kind.name} {index}")
+    manager.main.say(Frame(emcy_id(93), b"\x03\xff\x81\x01"), Frame(emcy_id(93), b"\x77\x77\x81\x01\0\1\0\0"))
+    manager.run(5)
+    equal(manager.told("fault_reported"), [], "latched")
+    equal(len(manager.asked()), asked, "plans asked for")
+    equal(len(manager.told("module_restarted")), 1, "restarts told")
+    for gap_ms, told in ((30, 1), (90, 1), (150, 2)):  # repeated until it is acknowledged; after T_lease it is another
+        manager.run(gap_ms - 5)
+        manager.emergency("tail_a", _MODULE, 1, 1, FaultCode.MODULE_RESTARTED)
+        manager.run(5)
+        equal(len(manager.told("module_restarted")), told, f"restarts told, {gap_ms} ms after the one before")
+
+
+def a_pe_that_was_failed_stays_out() -> None:
+    """However well it speaks; cleared, it joins after the shortest hold-down."""
+    manager = ManagerUnderTest().flies()
+    demand(manager.obey(FailElement("pe:tail_b")).done, "a PE cannot be failed")
+    again = manager.obey(FailElement("pe:tail_b"))
+    demand(again.done and "already" in again.sentence, "a PE can be failed twice")
+    manager.run(1000)
+    demand("tail_b" not in manager.counts_on(), "who was failed is counted on")
+    began_ns = manager.now_ns
+    reply = manager.obey(ClearElement("pe:tail_b"))
+    demand(reply.done and "hold-down" in reply.sentence, f"a PE cannot be cleared: {reply.sentence}")
+    manager.run(150)
+    demand("tail_b" not in manager.counts_on(), "who was cleared is back at once")
+    manager.run(120)
+    demand("tail_b" in manager.counts_on(), "who was cleared is not back")
+    equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, ElementKind.PE, 2)], "CLEARs")
+
+
+def orders_that_name_nothing_are_refused() -> None:
+    """With a sentence; nothing is planned for them."""
+    manager = ManagerUnderTest().flies()
+    asked = len(manager.asked())
+    for order in (
+        FailElement("pe:nobody"),
+        FailElement("nonsense"),
+        ClearElement("device:nothing"),
+        ClearElement("pe:flight"),
+        EnterPhase("glide"),
+        UnlockPe("pe:flight"),
+        UnlockPe("device:elevator_servo_1"),
+    ):
+        reply = manager.obey(order)
+        demand(not reply.done and len(reply.sentence) > 10, f"{order} is obeyed: {reply.sentence}")
+    equal(len(manager.asked()), asked, "plans asked for")
+    status = manager.obey(AskStatus()).status
+    demand(status is not None and status["manager"]["term"] == 1, "the status does not name the term")
+    early = ManagerUnderTest()
+    early.run(20)
+    demand(not early.obey(FailElement("pe:tail_b")).done, "an order is obeyed while it still listens")
+
+
+def what_stopped_by_itself_is_started_by_another_epoch() -> None:
+    """A module that its PE has stopped: when it is cleared before anybody planned without it, an epoch follows."""
+    manager = ManagerUnderTest(example("n_version")).flies()
+    names = list(manager.spec.modules)
+    index = names.index("gyro_attitude")
+    host = best_plan(manager.spec, Situation(), None).configuration.modules.get("gyro_attitude")
+    epoch = manager.lease().epoch
+    pe = host.pe if host is not None else next(iter(manager.pes))
+    manager.emergency(pe, _MODULE, index, 0, FaultCode.MODULE_EXCEPTION)
+    manager.run(0.8)
+    manager.obey(ClearElement("module:gyro_attitude"))
+    manager.run(400)
+    demand(manager.lease().epoch != epoch, "a module that its PE has stopped is left so")
+
+
+def a_phase_is_entered_by_whoever_may() -> None:
+    """A request is acknowledged each time and obeyed once, in its order; one that only leads on does not lead back."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    phases = list(manager.spec.phases)
+    pe = next(iter(manager.pes))
+    other = list(manager.pes)[1] if len(manager.pes) > 1 else pe
+    node = manager.pes[pe].node
+
+    def ask(by: str, index: int, detail: int) -> list[str]:
+        began_ns = manager.now_ns
+        manager.emergency(by, _PHASE, index, detail, FaultCode.PHASE_REQUEST)
+        manager.run(5)
+        said = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+        known = index < len(phases)
+        wanted = [(manager.pes[by].node, Operation.ACKNOWLEDGE, _PHASE, detail)] if known else []
+        equal(said, wanted, f"acknowledgements of phase {index}, {detail:#x}")
+        changes = [one["phase"] for one in manager.told("phase_changed", began_ns)]
+        manager.run(300)
+        return changes
+
+    equal(ask(pe, 1, 1), [phases[1]], "after a request for phase 1")
+    equal(ask(pe, 0, 1), [], "after the same number again")
+    equal(ask(pe, 1, 2), [], "after a request for the present phase")
+    equal(ask(pe, 0, FORWARD_ONLY | 3), [], "after a request that leads back, and may not")
+    equal(ask(other, 0, 4), [phases[0]], "after the first request of another PE")
+    equal(ask(pe, 1, FORWARD_ONLY | 5), [phases[1]], "after one that leads on")
+    equal(ask(pe, 0, 2), [], "after one that was made before that")
+    equal(ask(pe, 1, 5), [], "after the same one, asked for in another way")
+    equal(ask(pe, len(phases), 6), [], "after a request for a phase that there is not")
+    equal(manager.asked()[-1].phase, phases[1], "phase that is planned for")
+    reply = manager.obey(EnterPhase(phases[1]))
+    demand(reply.done and "already" in reply.sentence, "the present phase is entered")
+    demand(manager.obey(EnterPhase(phases[0])).done, "the operator cannot enter a phase")
+    equal(manager.asked()[-1].phase, phases[0], "phase that is planned for")
+    manager.run(400)
+    manager.pes[pe].reboot()
+    manager.pes[pe].beat()
+    manager.run(5)
+    began_ns = manager.now_ns
+    manager.emergency(pe, _PHASE, 1, 1, FaultCode.PHASE_REQUEST)
+    manager.run(5)
+    equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [], "acknowledgements to who is not counted on")
+    manager.run(400)
+    equal(ask(pe, 1, FORWARD_ONLY | 1), [phases[1]], "after a restarted PE begins to count anew")
+    equal(node, manager.pes[pe].node, "node")
+
+
+def who_has_not_told_its_incarnation_is_not_answered() -> None:
+    """A request is counted in an incarnation: one that comes between a first page 1 and page 0 is repeated."""
+    manager = ManagerUnderTest(example("phases"))
+    pe = manager.pes["flight"]
+    pe.speaks = False
+    began_ns = manager.run(300)
+    pe.answer()
+    for answered in (False, True):
+        manager.emergency("flight", _PHASE, 1, 1, FaultCode.PHASE_REQUEST)
+        manager.run(5)
+        said = _told(manager, began_ns, Operation.ACKNOWLEDGE)
+        equal(bool(said), answered, "whether a request is answered")
+        pe.speaks = True
+        manager.run(50)
+    equal([one["phase"] for one in manager.told("phase_changed")], [list(manager.spec.phases)[1]], "phases entered")
+
+
+def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> None:
+    """Who stands by has heard CLEAR; the other facts that it holds wait."""
+    manager = ManagerUnderTest().flies()
+    servo = "device:elevator_servo_1"
+    for element in (servo, "device:elevator_servo_2", "device:horizon_sensor", "module:servo_driver_2"):
+        manager.obey(FailElement(element))
+    manager.run(1000)
+
+    def held(since_ns: int) -> list[int]:
+        said = ((t_ns, one) for t_ns, one in manager.said(Control, since_ns) if one.operation is Operation.HOLDS)
+        return [t_ns for t_ns, one in said if (one.a, one.b) == (_DEVICE, 1)]
+
+    told_ns = manager.now_ns
+    manager.until(lambda: bool(held(told_ns)), 3000, "it is not told in turn")
+    manager.run_into_next_period(12)
+    began_ns = manager.now_ns
+    manager.obey(ClearElement(servo))
+    manager.obey(FailElement(servo))
+    manager.run(25)
+    equal(len(held(began_ns)), 1, "how often it is told within a beat")
+
+
+def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
+    """Each time, also when it comes back within one beat to what it was, or was the same before."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    manager.run_into_next_period(15)
+    began_ns, pe = manager.now_ns, next(iter(manager.pes))
+    asked = ((1, 1), (0, 2), (1, 3), (1, 4))
+    for index, number in asked:
+        manager.emergency(pe, _PHASE, index, number, FaultCode.PHASE_REQUEST)
+    manager.run(4)
+    said = [(one.operation, one.b) for _, one in manager.said(Control, began_ns) if one.a == _PHASE]
+    pairs = (((Operation.HOLDS, phase), (Operation.ACKNOWLEDGE, number)) for phase, number in asked)
+    wanted = [one for pair in pairs for one in pair]
+    equal(said, wanted, "what is said of phases within a beat")
+
+
+def which_requests_it_has_obeyed_it_tells_again_with_the_phase() -> None:
+    """For who has missed the answer; of an incarnation that is gone it tells none."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    pe = manager.pes["flight"]
+    manager.emergency(pe.name, _PHASE, 1, 5, FaultCode.PHASE_REQUEST)
+    manager.run(100)
+    for is_told in (True, False):
+        began_ns = manager.run(500)
+        said = [(one.node, one.operation, one.b) for one in manager.acknowledged(began_ns) if one.a == _PHASE]
+        held, obeyed = (0, Operation.HOLDS, 1), (pe.node, Operation.ACKNOWLEDGE, 5)
+        equal(said[:4], [held, obeyed] * 2 if is_told else [held] * 4, "what is told in turn")
+        pe.reboot()
+        manager.run(500)
+
+
+def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure() -> None:
+    """It was planned before the operator cleared an element: the reign that knew of that has ended since."""
+    before = ManagerUnderTest().flies()
+    servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
+    for is_cleared in (False, True):
+        for servo in servos:
+            before.obey((ClearElement if is_cleared else FailElement)(servo))
+        before.run(0 if is_cleared else 300)
+    manager = ManagerUnderTest(before.spec, disk=before.disk)
+    for name, ran in before.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    manager.run(500)
+    equal(len(manager.told("adopted")), 1, "epochs that are adopted")
+    demand(not manager.asked()[0].at_leisure, "what is critical, and wanted, is asked for at leisure")
+    equal(len(manager.told("reconfigured")), 1, "reconfigurations")
+
+
+def it_tells_what_it_holds() -> None:
+    """What is new with the next beat, then one fact with every fifth: phase and latched faults, in turn."""
+    manager = ManagerUnderTest(example("phases")).flies()
+    phases = list(manager.spec.phases)
+    began_ns = manager.now_ns
+    manager.run(1000)
+    held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
+    equal({(one.a, one.b, one.node) for _, one in held}, {(_PHASE, 0, 0)}, "what it holds")
+    demand(9 <= len(held) <= 11, f"{len(held)} facts in fifty beats")
+    manager.obey(EnterPhase(phases[1]))
+    began_ns = manager.run(25)
+    held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
+    equal([(one.a, one.b) for _, one in held], [(_PHASE, 1)], "what is new")
+    manager.emergency(next(iter(manager.pes)), _DEVICE, 0, 1)
+    manager.run(25)
+    began_ns = manager.run(1000)
+    held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
+    facts = [(one.a, one.b) for _, one in held]
+    equal(set(facts), {(_PHASE, 1), (_DEVICE, 0)}, "what it holds")
+    demand(all(a != b for a, b in pairwise(facts)), f"facts are not told in turn: {facts}")
+
+
+def a_planner_that_fails_is_asked_again() -> None:
+    """After a second, or when the situation changes before that; an answer that comes twice, or late, is dropped."""
+    manager = ManagerUnderTest()
+    manager.manager.planning = manager.fails
+    manager.run_until(1000 * MS)
+    equal(len(manager.asked()), 1, "questions within a second")
+    manager.run_until(1200 * MS)
+    equal(len(manager.asked()), 2, "questions after a second")
+    equal(len(manager.told("plan_failed")), 2, "failures told")
+    manager.obey(FailElement("device:elevator_servo_2"))
+    manager.run(5)
+    equal(len(manager.asked()), 3, "questions after a change")
+    equal(manager.asked()[-1].down, {"device:elevator_servo_2"}, "down")
+    manager.manager.planning = lambda _: None  # it does not answer at all
+    manager.run(1000)
+    equal(len(manager.asked()), 4, "questions after another second")
+    old, new = manager.asked()[-2], manager.asked()[-1]
+    right = manager.plans(new)
+    assert isinstance(right, PlanReady)
+    manager.manager.tell(PlanReady(old.request, right.plan))
+    manager.run(5)
+    equal(manager.said(Prepare), [], "PREPAREs after an answer to an older question")
+    manager.manager.tell(right)
+    manager.manager.tell(right)
+    manager.run(200)
+    equal(len({one.epoch for _, one in manager.said(Prepare)}), 1, "epochs after one answer that came twice")
+    demand(bool(manager.told("reconfigured")), "the answer is not carried out")
+
+
+def what_was_planned_at_once_is_bettered_at_leisure() -> None:
+    """Asked once for each situation, when it runs; taken only if it is better at levels 1 to 3."""
+    manager = ManagerUnderTest(example("n_version"))
+    best = manager.plans
+
+    def at_once(asked: RequestPlan) -> PlanReady:
+        if asked.at_leisure:
+            answer = best(asked)
+        else:
+            poor = Situation(asked.down | {"module:gyro_attitude"}, asked.limits, asked.phase)
+            answer = PlanReady(asked.request, _unproven(best_plan(manager.spec, poor, asked.running)))
+        assert isinstance(answer, PlanReady)
+        return answer
+
+    manager.manager.planning = at_once
+    manager.run(900)
+    equal([one.at_leisure for one in manager.asked()], [False, True], "questions")
+    equal(len(manager.told("reconfigured")), 2, "reconfigurations")
+    keeping = ManagerUnderTest()
+
+    def the_same(asked: RequestPlan) -> PlanReady:
+        answer = ManagerUnderTest.plans(keeping, asked)
+        assert isinstance(answer, PlanReady)
+        return answer if asked.at_leisure else PlanReady(asked.request, _unproven(answer.plan))
+
+    keeping.manager.planning = the_same
+    keeping.run(900)
+    equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
+    equal([one.at_leisure for one in keeping.asked()], [False, True], "questions")
+    equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
+    equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
+    equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
+    moving = ManagerUnderTest()
+
+    def elsewhere(asked: RequestPlan) -> PlanReady:
+        """At leisure as good a plan at levels 1 to 3, that moves the branch."""
+        if not asked.at_leisure:
+            return the_same(asked)
+        other = Situation(frozenset(("device:elevator_servo_1",)))
+        return PlanReady(asked.request, best_plan(moving.spec, other, None))
+
+    moving.manager.planning = elsewhere
+    moving.run(900)
+    equal(len(moving.told("plan_kept")), 1, "plans that are no better, and move a branch")
+    equal(len(moving.told("reconfigured")), 1, "reconfigurations for a plan that is no better")
+    failing = ManagerUnderTest()
+    failing.manager.planning = lambda asked: failing.fails(asked) if asked.at_leisure else the_same(asked)
+    failing.run(2900)
+    equal([one.at_leisure for one in failing.asked()], [False, True], "questions, when what is asked at leisure fails")
+
+
+def _unproven(plan: Plan) -> Plan:
+    return replace(plan, optimal=False)
+
+
+_LINK = GATEWAY_IDS[0]
+
+
+def _flying_with_a_radio() -> ManagerUnderTest:
+    manager = ManagerUnderTest(example("radio_link"))
+    manager.run(1500)
+    demand(bool(manager.told("reconfigured")), "no configuration is brought about")
+    return manager
+
+
+def _report(manager: ManagerUnderTest, sequence: int, usable: int, *, gone: bool = False, node: int = 0) -> None:
+    gateway = manager.pes["comms"].node
+    state = LinkState.GONE if gone else LinkState.UP
+    said = LinkReport(node or gateway, state, sequence % 64, usable, 100, 0, 0)
+    manager.main.say(Frame(_LINK, said.encode()))
+    manager.run(100)
+
+
+def a_radio_is_planned_with_in_steps() -> None:
+    """It falls when two reports in a row are a tenth below, to the step below; it rises after a hold-down."""
+    manager = _flying_with_a_radio()
+    for number in range(3):
+        _report(manager, number, 1000)
+    sequence = 3
+    for usable, times, limits in (
+        (910, 3, []),
+        (890, 1, []),
+        (1000, 1, []),
+        (500, 1, []),
+        (500, 1, [400]),
+        (355, 1, []),  # after a fall it takes two again
+        (430, 3, []),
+        (365, 3, []),
+        (355, 1, []),
+        (355, 1, [250]),
+        (1, 2, [0]),
+    ):
+        began_ns = manager.now_ns
+        for _ in range(times):
+            _report(manager, sequence, usable)
+            sequence += 1
+        shares = [one["share"] for one in manager.told("link_limited", began_ns)]
+        equal(shares, [f"{limit / 10:g}%" for limit in limits], f"limits after {times} reports of {usable}")
+    equal(manager.asked()[-1].limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
+
+
+def a_radio_that_gets_better_is_believed_after_a_hold_down() -> None:
+    """Ten periods of the radio, doubled with each fall, fourfold at most; at the least that was heard meanwhile."""
+    manager = _flying_with_a_radio()
+    sequence = 0
+    period_ms = manager.spec.buses["radio"].heartbeat_ns // MS
+    for hold_periods in (10, 20, 40, 40):
+        for _ in range(2):
+            _report(manager, sequence, 300)
+            sequence += 1
+        manager.run(200)
+        began_ns = manager.now_ns
+        while not manager.told("link_limited", began_ns):
+            _report(manager, sequence, 1000 if sequence % 3 else 900)
+            sequence += 1
+            demand(manager.now_ns - began_ns < 60_000 * MS, "a radio that is well again is not believed")
+        took_ms = (manager.told("link_limited", began_ns)[0]["t_ns"] - began_ns) / MS
+        wanted_ms = hold_periods * period_ms
+        demand(wanted_ms - 10 < took_ms < wanted_ms + 210, f"believed after {took_ms} ms, and not after {wanted_ms}")
+        equal(manager.told("link_limited", began_ns)[0]["share"], "80%", "the step it rises to")
+
+
+def a_radio_that_is_gone_takes_who_is_beyond() -> None:
+    """At once; back, each report sets the step directly until somebody beyond is counted on again."""
+    manager = _flying_with_a_radio()
+    for number in range(3):
+        _report(manager, number, 1000)
+    ground = manager.pes["ground"]
+    ground.speaks = False
+    manager.run(40)
+    began_ns = manager.now_ns
+    _report(manager, 3, 0, gone=True)
+    _report(manager, 4, 0, gone=True)
+    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone")
+    lost = manager.told("pe_lost", began_ns)
+    equal([one["pe"] for one in lost], ["ground"], "who is lost with it")
+    demand(lost[0]["t_ns"] - began_ns < 5 * MS, "who is beyond is not lost at once")
+    began_ns = manager.now_ns
+    for sequence, usable, share in ((5, 420, "40%"), (6, 260, "25%"), (7, 1000, "100%")):
+        _report(manager, sequence, usable)
+        equal(manager.told("link_limited", began_ns)[-1]["share"], share, f"limit after {usable}, nobody beyond")
+    equal(len(manager.told("link_back", began_ns)), 1, "how often it is back")
+    _report(manager, 8, 0, gone=True)
+    equal(len(manager.told("link_gone", began_ns)), 1, "how often it is gone again, before anybody is back")
+
+
+def reports_that_are_old_or_of_others_do_not_count() -> None:
+    """A sequence up to eight behind is late; another node is no gateway of this radio."""
+    manager = _flying_with_a_radio()
+    for number in range(20, 23):
+        _report(manager, number, 1000)
+    began_ns = manager.now_ns
+    for sequence in (22, 21, 20, 15):
+        _report(manager, sequence, 100)
+    for sequence in (23, 24):
+        _report(manager, sequence, 100, node=manager.pes["nav"].node)
+    manager.main.say(Frame(_LINK, b"\1\2\3"))
+    manager.run(10)
+    equal(manager.told("link_limited", began_ns), [], "limits")
+    for sequence in (14, 15):
+        _report(manager, sequence, 100)
+    equal(len(manager.told("link_limited", began_ns)), 1, "limits after a gateway that has begun anew")
+
+
+def the_journal_s_word_is_told_on() -> None:
+    """What its driver says of the journal is told, and stands in the status."""
+    manager = ManagerUnderTest().flies()
+    for problem in ("the disk is full", None):
+        manager.manager.tell(JournalTold(problem))
+        manager.run(1)
+        status = manager.obey(AskStatus()).status
+        assert status is not None
+        equal(status["manager"]["journal"], problem, "the journal in the status")
+    equal(len(manager.told("journal_failed")), 1, "failures told")
+    equal(len(manager.told("journal_kept")), 1, "recoveries told")
+    manager.manager.tell(ChannelsLost(frozenset((1,))))
+    manager.manager.tell(ChannelsLost(frozenset((1, 2))))
+    manager.manager.tell(ChannelsLost(frozenset()))
+    manager.run(1)
+    equal([one["channel"] for one in manager.told("channel_lost")], ["can0.1", "can0.2"], "channels lost")
+    equal([one["channel"] for one in manager.told("channel_back")], ["can0.1", "can0.2"], "channels back")
+
+
+def who_only_advises_says_nothing() -> None:
+    """On the bus, ever; it tells what it would do, and follows what is done."""
+    manager = ManagerUnderTest(advise=True)
+    manager.run(1000)
+    equal(manager.main.heard, [], "frames of a manager that advises")
+    equal(len(manager.told("advice")), 1, "advice")
+    reigning = ManagerUnderTest().flies()
+    for name, ran in reigning.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    manager.run(100)
+    equal([one["epoch"] for one in manager.told("adopted")], [reigning.lease().epoch], "epochs that it follows")
+    manager.pes["tail_a"].speaks = False
+    began_ns = manager.now_ns
+    manager.main.command(Lease(5, 1, reigning.lease().step, 1), manager=127)
+    manager.run(300)
+    advice = manager.told("advice", began_ns)
+    demand(bool(advice) and "servo_driver_2" in advice[-1]["started"], f"advice when who drives is lost: {advice}")
+    equal(manager.main.heard, [], "frames of a manager that advises")
+    demand(bool(manager.obey(AskStatus()).status), "it has no status")
+
+
+def who_only_advises_waits_for_no_answer() -> None:
+    """Where nobody reigns, a PE that has restarted is asked by nobody, and not given up for that."""
+    reigning = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(advise=True)
+    for name, ran in reigning.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    manager.run(300)
+    manager.pes["tail_b"].reboot()
+    manager.run(3000)
+    equal([one["cause"] for one in manager.told("pe_lost")], ["it rebooted (incarnation 2)"], "why somebody is lost")
+
+
+def commands_keep_their_order() -> None:
+    """A turn's frames go out in order: LEASE, then ALIVE; and every one is of its own identifiers."""
+    manager = ManagerUnderTest().flies()
+    own = {management_id(126, command) for command in Command} | {1792 + 126}
+    equal({one.frame.can_id for one in manager.main.heard} - own, set(), "identifiers that are not its own")
+    demand(bool(manager.said(Alive)) and PERIOD_NS > 0, "no ALIVE")
+
+
+DRILLS = (
+    a_fault_is_latched_and_acknowledged,
+    its_own_bus_is_not_planned_without,
+    what_is_no_fault_is_not_latched,
+    a_pe_that_was_failed_stays_out,
+    orders_that_name_nothing_are_refused,
+    what_stopped_by_itself_is_started_by_another_epoch,
+    a_phase_is_entered_by_whoever_may,
+    who_has_not_told_its_incarnation_is_not_answered,
+    a_phase_that_is_asked_for_is_told_before_the_answer,
+    what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next,
+    which_requests_it_has_obeyed_it_tells_again_with_the_phase,
+    what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure,
+    it_tells_what_it_holds,
+    a_planner_that_fails_is_asked_again,
+    what_was_planned_at_once_is_bettered_at_leisure,
+    a_radio_is_planned_with_in_steps,
+    a_radio_that_gets_better_is_believed_after_a_hold_down,
+    a_radio_that_is_gone_takes_who_is_beyond,
+    reports_that_are_old_or_of_others_do_not_count,
+    the_journal_s_word_is_told_on,
+    who_only_advises_says_nothing,
+    who_only_advises_waits_for_no_answer,
+    commands_keep_their_order,
+)

@@ -1,0 +1,880 @@
+"""A manager that stands by, and one with a key: whom it follows and believes (rules 7 and 11)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from heronry_manager.core.memory import Memory
+from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.command_tags import CommandSigner
+from heronry_wire.configuration_slice import slice_digest
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    TAG,
+    WELCOME_KIND,
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Ping,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    Step,
+    is_welcome,
+)
+from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
+from lab.conformance.player import MS, demand, equal
+
+KEY = Key(bytes(range(KEY_BYTES)))
+_ALL = frozenset((92, 93, 94))
+_UNUSED = "device:elevator_servo_2"  # while the first one serves
+_LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a configuration is overheard, at worst
+
+
+class _Reigning:
+    """Another manager, 126, that reigns in term 1 while the one under test, 127, stands by."""
+
+    def __init__(self, manager: ManagerUnderTest) -> None:
+        self.speaks, self.counts_on = True, _ALL
+        self.refused_by: frozenset[str] = frozenset()  # PEs that know a higher term
+        self.lease = Lease(1, 0, Step.PREPARED, 0)
+        self._manager, self._beats = manager, 0
+        self._beat()
+
+    def _beat(self) -> None:
+        manager = self._manager
+        self._beats += 1
+        if self.speaks:
+            alive = Alive(self.lease.term, self._beats % 256, self.counts_on)
+            manager.main.command(self.lease, alive, manager=126)
+        for name, pe in manager.pes.items():
+            pe.hears = name not in self.refused_by if self.speaks else pe.hears
+        manager.clock.at(manager.now_ns + PERIOD_NS, self._beat)
+
+
+def _standing_by() -> tuple[ManagerUnderTest, _Reigning]:
+    manager = ManagerUnderTest(node=127, standby=True)
+    reigning = _Reigning(manager)
+    manager.run_until(505 * MS)
+    equal(manager.heard(-1, *Command), [], "commands of a manager that stands by")
+    equal([one["node"] for one in manager.told("standing_by")], [126], "whom it says it follows")
+    return manager, reigning
+
+
+def _its_reign_ends(manager: ManagerUnderTest, reigning: _Reigning, after_ms: int) -> None:
+    """Let the other manager fall silent, and the PEs hear again the one that takes over; then let time pass."""
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(150)
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.run(after_ms)
+
+
+def it_takes_over_when_the_pes_hear_nobody() -> None:
+    """The lease has expired, and more than half of those counted on say that they hear none; in its next term."""
+    manager, reigning = _standing_by()
+    reigning.speaks = False
+    leased_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
+    manager.run_until(leased_ns + 300 * MS)
+    equal(manager.heard(-1, *Command), [], "commands while the PEs hear somebody")
+    manager.pes["flight"].hears = False
+    manager.run(60)
+    equal(manager.heard(-1, *Command), [], "commands while one of three hears nobody")
+    manager.pes["tail_a"].hears = False
+    began_ns = manager.run(60)
+    leases = manager.said(Lease, began_ns)
+    demand(bool(leases), "most hear nobody, and it does not take over")
+    equal(leases[0][1].term, 2, "its term")
+    equal(len(manager.told("taken_over")), 1, "how often it takes over")
+    equal(manager.told("plan_requested")[0]["causes"], ["nobody reigned"], "why it asks for a plan")
+
+
+def it_waits_for_the_lease_to_expire() -> None:
+    """T_lease after the last one that it has heard, whatever the PEs say."""
+    manager, reigning = _standing_by()
+    reigning.speaks = False
+    last_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run_until(last_ns + 97 * MS)
+    equal(manager.heard(-1, *Command), [], "commands within T_lease")
+    manager.run_until(last_ns + 107 * MS)
+    demand(bool(manager.said(Lease)), "T_lease is over, and it does not take over")
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "whom it counts on")
+
+
+def only_who_was_counted_on_is_asked() -> None:
+    """And only what was said within T_lease counts."""
+    manager, reigning = _standing_by()
+    reigning.counts_on = frozenset((92,))
+    manager.run(50)
+    reigning.speaks = False
+    for name in ("tail_a", "tail_b"):
+        manager.pes[name].hears = False
+    manager.run(300)
+    equal(manager.heard(-1, *Command), [], "commands while those who were not counted on hear nobody")
+    manager.pes["flight"].hears = False
+    manager.run(1)
+    manager.pes["flight"].speaks = False
+    manager.run(200)
+    equal(manager.heard(-1, *Command), [], "commands when who was counted on is silent")
+    manager.pes["flight"].speaks = True
+    manager.run(60)
+    demand(bool(manager.said(Lease)), "who was counted on hears nobody, and it does not take over")
+
+
+def half_of_those_counted_on_are_not_most() -> None:
+    """Of two one hears nobody, and says so for as long as it likes."""
+    manager, reigning = _standing_by()
+    reigning.counts_on = frozenset((92, 93))
+    manager.run(50)
+    reigning.speaks = False
+    manager.pes["flight"].hears = False
+    manager.run(400)
+    equal(manager.heard(-1, *Command), [], "commands while one of two hears somebody")
+
+
+def _knowing_a_higher_term() -> ManagerUnderTest:
+    """Let 127 stand by, with term 8 in its journal."""
+    return ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
+
+
+def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
+    """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
+    manager = _knowing_a_higher_term()
+    manager.run(500)
+    reigning = _Reigning(manager)
+    began_ns = manager.run(900)
+    reigning.refused_by = frozenset(("tail_b",))
+    manager.run_until(began_ns + 10 * LEASE_NS)
+    equal(manager.heard(-1, *Command), [], "commands within ten T_lease")
+    manager.run(45)
+    leases = manager.said(Lease, began_ns)
+    own = [lease.term for _, lease in leases if lease.term != 1]
+    demand(bool(own), "a PE refuses the term that is behind, and it does not take over")
+    equal(own[0], 10, "its term")
+    obeyed = _knowing_a_higher_term()
+    _Reigning(obeyed)
+    obeyed.run(1500)
+    equal(obeyed.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
+    raised = _knowing_a_higher_term()
+    reigning = _Reigning(raised)
+    raised.run(900)
+    reigning.lease = replace(reigning.lease, term=9)
+    raised.run(100)
+    reigning.refused_by = frozenset(("tail_b",))
+    raised.run(1500)
+    equal(raised.heard(-1, *Command), [], "commands after the manager that reigns has learnt of the higher term")
+
+
+def where_nobody_reigns_127_lets_126_go_first() -> None:
+    """For the start-up window; then it asks those that are heard."""
+    manager = ManagerUnderTest(node=127, standby=True)
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run_until(4950 * MS)
+    equal(manager.heard(-1, *Command), [], "commands within the start-up window")
+    manager.run_until(5150 * MS)
+    demand(bool(manager.said(Lease)), "nobody reigns, and it does not take over")
+    first = ManagerUnderTest(node=126, standby=True)
+    first.run_until(130 * MS)
+    demand(bool(first.said(Lease)), "126 does not go first")
+
+
+def of_a_deposed_manager_it_believes_nothing() -> None:
+    """While the one that deposed it speaks."""
+    manager, reigning = _standing_by()
+    reigning.lease = replace(reigning.lease, term=3)
+    manager.run(50)
+    manager.main.command(Lease(1, 5, Step.GO_ALL, 5), manager=126)
+    manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal(manager.told("fault_reported"), [], "faults that a deposed term holds")
+    manager.main.command(Control(3, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal(
+        [one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "faults that it holds"
+    )
+    manager.main.command(Control(3, 0, Operation.CLEAR, ElementKind.DEVICE, 1), manager=126)
+    manager.run(30)
+    equal([one["element"] for one in manager.told("fault_cleared")], ["device:elevator_servo_1"], "faults cleared")
+    for operation in (Operation.HOLDS, Operation.CLEAR):
+        manager.main.command(Control(3, 0, operation, ElementKind.MODULE, 0), manager=126)
+        manager.run(5)
+    equal(len(manager.told("fault_cleared")), 2, "faults cleared")
+    reply = manager.obey(FailElement("pe:flight"))
+    demand(not reply.done and "126" in reply.sentence, "who stands by obeys an order")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["manager"]["state"], "standby", "its state in the status")
+
+
+def what_is_held_no_more_is_cleared() -> None:
+    """A CLEAR that it has missed: a fault that the reign has not told for three turns; one that is told stays."""
+    manager, _ = _standing_by()
+    manager.main.command(*(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, index) for index in (1, 2)), manager=126)
+    manager.run(20)
+    equal(len(manager.told("fault_reported")), 2, "faults that it holds")
+    began_ns = manager.now_ns
+    for _ in range(10):
+        manager.run(5 * 20)
+        manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2), manager=126)
+    cleared = manager.told("fault_cleared", began_ns)
+    equal([one["element"] for one in cleared], ["device:elevator_servo_1"], "faults that it holds no more")
+    waited = (cleared[0]["t_ns"] - began_ns) / PERIOD_NS
+    demand(44 <= waited <= 47, f"of two faults one is told in turn, and is given up after {waited} beats without")
+
+
+def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
+    """It has heard the answer; the operator may have gone back since. A later request counts."""
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    manager.run(300)
+    node, nobody = manager.pes["flight"].node, 120
+    for operation, to, value in (
+        (Operation.HOLDS, 0, 1),
+        (Operation.ACKNOWLEDGE, node, 1),
+        (Operation.ACKNOWLEDGE, nobody, 9),
+        (Operation.HOLDS, 0, 0),
+    ):
+        manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
+        manager.run(5)
+    _its_reign_ends(manager, reigning, 400)
+    demand(bool(manager.said(Lease)), "it does not take over")
+    for number, entered in ((1, 0), (2, 1)):
+        began_ns = manager.now_ns
+        manager.emergency("flight", ElementKind.PHASE, 1, number, FaultCode.PHASE_REQUEST)
+        manager.run(50)
+        answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
+        demand(number in answers, f"request {number} is not answered: {answers}")
+        equal(len(manager.told("phase_changed", began_ns)), entered, f"phases entered by request {number}")
+
+
+def an_answer_counts_right_behind_the_phase_alone() -> None:
+    """It has missed which phase was entered, and hears that the request was obeyed: then it has to obey it itself."""
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    manager.run(300)
+    held = Control(1, 0, Operation.HOLDS, ElementKind.PHASE, 0)
+    fault = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
+    obeyed = Control(1, manager.pes["flight"].node, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)
+    manager.main.command(obeyed, held, fault, obeyed, manager=126)
+    manager.run(5)
+    manager.pes["flight"].reboot()  # an answer that follows at once may have waited, and be for the one before
+    manager.run(25)
+    manager.main.command(held, obeyed, manager=126)
+    manager.run(5)
+    _its_reign_ends(manager, reigning, 400)
+    began_ns = manager.now_ns
+    manager.emergency("flight", ElementKind.PHASE, 1, 1, FaultCode.PHASE_REQUEST)
+    manager.run(50)
+    equal(len(manager.told("phase_changed", began_ns)), 1, "phases entered by a request")
+
+
+def who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed() -> None:
+    """No PE has proven to it which incarnation it is: what it says of that will do."""
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True, key=KEY)
+    manager.main.sign = CommandSigner(KEY, 126, 1).tag
+    provers = _provers(manager)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    for prover in provers.values():
+        prover.asks = False
+    manager.run(300)
+    node = manager.pes["flight"].node
+    for to, operation, value in ((0, Operation.HOLDS, 1), (node, Operation.ACKNOWLEDGE, 1), (0, Operation.HOLDS, 0)):
+        manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
+        manager.run(5)
+    equal(len(manager.told("phase_changed")), 2, "phases that it has heard of")
+    for prover in provers.values():
+        prover.asks = True
+    _its_reign_ends(manager, reigning, 800)
+    demand("flight" in manager.counts_on(), "it does not take over, or counts on nobody")
+    began_ns = manager.now_ns
+    request = Emergency(FaultCode.PHASE_REQUEST, 0x81, ElementKind.PHASE, 1, 1).encode()
+    provers["flight"].emergency = request
+    manager.main.say(Frame(emcy_id(node), request))
+    manager.run(100)
+    answers = [one.b for one in manager.acknowledged(began_ns) if one.operation is Operation.ACKNOWLEDGE]
+    demand(1 in answers, "the request is not answered")
+    equal(manager.told("phase_changed", began_ns), [], "phases entered by a request that was obeyed before")
+
+
+def with_a_key_nobody_else_says_what_runs() -> None:
+    """A digest can be computed by anybody: what is remembered to run was said by a manager that has the key."""
+    first = ManagerUnderTest(key=KEY)
+    _provers(first)
+    first.flies()
+    said = [one for _, one in first.hears if isinstance(one, Prepare | SliceHead | SliceBody | Activate)]
+    for is_signed in (False, True):
+        manager = ManagerUnderTest(node=127, standby=True, key=KEY)
+        sign = manager.main.sign = CommandSigner(KEY, 126, 1).tag
+        _Reigning(manager)
+        manager.run(300)
+        manager.main.sign = sign if is_signed else None
+        manager.main.command(*said, manager=126)
+        manager.main.sign = sign
+        manager.run(50)
+        runs = manager.disk.opened().runs
+        wanted = first.lease().epoch if is_signed else None
+        equal(runs and runs.epoch, wanted, "the epoch that is remembered to run")
+
+
+def who_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
+    """PREPARE of the epoch that runs is said again for it, while the next one is being prepared."""
+    first = ManagerUnderTest().flies()
+    began = first.said(Prepare)[0][1]
+    since_ns = first.now_ns
+    first.obey(FailElement("device:elevator_servo_1"))
+    first.run(300)
+    manager = ManagerUnderTest(node=127, standby=True)
+    reigning = _Reigning(manager)
+    manager.run(200)
+    for t_ns, one in first.hears:
+        if not isinstance(one, Lease | Alive | Ping):
+            late = (began,) if t_ns > since_ns and isinstance(one, Activate) else ()
+            manager.main.command(*late, one, manager=126)
+            manager.run(1)
+    _adopts(manager, reigning, first)
+
+
+def what_it_has_overheard_is_adopted() -> None:
+    """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
+    first = ManagerUnderTest(example("phases")).flies()
+    manager = ManagerUnderTest(example("phases"), node=127, standby=True)
+    reigning = _Reigning(manager)
+    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    manager.run(200)
+    said = [one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)]
+    said.sort(key=lambda one: _LATE_HEADS.get(type(one), len(_LATE_HEADS)))
+    manager.main.command(*said, manager=126)
+    for phase, entered in ((0, 0), (99, 0), (1, 1), (1, 0), (0, 1)):
+        before = len(manager.told("phase_changed"))
+        manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
+        manager.run(5)
+        equal(len(manager.told("phase_changed")) - before, entered, f"phases entered when {phase} is held")
+    _adopts(manager, reigning, first)
+
+
+def what_was_called_by_its_number_is_adopted() -> None:
+    """Where the number means the configuration of that digest: no slice has to be overheard."""
+    first = ManagerUnderTest(contingencies=1).flies()
+    first.pes["tail_a"].speaks = False
+    called_ns = first.run(300)
+    said = [one for t_ns, one in first.hears if t_ns > called_ns and isinstance(one, Prepare | Activate)]
+    demand(isinstance(said[0], Prepare) and said[0].contingency > 0, "a lost PE is not called by its number")
+    manager = ManagerUnderTest(node=127, standby=True, contingencies=1)
+    reigning = _Reigning(manager)
+    reigning.counts_on = _ALL - {manager.pes["tail_a"].node}
+    manager.pes["tail_a"].speaks = False
+    manager.run(200)
+    manager.main.command(*said, manager=126)
+    _adopts(manager, reigning, first)
+
+
+def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderTest) -> None:
+    """Demand that what another manager has brought about goes on when its reign ends."""
+    manager.manager.planning = lambda _: None  # what it knows is enough
+    reigning.lease = first.lease()
+    for name, ran in first.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    manager.run(200)
+    _its_reign_ends(manager, reigning, 150)
+    equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
+    own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
+    equal(own, [], "PREPAREs after a take-over")
+    equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
+
+
+def who_is_vouched_for_may_drive_anything() -> None:
+    """The reign before counted on it to the last; what it took up then was counted nowhere here."""
+    manager, reigning = _standing_by()
+    driver = manager.pes["tail_a"]
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
+    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    manager.run_into_next_period(15)
+    driver.reboot()  # to be held down, and counted on all the same
+    manager.run(25)
+    driver.epoch, driver.digest, driver.state = 7, 0x99, PeState.ACTIVE
+    manager.run(20)
+    manager.manager.planning = lambda _: None
+    reigning.speaks = False
+    for pe in manager.pes.values():
+        pe.hears = False
+    manager.run(80)
+    driver.speaks = False
+    manager.until(lambda: bool(manager.told("taken_over")), 100, "it does not take over")
+    manager.run(1)
+    demand("tail_a" in manager.counts_on(), "who the reign before counted on is not vouched for")
+    manager.manager.planning = manager.plans
+    for pe in manager.pes.values():
+        pe.hears = True
+    manager.until(lambda: bool(manager.told("pe_lost", manager.now_ns - 5 * MS)), 100, "nobody is lost")
+    lost_ns = manager.now_ns
+    manager.run(400)
+    goes = [t_ns for t_ns, one in manager.said(Activate, lost_ns) if one.step is Step.GO_ALL]
+    demand(bool(goes) and goes[0] - lost_ns > LEASE_NS - MS, "nobody waits for who was vouched for")
+
+
+def what_is_no_configuration_is_not_remembered() -> None:
+    """Slices with the digest that was announced, and nothing in them that this spec has."""
+    manager, reigning = _standing_by()
+    body = b"\x01\x7f\x00"
+    digest = slice_digest(manager.spec.digest, body)
+    for number, wanted in enumerate((digest, digest + 1)):
+        epoch = 40 + number
+        heads = [SliceHead(node, epoch, len(body), wanted) for node in sorted(_ALL)]
+        bodies = [SliceBody(node, epoch, 1, body) for node in sorted(_ALL)]
+        manager.main.command(Prepare(1, epoch, 0x77), *heads, *bodies, manager=126)
+        manager.run(10)
+        manager.main.command(Activate(1, epoch, Step.GO_ALL, 0x77), manager=126)
+        manager.run(30)
+    _its_reign_ends(manager, reigning, 250)
+    equal(manager.told("adopted"), [], "adopted")
+    demand(bool(manager.said(Prepare)), "it does not plan anew")
+
+
+def who_reigns_stands_by_before_a_higher_term() -> None:
+    """It forgets what it planned, says so, and takes over again when that one is gone."""
+    manager = ManagerUnderTest(standby=True).flies()
+    manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=127)
+    manager.run(5)
+    began_ns = manager.now_ns
+    manager.run(80)
+    equal(manager.heard(began_ns, *Command), [], "commands after a higher term was heard")
+    equal([one["term"] for one in manager.told("stepped_down")], [2], "steps down before")
+    for pe in manager.pes.values():
+        pe.hears = False
+    began_ns = manager.run(200)
+    leases = manager.said(Lease, began_ns)
+    demand(bool(leases) and leases[0][1].term == 3, "it does not take over with its next term")
+
+
+# With a key
+
+
+class _KeyedPe:
+    """Lets a played PE prove what it says, as soon as it was welcomed."""
+
+    def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
+        self.session: Session | None = None
+        self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
+        self.stride = 1  # from the number of one page 0 to the next: more is as if some were lost
+        self._manager, self._pe, self._beat, self._nonce = manager, pe, 0, 0x1234 + pe.node
+        pe.say = self._say
+        manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
+
+    def _ask(self) -> None:
+        if self.session is None and self.asks and self._pe.speaks:
+            page = StatePage2(self._pe.state, PeFlags(0), self._nonce)
+            self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
+        self._manager.clock.at(self._manager.now_ns + PERIOD_NS, self._ask)
+
+    def take(self, control: Control, number: int) -> None:
+        if control.node == self._pe.node and control.operation is Operation.WELCOME:
+            self.session, self._beat = Session(self._manager.node, control.term, number), 0
+            page = StatePage3(self._pe.state, PeFlags(0), self._pe.digest, 0, 0)
+            self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
+        if control.node == self._pe.node and control.operation is Operation.RENEW:
+            self.session = None
+            self._nonce += 1
+
+    def _say(self, frame: Frame) -> None:
+        said, digest = split_state(frame.data)
+        is_first = frame.data[0] < 0x40
+        tag = 0
+        if self.session is not None and self.proves:
+            beat = self._beat if is_first else PAGE_1_BEAT
+            pending = self.emergency if is_first else NO_EMERGENCY
+            if is_first and self.emergency:
+                said = bytes((said[0] | PeFlags.FAULT_PENDING,)) + said[1:]
+            said = said[:4] + bytes((beat % 256,)) + said[5:] if is_first else said
+            tag = KEY.state_tag(self._pe.node, self.session, beat, said, digest, emergency=pending)
+        self._beat += self.stride * is_first
+        self._manager.main.say(Frame(frame.can_id, joined_state(said, tag)))
+
+
+def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
+    manager = ManagerUnderTest(key=KEY)
+    return manager, _provers(manager)
+
+
+def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
+    """Let its PEs have the key, too."""
+    provers = {name: _KeyedPe(manager, pe) for name, pe in manager.pes.items()}
+    plain = manager.main.hears
+
+    def hears(frame: Frame) -> None:
+        assert plain is not None
+        plain(frame)
+        if frame.can_id == management_id(manager.node, Command.CONTROL):
+            message = manager.hears[-1][1]
+            assert isinstance(message, Control)
+            for prover in provers.values():
+                prover.take(message, message.a << 16 | message.b)
+
+    manager.main.hears = hears
+    return provers
+
+
+def every_command_is_tagged() -> None:
+    """With its number in this term, from 0 on, by who has the key; a WELCOME with the nonce it answers."""
+    manager, _ = _keyed()
+    manager.run(800)
+    demand(bool(manager.told("reconfigured")), "with a key nothing is brought about")
+    checker = CommandSigner(KEY, 126, 1)
+    frames = [one.frame for one in manager.main.heard if 200 <= one.frame.can_id < 208]
+    tags = [frame for frame in frames if frame.can_id == 207]
+    commands = [frame for frame in frames if frame.can_id != 207]
+    equal(len(tags), len(commands), "tags")
+    fields = [TAG.unpack(tag.data) for tag in tags]
+    equal([one[1] for one in fields if one is not None][:50], list(range(50)), "numbers")
+    true = [checker.tag(frame) for frame in commands if not is_welcome(frame.data) or frame.can_id != 206]
+    demand(all(tag is not None for tag in true), "tags")
+    welcomes = [frame for frame in commands if frame.can_id == 206 and is_welcome(frame.data)]
+    equal(len(welcomes), 3, "welcomes")
+    equal([one[0] for one in fields if one is not None].count(WELCOME_KIND), 3, "tags of welcomes")
+
+
+def a_state_counts_when_it_is_proven() -> None:
+    """One that is not is as good as silence; who is heard and not believed for T_lease is told to begin anew."""
+    manager, provers = _keyed()
+    manager.run(800)
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on")
+    provers["tail_b"].proves = False
+    began_ns = manager.run(100)
+    equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when it proves nothing")
+    manager.run(100)
+    renewed = [one.node for one in manager.acknowledged(began_ns) if one.operation is Operation.RENEW]
+    demand(renewed[:1] == [94], f"who is told to begin anew: {renewed}")
+    equal(manager.told("states_unproven", began_ns), [], "unproven after one renewal")
+    manager.run(500)
+    equal([one["pe"] for one in manager.told("states_unproven", began_ns)], ["tail_b"], "unproven after some")
+    provers["tail_b"].proves = True
+    manager.run(800)
+    demand("tail_b" in manager.counts_on(), "who proves itself again is not taken back")
+
+
+def a_nonce_is_answered_once_in_a_period() -> None:
+    """However often it is asked; and the nonce 0 never."""
+    manager, provers = _keyed()
+    provers["tail_b"].asks = False
+    manager.run(300)
+    for nonce, most in ((0, 0), (77, 1)):
+        began_ns = manager.now_ns
+        for _ in range(4):
+            page = StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce)
+            manager.main.say(Frame(state_id(94), page.encode()))
+            manager.run(2)
+        welcomes = [one for one in manager.acknowledged(began_ns) if one.operation is Operation.WELCOME]
+        equal(len(welcomes), most, f"answers to the nonce {nonce}")
+
+
+def an_emergency_counts_when_it_is_proven() -> None:
+    """By the next page 0 that says FAULT_PENDING; without that it is as good as unsaid."""
+    manager, provers = _keyed()
+    manager.run(800)
+    said = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 1, 3).encode()
+    began_ns = manager.now_ns
+    manager.main.say(Frame(emcy_id(93), said))
+    manager.run(100)
+    equal(manager.told("fault_reported", began_ns), [], "faults that nobody has proven")
+    provers["tail_a"].emergency = said
+    manager.main.say(Frame(emcy_id(93), said))
+    manager.run(200)
+    equal(manager.told("pe_lost", began_ns), [], "lost while a fault is pending, which every page 0 proves again")
+    provers["tail_a"].emergency = NO_EMERGENCY
+    equal([one["element"] for one in manager.told("fault_reported")], ["device:elevator_servo_1"], "proven faults")
+    demand(
+        any(one.operation is Operation.ACKNOWLEDGE for one in manager.acknowledged(began_ns)), "it is not acknowledged"
+    )
+
+
+def a_page_1_counts_when_it_is_proven() -> None:
+    """A forged one cannot make it fail a PE."""
+    manager, _ = _keyed()
+    manager.run(800)
+    lease = manager.lease()
+    page = StatePage1(PeState.ACTIVE, PeFlags.HEARS_LEASE, lease.epoch, lease.digest, 4, 0)  # type: ignore[arg-type]
+    began_ns = manager.now_ns
+    manager.main.say(Frame(state_id(94), page.encode()))
+    manager.run(10)
+    equal(manager.told("pe_lost", began_ns), [], "who is failed for a page 1 that is not proven")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["pes"]["tail_b"]["authentic"]["refused_states"], 1, "states that it has refused")
+    demand(status["pes"]["tail_b"]["authentic"]["is_believed"], "a PE that proves what it says is not believed")
+
+
+def who_is_guessed_at_needs_two_states_in_a_row() -> None:
+    """After eight tags that did not fit a true state counts only right after another true one."""
+    manager, _ = _keyed()
+    manager.run(800)
+    page = manager.pes["tail_b"].page_0()
+    for number in range(12):
+        manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
+        manager.run(1)
+    began_ns = manager.now_ns
+    equal(len(manager.told("states_doubted")), 1, "how often it is told that states are doubted")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    demand(status["pes"]["tail_b"]["authentic"]["refused_states"] >= 12, "states that were refused are not counted")
+    manager.run(300)
+    equal(manager.told("pe_lost", began_ns), [], "who is lost while somebody guesses")
+    demand("tail_b" in manager.counts_on(), "who is guessed at is not counted on")
+
+
+def guesses_are_counted_and_forgiven() -> None:
+    """Seven change nothing; after eight, for 256 periods, a true state counts at most two numbers after another."""
+    for guesses, periods, stride, lost in (
+        (7, 0, 3, []),
+        (8, 0, 2, []),
+        (8, 0, 3, ["tail_b"]),
+        (8, 250, 3, ["tail_b"]),
+        (8, 258, 3, []),
+    ):
+        manager, provers = _keyed()
+        manager.run(800)
+        page = manager.pes["tail_b"].page_0()
+        for number in range(guesses):
+            manager.main.say(Frame(state_id(94), replace(page, digest=number + 1, sequence=number).encode()))
+            manager.run(1)
+        manager.run(periods * PERIOD_NS / MS)
+        provers["tail_b"].stride = stride
+        began_ns = manager.run(150)
+        found = [one["pe"] for one in manager.told("pe_lost", began_ns)]
+        equal(found, lost, f"lost {periods} periods after {guesses}, when states are {stride} apart")
+
+
+def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
+    """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
+    manager, provers, _ = _takes_over_from_a_keyed_reign(silent=())
+    manager.run(25)
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "named at first")
+    for name in ("flight", "tail_a"):
+        provers[name].asks = True
+    for pe in manager.pes.values():
+        pe.hears = True
+    spoke: list[int] = []
+    manager.main.bus.taps.append(lambda sent: spoke.append(sent.end_ns) if sent.frame.can_id == state_id(94) else None)
+    manager.run_into_next_period(8)
+    manager.pes["tail_b"].speaks = False
+    manager.run(200)
+    _is_absent(manager, spoke[-1])
+    equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
+    demand(bool(manager.asked()), "it waits for who is absent")
+    equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+    manager, _, took_over_ns = _takes_over_from_a_keyed_reign(silent=("tail_b",))
+    manager.run(200)
+    _is_absent(manager, took_over_ns)
+
+
+def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
+    """Demand that tail_b was given up when it had been silent since a moment, for as long as it may."""
+    (absent,) = manager.told("pe_absent")
+    told = absent["pe"], absent["cause"]
+    equal(told, ("tail_b", "not heard any more, before it could be believed"), "who is absent")
+    silent_ns = absent["t_ns"] - since_ns
+    demand(65 * MS <= silent_ns < 66 * MS, f"it is given up after {silent_ns} ns")
+
+
+def _takes_over_from_a_keyed_reign(
+    silent: Sequence[str],
+) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
+    """Let 127 take over when nobody has proven anything to it, some are silent, and when that was."""
+    manager = ManagerUnderTest(node=127, standby=True, key=KEY)
+    signer = CommandSigner(KEY, 126, 1)
+    manager.main.sign = signer.tag
+    provers = _provers(manager)
+    reigning = _Reigning(manager)
+    manager.run(505)
+    reigning.speaks = False
+    for prover in provers.values():
+        prover.asks = False
+    for name, pe in manager.pes.items():
+        pe.hears, pe.speaks = False, name not in silent
+    manager.until(lambda: bool(manager.told("taken_over")), 300, "it does not take over")
+    return manager, provers, manager.told("taken_over")[0]["t_ns"]
+
+
+def the_lock_is_opened_by_order() -> None:
+    """UNLOCK names one PE, for half a minute."""
+    manager, _ = _keyed()
+    manager.run(800)
+    began_ns = manager.now_ns
+    demand(manager.obey(UnlockPe("pe:tail_b")).done, "the lock cannot be opened")
+    demand(not manager.obey(UnlockPe("module:servo_driver_1")).done, "a module has a lock")
+    manager.run(5)
+    said = [(one.node, one.a) for one in manager.acknowledged(began_ns) if one.operation is Operation.UNLOCK]
+    equal(said, [(94, 30)], "UNLOCKs")
+
+
+def what_a_pe_refuses_is_told() -> None:
+    """Once a second while it rises, and in the status; less than before is a restart, and no news."""
+    manager, _ = _keyed()
+    manager.run(800)
+
+    def says(unproven: int, other: int) -> int:
+        began_ns = manager.now_ns
+        page = StatePage3(PeState.ACTIVE, PeFlags.HEARS_LEASE, manager.lease().digest, unproven, other)
+        manager.main.say(Frame(state_id(94), page.encode()))
+        manager.run(5)
+        return len(manager.told("commands_refused", began_ns))
+
+    equal([says(5, 0), says(5, 2), says(6, 2)], [1, 0, 0], "news within a second")
+    manager.run(1000)
+    equal([says(6, 2), says(7, 2), says(0, 0)], [1, 0, 0], "news after a second")
+    manager.run(1000)
+    equal(says(0, 3), 1, "news after a restart")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["pes"]["tail_b"]["authentic"]["refused_commands"], 3, "commands that it has refused")
+
+
+def lost_states_cost_nothing() -> None:
+    """While nobody guesses, the next one counts, however many were lost before it."""
+    manager, provers = _keyed()
+    manager.run(800)
+    provers["tail_b"].stride = 7
+    began_ns = manager.run(2000)
+    equal(manager.told("pe_lost", began_ns), [], "who is lost because states were lost")
+
+
+def what_it_has_said_itself_is_nobody_else() -> None:
+    """Its own LEASE, recorded and said again, ends no reign; that of a double which has come further does."""
+    manager, _ = _keyed()
+    manager.run(800)
+    leases = [one.frame for one in manager.main.heard if one.frame.can_id == 200]
+    tags = [one.frame for one in manager.main.heard if one.frame.can_id == 207 and one.frame.data[0] >> 5 == 0]
+
+    def says(*frames: Frame) -> None:
+        """In the quiet part of a period: two who say one identifier at once destroy each other's frames."""
+        manager.run_into_next_period(8)
+        manager.main.say(*frames)
+        manager.run(5)
+
+    for number in (0, 5, -1, -1):
+        says(leases[number], tags[number])
+        demand(manager.manager.stopped is None, "its own words, said again, end its reign")
+    double = CommandSigner(KEY, 126, manager.lease().term)
+    double.number = 2_000
+    lease = Frame(200, manager.lease().encode())
+    tag = double.tag(lease)
+    assert tag is not None
+    says(lease)
+    demand(manager.manager.stopped is None, "a LEASE without a tag ends a reign")
+    says(lease, tag)
+    demand(manager.manager.stopped is not None, "a double that has come further does not end its reign")
+
+
+def who_advises_follows_no_more_than_is_known() -> None:
+    """An epoch that was advised, and is replaced by one that is not known, is not what runs."""
+    reigning = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(advise=True)
+    for name, ran in reigning.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    manager.run(300)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["epoch"], reigning.lease().epoch, "the epoch that it sees")
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest = pe.epoch + 1, 0x99
+    manager.run(100)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal(status["epoch"], None, "the epoch that it sees when another one runs")
+
+
+def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
+    """What is held it hears before it advises; what runs it has missed, until the next epoch."""
+    first = ManagerUnderTest().flies()
+    manager = ManagerUnderTest(node=127, advise=True)
+    reigning = _Reigning(manager)
+    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    for pe in manager.pes.values():
+        pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
+    held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2)  # the servo that is not used
+
+    def fly(turns: int) -> None:
+        for _ in range(turns):
+            manager.main.command(held, manager=126)
+            manager.run(5 * 20)
+
+    fly(15)
+    equal([(sorted(one.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
+    equal(manager.told("advice"), [], "advice while nobody knows what runs")
+    equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it says it does not know")
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal((status["epoch"], status["unknown_epoch"]), (None, 7), "the epoch in the status")
+    equal({one["served"] for one in status["functions"].values()}, {None}, "what is served, as far as it knows")
+    equal([one["element"] for one in status["latched"]], [_UNUSED], "latched")
+    manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
+    reigning.lease = first.lease()
+    for name, ran in first.pes.items():
+        manager.pes[name].goes_on_as(ran)
+    fly(5)
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    equal((status["epoch"], status["unknown_epoch"]), (first.lease().epoch, None), "the epoch in the status, later")
+    demand(status["functions"]["elevator"]["served"], "the elevator is served, and it does not know")
+    equal(manager.told("advice"), [], "advice where nothing is to be done")
+    reply = manager.obey(FailElement("device:elevator_servo_1"))
+    demand(reply.done and "only advises" in reply.sentence, f"an order is answered with '{reply.sentence}'")
+    fly(5)
+    equal(len(manager.told("fault_reported")), 2, "faults, with the one that the operator supposes")
+    equal(manager.told("fault_cleared"), [], "faults that it gives up")
+    demand("servo_driver_1" in manager.told("advice")[-1]["stopped"], "it does not advise upon what is supposed")
+    equal(manager.heard(-1, *Command), [], "commands of a manager that advises")
+
+
+DRILLS = (
+    half_of_those_counted_on_are_not_most,
+    of_a_term_that_is_behind_it_asks_whether_it_is_obeyed,
+    guesses_are_counted_and_forgiven,
+    who_was_counted_on_and_dies_unproven_is_not_waited_for,
+    what_a_pe_refuses_is_told,
+    lost_states_cost_nothing,
+    what_it_has_said_itself_is_nobody_else,
+    who_advises_follows_no_more_than_is_known,
+    who_advises_and_was_started_late_says_what_it_does_not_know,
+    it_takes_over_when_the_pes_hear_nobody,
+    it_waits_for_the_lease_to_expire,
+    only_who_was_counted_on_is_asked,
+    where_nobody_reigns_127_lets_126_go_first,
+    of_a_deposed_manager_it_believes_nothing,
+    what_is_held_no_more_is_cleared,
+    a_request_that_another_manager_has_obeyed_is_obeyed_no_more,
+    an_answer_counts_right_behind_the_phase_alone,
+    who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed,
+    with_a_key_nobody_else_says_what_runs,
+    who_comes_late_to_what_runs_does_not_hide_what_comes,
+    what_it_has_overheard_is_adopted,
+    what_was_called_by_its_number_is_adopted,
+    who_is_vouched_for_may_drive_anything,
+    what_is_no_configuration_is_not_remembered,
+    who_reigns_stands_by_before_a_higher_term,
+    every_command_is_tagged,
+    a_state_counts_when_it_is_proven,
+    a_nonce_is_answered_once_in_a_period,
+    an_emergency_counts_when_it_is_proven,
+    a_page_1_counts_when_it_is_proven,
+    who_is_guessed_at_needs_two_states_in_a_row,
+    the_lock_is_opened_by_order,
+)

@@ -1,0 +1,387 @@
+"""What a manager says of how things stand, what it gives its PEs, and what it remembers over a restart."""
+
+from collections import Counter
+from typing import Any
+from zlib import crc32
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, hosts_when_all_is_up
+from heronry_dg.traffic import identifiers
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.memory import Latched
+from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase, FailElement
+from heronry_tools.sim.world.disk import Disk
+from heronry_tools.sim.world.planning import best_plan
+from heronry_wire.configuration_slice import Slice, decode_slice
+from heronry_wire.frame import Frame
+from heronry_wire.gateway_report import LinkReport, LinkState
+from heronry_wire.identifiers import GATEWAY_IDS
+from heronry_wire.management import Alive, ElementKind, FaultCode, PeState, Prepare, Step
+from lab.conformance.manager_under_test import ManagerUnderTest, example
+from lab.conformance.player import MS, demand, equal
+
+
+def _status(manager: ManagerUnderTest) -> dict[str, Any]:
+    status = manager.obey(AskStatus()).status
+    assert status is not None
+    return dict(status)
+
+
+def the_status_tells_how_things_stand() -> None:
+    """Every PE, what is latched, what is served, and what is planned."""
+    manager = ManagerUnderTest()
+    manager.run(50)
+    early = _status(manager)
+    equal((early["epoch"], early["stage"], early["next"], early["buses"]), (None, None, None, {}), "before it reigns")
+    equal(early["manager"]["state"], "listening", "its state at the start")
+    equal(early["functions"]["elevator"]["why_not"], "nothing runs yet", "why the elevator is not served")
+    manager.flies()
+    status = _status(manager)
+    equal((status["epoch"], status["stage"], status["next"]), (manager.lease().epoch, "done", None), "epoch and stage")
+    told = status["manager"]
+    equal((told["node"], told["term"], told["state"], told["advises"]), (126, 1, "reigning", False), "itself")
+    equal((told["planning"], told["journal"], told["key"]), (False, None, None), "what it does")
+    flight = status["pes"]["flight"]
+    equal((flight["state"], flight["why"], flight["losses"], flight["held_down_for_ns"]), ("up", None, 0, None), "a PE")
+    equal((flight["epoch"], flight["runs"], flight["authentic"]), (status["epoch"], "ACTIVE", None), "what it runs")
+    elevator = status["functions"]["elevator"]
+    equal((elevator["wanted"], elevator["criticality"], elevator["served"]), (True, "A", True), "the elevator")
+    demand(status["buses"]["can0"]["bits_per_s"] > 0, "the planned load of the bus")
+    manager.emergency("tail_a", ElementKind.DEVICE, 1, 7)
+    manager.run(250)
+    (latched,) = _status(manager)["latched"]
+    equal((latched["element"], latched["by"], latched["detail"]), ("device:elevator_servo_1", "tail_a", 7), "latched")
+    demand(240 * MS < latched["for_ns"] < 252 * MS, f"latched for {latched['for_ns']} ns")
+    tail = manager.pes["tail_b"]
+    tail.speaks = False
+    manager.run(100)
+    lost = _status(manager)["pes"]["tail_b"]
+    equal((lost["state"], lost["losses"], lost["epoch"]), ("down", 1, None), "a PE that is lost")
+    demand("silent" in lost["why"], "why it is lost")
+    tail.speaks = True
+    manager.run(60)
+    waiting = _status(manager)["pes"]["tail_b"]
+    equal(waiting["state"], "returning", "a PE that is back")
+    demand(130 * MS < waiting["held_down_for_ns"] < 180 * MS, f"held down for {waiting['held_down_for_ns']} ns more")
+
+
+def the_status_tells_of_radios_and_phases() -> None:
+    """What a gateway reports; which phases nobody watches."""
+    manager = ManagerUnderTest(example("radio_link"))
+    manager.run(1500)
+    unheard = _status(manager)["links"]["radio"]
+    equal((unheard["state"], unheard["limit"], unheard["usable"]), ("unheard", 1000, None), "a radio nobody reports on")
+    report = LinkReport(manager.pes["comms"].node, LinkState.UP, 1, 990, 98, 3, 4)
+    manager.main.say(Frame(GATEWAY_IDS[0], report.encode()))
+    manager.run(5)
+    link = _status(manager)["links"]["radio"]
+    told = link["state"], link["limit"], link["usable"], link["delivered"], link["queued"], link["dropped"]
+    equal(told, ("up", 1000, 990, 98, 3, 4), "a radio")
+
+
+def a_lost_channel_is_told_of() -> None:
+    """Once, until it is back, or until nobody has told of it for three and a half seconds."""
+    manager = ManagerUnderTest(example("replicated_bus"))
+    pe = next(iter(manager.pes))
+    manager.run(50)
+    manager.emergency(pe, ElementKind.CHANNEL, 0, 1, FaultCode.CHANNEL_LOST)
+    manager.run(5)
+    equal(manager.told("channel_lost"), [], "channels lost that a manager tells of which still listens")
+    manager.flies()
+    bus = manager.spec.manager.bus
+    asked = len(manager.asked())
+
+    def tell(number: int, code: FaultCode = FaultCode.CHANNEL_LOST, index: int = 0) -> None:
+        manager.emergency(pe, ElementKind.CHANNEL, index, number, code)
+        manager.run(5)
+
+    tell(1)
+    tell(1)
+    equal([one["channel"] for one in manager.told("channel_lost")], [f"{bus}.1"], "channels lost")
+    equal(_status(manager)["channels"][f"{bus}.1"], [pe], "who lacks it")
+    for number, index in ((0, 0), (3, 0), (1, 7)):
+        tell(number, index=index)
+    equal(len(manager.told("channel_lost")), 1, "channels lost, after some that there are not")
+    tell(1, FaultCode.CHANNEL_BACK)
+    tell(1, FaultCode.CHANNEL_BACK)
+    equal([one["channel"] for one in manager.told("channel_back")], [f"{bus}.1"], "channels back")
+    tell(2)
+    told_ns = manager.now_ns - 5 * MS
+    manager.run_until(told_ns + 3480 * MS)
+    equal(_status(manager)["channels"][f"{bus}.2"], [pe], "who lacks it after 3.48 s")
+    manager.run_until(told_ns + 3530 * MS)
+    equal(_status(manager)["channels"][f"{bus}.2"], [], "who lacks it after 3.53 s")
+    equal(len(manager.told("channel_back")), 2, "channels back")
+    equal(len(manager.asked()), asked, "plans asked for")
+    equal(manager.told("fault_reported"), [], "faults")
+
+
+def a_restart_goes_on_with_what_runs() -> None:
+    """Where the PEs run what the journal has: adopted, with phase, faults and quarantines; no PREPARE, no epoch."""
+    first = ManagerUnderTest().flies()
+    first.emergency("tail_b", ElementKind.DEVICE, 2, 1)  # the servo that is not used
+    first.run(300)
+    lease = first.lease()
+    for change, adopted in (
+        ({}, True),
+        ({"tail_b": (PeState.UNCONFIGURED, 0, 0)}, True),
+        ({"flight": (PeState.ACTIVE, lease.epoch, 0x99)}, False),
+        ({"flight": (PeState.ACTIVE, lease.epoch + 1, lease.digest)}, False),
+        ({"flight": (PeState.BROKEN, lease.epoch, lease.digest)}, False),
+        (dict.fromkeys(first.pes, (PeState.UNCONFIGURED, 0, 0)), False),
+    ):
+        manager = ManagerUnderTest(disk=_copy(first))
+        for name, pe in first.pes.items():
+            played = manager.pes[name]
+            played.state, played.epoch, played.digest = change.get(name, (pe.state, pe.epoch, pe.digest))
+            played.runs = pe.runs if played.epoch else (0, 0)
+        manager.run(600)
+        told = [one["epoch"] for one in manager.told("adopted")]
+        equal(told, [lease.epoch] if adopted else [], f"adopted with {change}")
+        equal(manager.lease().term, 3, "term after a restart")
+        epochs = [one.epoch for _, one in manager.said(Prepare)]
+        if not change:
+            equal(epochs, [], "epochs after a restart")
+            equal([one.at_leisure for one in manager.asked()], [True], "questions after a restart, at leisure")
+        demand(adopted or min(epochs) > lease.epoch, f"epochs after a restart: {epochs}")
+        equal([one["element"] for one in _status(manager)["latched"]], ["device:elevator_servo_2"], "latched")
+        demand(manager.lease().step is Step.GO_ALL, f"with {change} it comes to no end")
+
+
+def _copy(manager: ManagerUnderTest) -> Disk:
+    """What is on a manager's disk."""
+    return Disk(manager.spec, manager.disk.data)
+
+
+def a_restart_believes_no_damaged_line() -> None:
+    """One whose checksum is wrong, or that is no JSON, is as if it had never been written."""
+    first = ManagerUnderTest().flies()
+    first.emergency("tail_b", ElementKind.DEVICE, 2, 1)
+    first.run(300)
+    data, no_json = first.disk.data, b"[9,"
+    for damaged, latched in (
+        (data.replace(b"elevator_servo_2", b"elevator_servo_1"), []),
+        (data + b"%08x %s\n" % (crc32(no_json), no_json), ["device:elevator_servo_2"]),
+    ):
+        demand(damaged != data, "the drill has damaged nothing")
+        manager = ManagerUnderTest(disk=Disk(first.spec, damaged))
+        manager.run(600)
+        equal([one["element"] for one in _status(manager)["latched"]], latched, "latched after a damaged journal")
+        equal(manager.lease().term, 3, "term after a damaged journal")
+
+
+def a_restart_remembers_the_phase_and_who_was_failed() -> None:
+    """A PE that the operator has failed stays out, and the phase is the one that was entered."""
+    first = ManagerUnderTest(example("phases")).flies()
+    phases = list(first.spec.phases)
+    first.obey(EnterPhase(phases[1]))
+    failed = list(first.pes)[-1]
+    first.obey(FailElement(f"pe:{failed}"))
+    first.run(400)
+    disk = _copy(first)
+    disk.opened()  # a restart before this one has made it short
+    manager = ManagerUnderTest(first.spec, disk=disk)
+    manager.run(800)
+    equal(manager.asked()[-1].phase, phases[1], "phase after a restart")
+    demand(f"pe:{failed}" in manager.asked()[-1].down, "who was failed is planned with")
+    demand(all(manager.pes[failed].node not in alive.nodes for _, alive in manager.said(Alive)), "it is counted on")
+    equal(_status(manager)["phase"], phases[1], "phase in the status")
+
+
+def what_is_cleared_at_a_restart_is_started() -> None:
+    """A module that its PE has stopped, cleared while the new reign still waits for somebody: an epoch follows."""
+    first = ManagerUnderTest(example("radio_link"))
+    first.run(1500)
+    running = best_plan(first.spec, Situation(), None).configuration.modules
+    name = next(module for module, one in running.items() if first.pes[one.pe].name == "nav")
+    for clears, is_back in ((False, False), (True, False), (True, True)):
+        disk = _copy(first)
+        disk.opened()
+        disk.write(Latched(f"module:{name}", "nav", "MODULE_EXCEPTION", 0), 0)
+        manager = ManagerUnderTest(first.spec, disk=disk)
+        for pe in first.pes.values():
+            played = manager.pes[pe.name]
+            played.epoch, played.digest, played.state, played.runs = pe.epoch, pe.digest, pe.state, pe.runs
+        manager.pes["ground"].speaks = False
+        manager.run(300)
+        if clears:
+            equal(manager.asked(), [], "plans asked for while somebody is waited for")
+            demand(manager.obey(ClearElement(f"module:{name}")).done, "it cannot be cleared")
+        manager.pes["ground"].speaks = is_back
+        manager.run(2000)
+        demand(bool(manager.said(Prepare)), "no epoch follows")
+
+
+def a_restart_remembers_what_was_cleared() -> None:
+    """A fault that was cleared before the restart is none after it; nor is a quarantine that is over."""
+    first = ManagerUnderTest().flies()
+    first.obey(FailElement("device:elevator_servo_2"))
+    first.run(100)
+    first.obey(ClearElement("device:elevator_servo_2"))
+    tail = first.pes["tail_b"]
+    for hold_ms in (200, 400):
+        tail.speaks = False
+        first.run(100)
+        tail.speaks = True
+        first.run(hold_ms + 60)
+    manager = ManagerUnderTest(disk=_copy(first))
+    manager.run(400)
+    equal(_status(manager)["latched"], [], "latched after a restart")
+    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on after a restart")
+
+
+def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
+    """Where what runs fits the new share nothing is asked for; where it does not, a plan is."""
+    manager = ManagerUnderTest(example("radio_link"))
+    manager.run(1500)
+    asked = len(manager.asked())
+    bits = _status(manager)["buses"]["radio"]["bits_per_s"]
+    radio = manager.spec.buses["radio"]
+    for sequence, usable in enumerate((1000, 1000, 700, 700, 300, 300, 15, 15)):
+        gateway = manager.pes["comms"].node
+        said = LinkReport(gateway, LinkState.UP, sequence, usable, 100, 0, 0)
+        manager.main.say(Frame(GATEWAY_IDS[0], said.encode()))
+        manager.run(100)
+        step = next(one for one in (1000, 600, 250, 0) if one <= usable)
+        room = radio.bitrate * step / 1000 * float(radio.max_load - radio.reserve)
+        fits = bits <= room or not (sequence % 2)
+        equal(len(manager.asked()) > asked, not fits, f"a plan is asked for at {usable}, for {bits} bit/s")
+
+
+def tables_say_what_the_spec_says() -> None:
+    """Of every PE of every example: where it is, what may run there, and under which identifiers."""
+    for name in ("demux_actuators", "radio_link", "n_version", "replicated_bus", "phases", "elevator_and_chute"):
+        spec = example(name)
+        for pe in spec.pes:
+            _judge_table(spec, pe)
+
+
+def _judge_table(spec: Spec, pe: str) -> None:
+    table, own = Compiler(spec).table(pe), spec.pes[pe]
+    equal((table.name, table.node_id, table.spec), (pe, own.node_id, spec.name), "whose table it is")
+    equal((table.spec_digest, table.cpu_millis), (spec.digest, own.cpu_millis), "its spec and CPU")
+    equal([port.bus for port in table.ports], list(own.buses), "ports")
+    for port in table.ports:
+        bus = spec.buses[port.bus]
+        said = port.bitrate, port.heartbeat_ns, port.misses, port.channels, port.wireless
+        equal(said, (bus.bitrate, bus.heartbeat_ns, bus.misses, bus.channels, bus.kind == "wireless"), port.bus)
+        equal(port.data_per_mille, int(1000 * (bus.max_load - bus.reserve)), f"share of data on {port.bus}")
+        near = {other.node_id for other in spec.pes.values() if port.bus in other.buses} - {own.node_id}
+        demand(near <= set(port.nodes), f"{port.bus} leads to {port.nodes}, and has {near}")
+    reached = [node for port in table.ports for node in port.nodes]
+    equal(sorted(reached), sorted(p.node_id for p in spec.pes.values() if p.name != pe), f"nodes around {pe}")
+    may = [m.name for m in spec.modules.values() if pe in hosts_when_all_is_up(spec, m)]
+    equal([m.name for m in table.modules], may, f"modules of {pe}")
+    equal(list(table.module_names), list(spec.modules), "names of modules")
+    branches = {branch for demux in spec.demuxes.values() for branch in demux.branches}
+    outputs = {output for function in spec.functions.values() for output in function.outputs}
+    for entry in table.modules:
+        module = spec.modules[entry.name]
+        moves = module.device is not None and spec.devices[module.device].kind == "actuator"
+        told = entry.image, entry.device, entry.demux, entry.restarts, entry.ram
+        most = max(mode.ram for mode in module.modes.values())
+        equal(told, (module.image, module.device, module.name in branches, module.restarts, most), module.name)
+        equal(entry.movable, len(hosts_when_all_is_up(spec, module)) > 1, f"{module.name} is movable")
+        equal(entry.silent_output, module.name in outputs and not moves, f"{module.name} is a silent output")
+        for mode, written in zip(entry.modes, module.modes.values(), strict=True):
+            equal((mode.name, mode.rate_mhz, mode.cpu_millis), (written.name, written.rate_mhz, written.cpu_millis), "")
+            leaves = [(path, leaf.variable, leaf.best, leaf.worst) for path, leaf in written.leaves()]
+            equal([(one.path, one.variable, one.best, one.worst) for one in mode.leaves], leaves, "leaves")
+            equal(dict(mode.gives), dict(written.gives), "what it gives")
+    numbers = identifiers(spec)
+    for source in table.sources:
+        equal(source.identifier, numbers[source.module, source.variable], f"identifier of {source.variable}")
+        rates = [m.rate_mhz for m in spec.modules[source.module].modes.values() if source.variable in m.gives]
+        equal(source.period_ns, 10**12 // min(rates), f"longest period of {source.variable}")
+    equal(len(table.sources), len(numbers), "sources")
+    equal(
+        [(d.name, d.node) for d in table.devices], [(d.name, spec.pes[d.pe].node_id) for d in spec.devices.values()], ""
+    )
+    equal([phase.name for phase in table.phases], list(spec.phases), "phases")
+    for entry_, phase in zip(table.phases, spec.phases.values(), strict=True):
+        when = phase.when
+        wanted = None if when is None else (when.variable, when.hold_ns)
+        equal(None if entry_.variable is None else (entry_.variable, entry_.hold_ns), wanted, "rule of a phase")
+    first = [f for f in spec.functions.values() if f.criticality_in(spec.initial_phase()) == "A"]
+    critical = {f"module:{output}" for function in first for output in function.outputs}
+    named = set(table.flight_critical)
+    demand(critical <= named, f"{critical} are critical")
+    bolted = {f"device:{one.device}" for one in spec.modules.values() if one.device and f"module:{one.name}" in named}
+    equal({one for one in named if one.startswith("device:")}, bolted, "devices that are flight-critical")
+
+
+def slices_bring_a_source_to_every_reader_once() -> None:
+    """By its producer and the gateways on the way; no bus is told it twice, and none that leads to no reader."""
+    for name in ("radio_link", "n_version", "big_blue"):
+        spec = example(name)
+        slices = _slices(spec)
+        told: Counter[tuple[int, str]] = Counter()  # how many say a source on a bus
+        for pe, part in slices.items():
+            masks = [*part.publish.items(), *((source, mask) for source, (_, mask) in part.forward.items())]
+            told.update((source, bus) for source, mask in masks for bus in _buses(spec, pe, mask))
+        demand(set(told.values()) == {1}, f"of {name} some source is said twice on a bus: {told}")
+        asked = set()
+        for pe, part in slices.items():
+            for source in (*part.remote, *part.forward):
+                heard = [(source, bus) for bus in spec.pes[pe].buses if (source, bus) in told]
+                out = set(_buses(spec, pe, part.forward.get(source, (0, 0))[1]))
+                inward = [one for one in heard if one[1] not in out]
+                equal(len(inward), 1, f"buses on which {pe} hears source {source}, of {name}")
+                asked.update(inward)
+        equal(asked, set(told), f"what is read or handed on, of {name}")
+
+
+def _slices(spec: Spec) -> dict[str, Slice]:
+    """What each PE gets where nothing is down."""
+    compiler = Compiler(spec)
+    bodies = compiler.configuration(best_plan(spec, Situation(), None).configuration).slices
+    found = {}
+    for pe in spec.pes.values():
+        modules = compiler.table(pe.name).modules
+        leaves = {(one.index, number): len(mode.leaves) for one in modules for number, mode in enumerate(one.modes)}
+        found[pe.name] = decode_slice(bodies[pe.node_id], leaves)
+    return found
+
+
+def _buses(spec: Spec, pe: str, mask: int) -> list[str]:
+    return [bus for port, bus in enumerate(spec.pes[pe].buses) if mask >> port & 1]
+
+
+def its_events_tell_the_story() -> None:
+    """Of a reconfiguration from the loss on, in order, with its causes and times."""
+    manager = ManagerUnderTest().flies()
+    manager.pes["tail_b"].speaks = False  # without which all goes on: no cause of what comes later
+    manager.run(300)
+    manager.pes["tail_b"].speaks = True
+    manager.run(400)
+    manager.pes["tail_a"].speaks = False
+    began_ns = manager.run(400)
+    kinds = [one["event"] for one in manager.events if one["t_ns"] > began_ns]
+    wanted = ["pe_suspected", "pe_lost", "plan_requested", "plan_ready", "epoch_prepared", "epoch_step", "epoch_step"]
+    equal(kinds, [*wanted, "reconfigured"], "events")
+    decide_ns = manager.told("plan_ready", began_ns)[0]["decide_ns"]
+    demand(MS <= decide_ns < 2 * MS, f"the plan is there after {decide_ns} ns")
+    done = manager.told("reconfigured", began_ns)[0]
+    equal(done["causes"], ["pe:tail_a: silent for 3 heartbeat periods"], "causes")
+    times = done["times_ns"]
+    demand(64 * MS < times["detect"] < 67 * MS, f"detected in {times['detect']} ns")
+    demand(MS <= times["decide"] < 2 * MS, f"decided in {times['decide']} ns")
+    demand(0 < times["distribute"] < 10 * MS, f"distributed in {times['distribute']} ns")
+    demand(20 * MS < times["activate"] < 100 * MS, f"activated in {times['activate']} ns, with T_lease to wait for")
+    equal((done["moved"], done["started"], done["stopped"]), ([], ["servo_driver_2"], ["servo_driver_1"]), "changes")
+
+
+DRILLS = (
+    its_events_tell_the_story,
+    the_status_tells_how_things_stand,
+    the_status_tells_of_radios_and_phases,
+    a_lost_channel_is_told_of,
+    a_restart_goes_on_with_what_runs,
+    a_restart_believes_no_damaged_line,
+    a_restart_remembers_the_phase_and_who_was_failed,
+    what_is_cleared_at_a_restart_is_started,
+    a_restart_remembers_what_was_cleared,
+    a_plan_that_fits_a_smaller_radio_is_kept,
+    tables_say_what_the_spec_says,
+    slices_bring_a_source_to_every_reader_once,
+)

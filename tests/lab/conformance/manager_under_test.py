@@ -1,0 +1,351 @@
+"""One real manager, and its PEs played by the book: they speak, stage, take steps and answer, until told otherwise.
+
+What the manager's planner answers, and when, is the drill's to say (`planning`): at once and rightly by default.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from heronry_dg import loader
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_manager.core.memory import NOTHING, Memory
+from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
+from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.disk import Disk
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.nodes import SimulatedManager
+from heronry_tools.sim.world.planning import Prepared, best_plan, prepared
+from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    NO_EPOCH,
+    SLICE_BYTES_PER_FRAME,
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    ManagementMessage,
+    PeFlags,
+    PeState,
+    Ping,
+    Prepare,
+    Reason,
+    SliceBody,
+    SliceHead,
+    StatePage0,
+    StatePage1,
+    Step,
+    decode_command,
+    is_newer,
+)
+from lab.conformance.player import MS, Heard, Player, demand
+
+PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
+_STATES = {Step.BREAK: PeState.BROKEN, Step.GO: PeState.ACTIVE, Step.GO_ALL: PeState.ACTIVE}
+
+
+def example(name: str) -> Spec:
+    """Give a shipped spec, or an example."""
+    is_example = name not in ("big_blue", "elevator_and_chute")
+    return loader.load(spec_path(f"dg_specs/examples/{name}.dg.yaml" if is_example else name))
+
+
+@dataclass(eq=False)
+class PlayedPe:
+    """A PE that does what it should, as far as it is let."""
+
+    name: str
+    node: int
+    say: Callable[[Frame], None]
+    speaks: bool = True
+    hears: bool = True  # LEASE; it says so
+    stages: bool = True  # answers PREPARE and SLICE
+    steps: bool = True  # takes steps
+    holds: bool = False  # has a new branch of a DEMUX, so that it is PARTIAL at GO
+    refuses: Reason | None = None
+    has_on_board: bool = True  # every contingency
+    incarnation: int = 1
+    state: PeState = PeState.UNCONFIGURED
+    epoch: int = NO_EPOCH
+    digest: int = 0
+    runs: tuple[int, int] = (0, 0)  # digest and length of its slice
+    sequence: int = 0
+    _prepare: Prepare | None = None
+    _head: SliceHead | None = None
+    _bodies: dict[int, bytes] = field(default_factory=dict)
+    _staged: tuple[int, int] = (NO_EPOCH, 0)
+
+    def beat(self) -> None:
+        """Say its page 0."""
+        if self.speaks:
+            self.say(Frame(state_id(self.node), self.page_0().encode()))
+            self.sequence = (self.sequence + 1) % 256
+
+    def page_0(self) -> StatePage0:
+        """What it says of itself."""
+        flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
+        return StatePage0(self.state, flags, self.incarnation, self.epoch, self.sequence, self.digest)
+
+    def answer(self, reason: Reason = Reason.NONE) -> None:
+        """Say page 1 about the epoch asked for last."""
+        asked = NO_EPOCH if self._prepare is None else self._prepare.epoch
+        staged = self._staged if self._staged[0] == asked else (asked, 0)
+        flags = PeFlags.HEARS_LEASE if self.hears else PeFlags(0)
+        self.say(Frame(state_id(self.node), StatePage1(self.state, flags, *staged, reason, 0).encode()))
+
+    def reboot(self) -> None:
+        """Begin anew."""
+        self.incarnation += 1
+        self.state, self.epoch, self.digest, self.runs = PeState.UNCONFIGURED, NO_EPOCH, 0, (0, 0)
+        self._staged, self._prepare = (NO_EPOCH, 0), None
+
+    def goes_on_as(self, other: "PlayedPe") -> None:
+        """Run what this PE ran under another manager."""
+        self.epoch, self.digest, self.state, self.runs = other.epoch, other.digest, other.state, other.runs
+
+    def take(self, message: ManagementMessage) -> None:
+        """Take a command."""
+        match message:
+            case Prepare():
+                self._asked(message)
+            case SliceHead(node) if node == self.node:
+                self._head = message
+                self._stage()
+            case SliceBody(node, _, index, body) if node == self.node:
+                self._bodies[index] = body
+                self._stage()
+            case Activate() | Lease() if self.steps and self.speaks:
+                self._take_step(message)
+            case Ping(node=node) if node in (0, self.node):
+                self.beat()
+
+    def _asked(self, prepare: Prepare) -> None:
+        wanted, before = (prepare.epoch, prepare.digest), self._prepare
+        if before is not None and before.term == prepare.term and is_newer(before.epoch, prepare.epoch):
+            self.answer(Reason.STALE_EPOCH)
+            return
+        if self._prepare is None or (self._prepare.epoch, self._prepare.digest) != wanted:
+            self._prepare, self._head, self._bodies = prepare, None, {}
+        if not self.stages or not self.speaks:
+            return
+        if prepare.contingency and self.has_on_board:
+            self._staged = wanted
+        if self._staged == wanted or prepare.contingency:
+            self.answer(Reason.NONE if self._staged == wanted else Reason.NOT_ON_BOARD)
+
+    def _stage(self) -> None:
+        head = self._head
+        if head is None or self._prepare is None or not self.stages or not self.speaks:
+            return
+        count = -(-head.length // SLICE_BYTES_PER_FRAME)
+        if self.runs != (head.digest, head.length) and not all(n in self._bodies for n in range(1, count + 1)):
+            return
+        if self.refuses is not None:
+            self.answer(self.refuses)
+            return
+        self._staged = self._prepare.epoch, self._prepare.digest
+        self.answer()
+
+    def _take_step(self, order: Activate | Lease) -> None:
+        wanted = order.epoch, order.digest
+        if order.step is Step.PREPARED or wanted not in (self._staged, (self.epoch, self.digest)):
+            return
+        state = PeState.PARTIAL if order.step is Step.GO and self.holds else _STATES[order.step]
+        if (self.epoch, self.digest) == wanted and state <= self.state:
+            return
+        if (self.epoch, self.digest) != wanted and self._head is not None:
+            self.runs = self._head.digest, self._head.length
+        self.epoch, self.digest, self.state = *wanted, state
+        self.beat()
+
+
+class _Manager(SimulatedManager):
+    """A manager whose planner does what the drill says."""
+
+    planning: Callable[[RequestPlan], ManagerEvent | None]
+    asked: list[RequestPlan]
+
+    def _plan(self, asked: RequestPlan) -> None:
+        self.asked.append(asked)
+        answer = self.planning(asked)
+        if answer is not None:
+            self._clock.at(self._clock.now_ns + MS, lambda: self._told(answer))
+
+    def tell(self, event: ManagerEvent) -> None:
+        """Hand something to the core."""
+        self._told(event)
+
+
+class ManagerUnderTest:
+    """The manager and its aircraft."""
+
+    def __init__(
+        self,
+        spec: Spec | None = None,
+        *,
+        node: int = FIRST_MANAGER,
+        standby: bool = False,
+        advise: bool = False,
+        key: Key | None = None,
+        ahead: Prepared | None = None,
+        disk: Disk | None = None,
+        contingencies: int | None = None,
+    ) -> None:
+        """Start it; the PEs speak from now on."""
+        self.spec = spec = example("demux_actuators") if spec is None else spec
+        self.clock, self.node = Clock(), node
+        self.main = Player(self.clock, spec.manager.bus, spec.buses[spec.manager.bus].bitrate)
+        self.events: list[dict[str, Any]] = []
+        self.disk = Disk(spec) if disk is None else disk
+        self.manager = self._started(node, standby, advise, key, ahead or prepared(spec, contingencies))
+        self.pes: Mapping[str, PlayedPe] = {
+            pe.name: PlayedPe(pe.name, pe.node_id, self.main.say) for pe in spec.pes.values()
+        }
+        self.main.hears = self._hear
+        self.hears: list[tuple[int, ManagementMessage]] = []  # every command, and when
+        self._played_by = {management_id(n, c): c for n in MANAGER_NODES for c in Command}
+        for pe in self.pes.values():
+            place_ns = (pe.node - 92) * PERIOD_NS // 34
+            self.clock.at(place_ns, lambda pe=pe: self._beat(pe))  # type: ignore[misc]
+
+    def _started(self, node: int, standby: bool, advise: bool, key: Key | None, ahead: Prepared) -> _Manager:
+        manager = _Manager(
+            self.clock,
+            LocalClock(self.clock),
+            self.spec,
+            (self.main.bus,),
+            node=node,
+            disk=self.disk,
+            name=f"manager {node}",
+            decide_ns=lambda: MS,
+            tell=self.events.append,
+            advise=advise,
+            standby=standby,
+            key=key,
+            ahead=ahead,
+            witness=lambda _: None,
+        )
+        manager.planning, manager.asked = self.plans, []
+        return manager
+
+    def plans(self, asked: RequestPlan) -> ManagerEvent | None:
+        """Give the best plan."""
+        now = Situation(asked.down, asked.limits, asked.phase)
+        return PlanReady(asked.request, best_plan(self.spec, now, asked.running))
+
+    @staticmethod
+    def fails(asked: RequestPlan) -> ManagerEvent | None:
+        """Give none."""
+        return PlanFailed(asked.request, "told to fail")
+
+    def _beat(self, pe: PlayedPe) -> None:
+        pe.beat()
+        self.clock.at(self.clock.now_ns + PERIOD_NS, lambda: self._beat(pe))
+
+    def _hear(self, frame: Frame) -> None:
+        command = self._played_by.get(frame.can_id)
+        message = None if command is None else decode_command(command, frame.data)
+        if message is None or isinstance(message, Malformed):
+            return
+        self.hears.append((self.clock.now_ns, message))
+        for pe in self.pes.values():
+            pe.take(message)
+
+    # Time
+
+    @property
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.clock.now_ns
+
+    def run(self, ms: float) -> int:
+        """Let time pass; gives when that began."""
+        began_ns = self.now_ns
+        self.clock.run_until(began_ns + round(ms * MS))
+        if self.manager.running:
+            self.manager.core.validate()
+        return began_ns
+
+    def run_until(self, t_ns: int) -> None:
+        """Let time pass up to a moment."""
+        self.clock.run_until(t_ns)
+
+    def run_into_next_period(self, ms: int) -> int:
+        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
+        self.clock.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + ms * MS)
+        return self.now_ns
+
+    def flies(self) -> "ManagerUnderTest":
+        """Let the first configuration be brought about; gives this."""
+        self.run(600)
+        demand(bool(self.told("reconfigured")), "no configuration is brought about")
+        return self
+
+    # What it says
+
+    def said(self, kind: type[ManagementMessage], since_ns: int = -1) -> list[tuple[int, Any]]:
+        """Its commands of a kind, and when they came."""
+        return [(t_ns, message) for t_ns, message in self.hears if isinstance(message, kind) and t_ns > since_ns]
+
+    def told(self, event: str, since_ns: int = -1) -> list[dict[str, Any]]:
+        """Its events of a kind."""
+        return [one for one in self.events if one["event"] == event and one["t_ns"] > since_ns]
+
+    def counts_on(self) -> set[str]:
+        """PEs that its last ALIVE names."""
+        nodes = self.said(Alive)[-1][1].nodes
+        return {pe.name for pe in self.pes.values() if pe.node in nodes}
+
+    def lease(self) -> Lease:
+        """Its last LEASE."""
+        lease = self.said(Lease)[-1][1]
+        assert isinstance(lease, Lease)
+        return lease
+
+    def asked(self, since: int = 0) -> list[RequestPlan]:
+        """What its planner was asked."""
+        return self.manager.asked[since:]
+
+    def obey(self, order: Order) -> Reply:
+        """Give an order; gives the answer."""
+        reply = self.manager.say(order)
+        demand(reply.status is not None or len(reply.sentence) > 10, f"{order} is answered with '{reply.sentence}'")
+        return reply
+
+    def heard(self, since_ns: int, *commands: Command) -> list[Heard]:
+        """Frames of commands."""
+        return self.main.since(since_ns, [management_id(self.node, command) for command in commands])
+
+    # What others say
+
+    def emergency(self, pe: str, kind: ElementKind, index: int, detail: int = 0, code: FaultCode | None = None) -> None:
+        """Let a PE report something."""
+        said = Emergency(FaultCode.REPORTED if code is None else code, 0x81, kind, index, detail)
+        self.main.say(Frame(emcy_id(self.pes[pe].node), said.encode()))
+
+    def acknowledged(self, since_ns: int) -> list[Control]:
+        """Its CONTROLs."""
+        return [message for _, message in self.said(Control, since_ns)]
+
+    def until(self, holds: Callable[[], bool], within_ms: float, what: str) -> int:
+        """Let time pass until something holds; gives the moment."""
+        end_ns = self.now_ns + round(within_ms * MS)
+        while not holds():
+            demand(self.now_ns < end_ns, f"within {within_ms} ms {what}")
+            self.clock.run_until(self.now_ns + MS // 4)
+        return self.now_ns
+
+
+def remembering(spec: Spec, memory: Memory = NOTHING) -> Disk:
+    """A disk on which a manager finds this."""
+    disk = Disk(spec)
+    for record in memory.records():
+        disk.write(record, 0)
+    return disk

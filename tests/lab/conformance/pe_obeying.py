@@ -1,0 +1,143 @@
+"""Whom a PE obeys, and what of that reaches it (rules 4, 7 and 11)."""
+
+from heronry_wire.canopen_objects import COUNTERS
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import LAST_MANAGER, Command, management_id
+from heronry_wire.management import Activate, Alive, Lease, PeFlags, PeState, Ping, Prepare, Reason, Step
+from lab.conformance.pe_under_test import LEASE_NS, NODE, NOTHING, PeUnderTest
+from lab.conformance.player import MS, commanded, demand, equal
+
+_EPOCH, _DIGEST = 17, 0x111111
+
+
+def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
+    """Tell whether a PING of this term is answered by a page 0."""
+    began_ns = pe.run_into_next_period(8)
+    pe.main.command(Ping(term, NODE, 0), manager=manager)
+    pe.run(3)
+    return bool(pe.pages_0(began_ns))
+
+
+def the_highest_term_is_obeyed() -> None:
+    """From 1 to 4095; a lower one no more; the same one of another manager never."""
+    pe = PeUnderTest()
+    pe.run(10)
+    answered = [
+        (term, manager, _is_answered(pe, term, manager))
+        for term, manager in ((0, 126), (1, 126), (1, 127), (2, 127), (2, 126), (1, 126), (4095, 126), (4096, 126))
+    ]
+    wanted = [False, True, False, True, False, False, True, False]
+    equal([one[2] for one in answered], wanted, f"answered of {answered}")
+    equal(_is_answered(pe, 2, LAST_MANAGER), False, "a deposed manager is answered")
+
+
+def a_deposed_manager_is_told_once() -> None:
+    """STALE_TERM in page 1, the first time only; the next true PREPARE clears it."""
+    pe = PeUnderTest().attended()
+    pe.run(7)
+    for told in (True, False, False):
+        began_ns = pe.now_ns
+        pe.main.command(Lease(4, 3, Step.GO_ALL, 0x42), manager=LAST_MANAGER)
+        pe.run(2)
+        reasons = [page.reason for _, page in pe.pages_1(began_ns)]
+        equal(reasons, [Reason.STALE_TERM] if told else [], "a deposed manager is told")
+    pe.prepare(_EPOCH, NOTHING, _DIGEST)
+    pe.run(4)
+    equal(pe.page_1().reason, Reason.NONE, "after the next epoch its reason is")
+
+
+def nobody_is_told_of_a_term_before_the_first() -> None:
+    """A PE that has never had a manager tells nobody that he is deposed; and not while it collects a slice."""
+    pe = PeUnderTest()
+    pe.run(7)
+    began_ns = pe.now_ns
+    pe.main.say(Frame(management_id(126, Command.LEASE), Lease(4095, 0, Step.PREPARED, 0).encode()[:7]))
+    pe.main.command(Ping(9, NODE + 1, 0))
+    pe.run(2)
+    pe.says_nothing_of_it(began_ns)
+    pe = PeUnderTest().attended()
+    pe.run(7)
+    pe.main.command(Prepare(5, _EPOCH, _DIGEST))
+    pe.run(1)
+    began_ns = pe.now_ns
+    pe.main.command(Ping(4, NODE, 0))
+    pe.run(2)
+    pe.says_nothing_of_it(began_ns)
+    equal(pe.object(COUNTERS, 1) > 0, True, "what it does not obey is counted")
+
+
+def a_new_term_goes_on_where_the_old_one_was() -> None:
+    """An epoch that was staged in one term can be activated in the next; ALIVE of the old one is void then."""
+    pe = PeUnderTest().attended().flies()
+    pe.term, pe.manager = 6, LAST_MANAGER
+    pe.lease = Lease(6, _EPOCH, Step.GO_ALL, _DIGEST)
+    pe.run(60)
+    page = pe.page_0()
+    equal((page.state, page.epoch, page.digest), (PeState.ACTIVE, _EPOCH, _DIGEST), "under a new manager it runs")
+    demand(PeFlags.HEARS_LEASE in page.flags, "the new manager is not heard")
+    pe.main.command(Alive(5, 0, frozenset()))  # of the old one: it must not be believed
+    pe.run(3)
+    demand(PeFlags.OUTPUT_HELD not in pe.pinged().flags, "a deposed manager's ALIVE takes the outputs away")
+
+
+def malformed_commands_change_nothing() -> None:
+    """Cut short, or with a step or an operation that there is not: counted, and nothing else."""
+    pe = PeUnderTest().attended().flies()
+    pe.run(5)
+    before, counted = pe.page_0(), pe.object(COUNTERS, 1)
+    for message in (
+        Lease(5, _EPOCH + 1, Step.GO_ALL, 1),
+        Alive(5, 0, frozenset()),
+        Activate(5, _EPOCH + 1, Step.GO_ALL, 1),
+        Prepare(5, _EPOCH + 1, 2),
+        Ping(5, NODE, 0),
+    ):
+        frame = commanded(message)
+        pe.main.say(frame._replace(data=frame.data[:-1]))
+    wrong_step = bytearray(Lease(5, _EPOCH + 1, Step.GO_ALL, 1).encode())
+    wrong_step[4] = 9
+    pe.main.say(Frame(management_id(126, Command.LEASE), bytes(wrong_step)))
+    pe.main.say(Frame(management_id(126, Command.CONTROL), bytes((0, 5, 0, 77, 0, 0, 0, 0))))
+    began_ns = pe.run(6)
+    pe.says_nothing_of_it(began_ns)
+    page = pe.pinged()
+    equal((page.epoch, page.state, page.flags), (before.epoch, before.state, before.flags), "after malformed commands")
+    equal(pe.object(COUNTERS, 1), counted + 7, "malformed commands are counted")
+
+
+def other_people_s_frames_are_no_commands() -> None:
+    """29 bits, remote and error frames under our numbers are counted, and change nothing."""
+    pe = PeUnderTest().attended()
+    pe.run(7)
+    counted, began_ns = pe.object(COUNTERS, 1), pe.now_ns
+    ping = commanded(Ping(5, NODE, 0))
+    pe.main.say(ping._replace(extended=True), ping._replace(remote=True, data=b""))
+    pe.run(3)
+    equal(len(pe.pages_0(began_ns)), 0, "pages 0 after 29 bits")
+    equal(pe.object(COUNTERS, 1), counted + 2, "frames that are none of ours are counted")
+
+
+def a_lease_is_heard_for_t_lease_after_a_pause_too() -> None:
+    """What waited while the processor stood still is as old as it is."""
+    pe = PeUnderTest().attended()
+    pe.run(5)
+    pe.lease = None
+    pe.alive = None
+    paused_ns = pe.now_ns
+    pe.pe.pause(90 * MS)
+    pe.main.command(Lease(5, 0, Step.PREPARED, 0))
+    pe.run_until(paused_ns + 95 * MS)
+    demand(PeFlags.HEARS_LEASE in pe.pinged().flags, "a LEASE that came 95 ms ago is not heard")
+    pe.run_until(paused_ns + LEASE_NS + 3 * MS)
+    demand(PeFlags.HEARS_LEASE not in pe.pinged().flags, "a LEASE is heard from the end of a pause on, not as it came")
+
+
+DRILLS = (
+    the_highest_term_is_obeyed,
+    a_deposed_manager_is_told_once,
+    nobody_is_told_of_a_term_before_the_first,
+    a_new_term_goes_on_where_the_old_one_was,
+    malformed_commands_change_nothing,
+    other_people_s_frames_are_no_commands,
+    a_lease_is_heard_for_t_lease_after_a_pause_too,
+)

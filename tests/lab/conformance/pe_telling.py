@@ -1,0 +1,317 @@
+"""What a PE keeps for people: a line in its log where something has changed, a count of what it has not obeyed."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.vocabulary import ChannelsLost
+from heronry_agent.module import Context, Inputs, Value
+from heronry_wire.canopen_objects import COUNTERS, DEVICE_NAME, STORED_EDS
+from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.frame import Frame
+from heronry_wire.identification import REQUEST_ID
+from heronry_wire.identifiers import (
+    NMT_ID,
+    Command,
+    actuator_echo_id,
+    management_id,
+    sdo_request_id,
+    sdo_response_id,
+    state_id,
+)
+from heronry_wire.management import (
+    Activate,
+    Alive,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    PeFlags,
+    PeState,
+    Ping,
+    Prepare,
+    StatePage0,
+    Step,
+)
+from heronry_wire.pe_table import Port
+from heronry_wire.sdo import UPLOAD, with_data
+from lab.conformance import puppets
+from lab.conformance.pe_under_test import (
+    DEMAND,
+    DEMAND_ID,
+    EVERYTHING,
+    FAR,
+    GAUGE,
+    HELPER,
+    INCARNATION,
+    LAMP,
+    MAIN,
+    NEIGHBOUR,
+    NODE,
+    TABLE,
+    PeUnderTest,
+    datum,
+)
+from lab.conformance.player import MS, commanded, demand, equal
+
+_FAR_PORT = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
+_GATEWAY = replace(TABLE, ports=(MAIN, _FAR_PORT))
+_PAGE = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0).encode()
+
+
+def what_it_does_not_obey_is_counted() -> None:
+    """Each once; and what is for others, or means nothing here, is not."""
+    pe = PeUnderTest(_GATEWAY).attended()
+    pe.flies(Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR}))
+    ping, request = commanded(Ping(5, NODE, 0)), Frame(sdo_request_id(NODE), with_data(UPLOAD, DEVICE_NAME, 0))
+    for counted, player, frame in (
+        (1, pe.main, Frame(NMT_ID, bytes((1,)))),
+        (1, pe.main, Frame(NMT_ID, bytes((77, NODE)))),
+        (1, pe.main, Frame(NMT_ID, bytes((2, NODE)))),
+        (1, pe.main, Frame(NMT_ID, bytes((2, 0)))),
+        (0, pe.main, Frame(NMT_ID, bytes((2, NODE + 1)))),
+        (1, pe.far, Frame(NMT_ID, bytes((2, NODE)))),
+        (1, pe.main, request._replace(data=request.data[:7])),
+        (0, pe.main, Frame(sdo_request_id(NODE + 1), request.data)),
+        (1, pe.far, request),
+        (1, pe.main, Frame(REQUEST_ID, b"\1\2")),
+        (1, pe.far, Frame(REQUEST_ID, b"\1\2")),
+        (0, pe.main, ping),
+        (0, pe.main, commanded(Ping(5, NODE + 1, 0))),
+        (1, pe.main, commanded(Ping(4, NODE, 0))),
+        (1, pe.main, commanded(Ping(5, NODE, 0), 127)),
+        (1, pe.main, ping._replace(data=ping.data[:3])),
+        (1, pe.far, ping),
+        (1, pe.far, commanded(Lease(5, 0, Step.PREPARED, 0))),
+        (1, pe.far, commanded(Alive(5, 0, frozenset()))),
+        (1, pe.main, Frame(management_id(126, Command.LEASE), b"\0\5")),
+        (1, pe.main, Frame(management_id(126, Command.ALIVE), b"\0\5")),
+        (1, pe.main, Frame(state_id(NEIGHBOUR), _PAGE[:7])),
+        (0, pe.main, Frame(state_id(NEIGHBOUR), _PAGE)),
+        (1, pe.main, Frame(state_id(NODE), _PAGE)),
+        (1, pe.main, Frame(actuator_echo_id(NODE), bytes(8))),
+        (1, pe.main, datum(DEMAND_ID, 1.0, node=NEIGHBOUR + 1)),
+        (1, pe.main, datum(DEMAND_ID, 1.0)._replace(data=bytes(3))),
+        (0, pe.main, datum(DEMAND_ID, 1.0)),
+        (1, pe.main, ping._replace(extended=True)),
+        (0, pe.main, Frame(900, bytes(8), extended=True)),
+    ):
+        pe.run_into_next_period(5)
+        before = pe.counted
+        player.say(frame)
+        pe.run(2)
+        equal(pe.counted - before, counted, f"counted after {frame} on {player.bus.name}")
+
+
+def what_is_held_back_is_counted() -> None:
+    """Steps and writes of a branch, frames that could come from elsewhere, reports of what there is not."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies()
+    before = pe.counted
+    pe.run(200)
+    equal(pe.counted, before, "counted while all is well")
+    pe.alive = frozenset()
+    pe.run(45)
+    before = pe.counted
+    pe.run(200)
+    demand(15 <= pe.counted - before <= 26, f"counted while outputs are held for 200 ms: {pe.counted - before}")
+    pe.alive = frozenset((NODE,))
+    pe.run(100)
+    for strings in (
+        puppets.asking("nowhere"),
+        puppets.reporting("device:nothing"),
+        puppets.giving(height=1.0),
+    ):
+        puppets.PULLED["helper"] = strings
+        pe.run(30)
+        before = pe.counted
+        pe.run(200)
+        demand(9 <= pe.counted - before <= 12, f"counted in 200 ms: {pe.counted - before}")
+
+
+def what_changes_is_noted() -> None:
+    """Once each: its start, terms, steps, leases, outputs, faults, phases, clashes."""
+    pe = PeUnderTest()
+    pe.run(30)
+    equal(
+        pe.notes("start"),
+        ["PE one of drill, node 95", "no key: whoever can send on the bus can command it"],
+        "notes of its start",
+    )
+    pe.attended()
+    puppets.pull_all()
+    equal(len(pe.notes("term")), 1, "notes of a term")
+    equal(pe.notes("lease"), ["a manager is heard"], "notes of a lease")
+    pe.flies(EVERYTHING)
+    pe.run(1200)
+    equal(pe.notes("step"), ["epoch 17 at GO_ALL: ACTIVE"], "notes of a step")
+    before = len(pe.notes("output"))
+    lease = pe.lease
+    pe.lease = pe.alive = None
+    pe.run(300)
+    equal(pe.notes("lease")[1:], ["no manager is heard; going on as before"], "notes when the manager is gone")
+    pe.lease = lease
+    pe.run(100)
+    equal(len(pe.notes("lease")), 3, "notes of a lease")
+    pe.alive = frozenset()
+    pe.run(100)
+    pe.alive = frozenset((NODE,))
+    pe.run(1200)
+    equal(pe.notes("output")[before:], ["exclusive outputs are held back", "exclusive outputs are free"], "of outputs")
+    puppets.PULLED["helper"] = puppets.asking("land")
+    puppets.PULLED["gauge"] = puppets.reporting("device:gauge_sensor")
+    pe.run(200)
+    equal(len(pe.notes("phase")), 1, "notes of a phase")
+    equal(len(pe.notes("fault")), 1, "notes of a fault")
+    puppets.PULLED["helper"] = puppets.raising
+    pe.run(400)
+    equal(len(pe.notes("restart")), 2, "notes of restarts")
+    equal(len(pe.notes("fault")), 2, "notes of faults")
+    for _ in range(2):
+        pe.main.say(Frame(state_id(NODE), _PAGE))
+        pe.run(5)
+    equal(len(pe.notes("clash")), 1, "notes of a clash")
+
+
+def releases_that_were_missed_are_counted() -> None:
+    """While the processor stands still: one of each module is made up for, the others are skipped."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
+    equal(pe.object(COUNTERS, 2), 0, "releases that were missed")
+    steps: list[int] = []
+
+    def counts(_ctx: Context, _inputs: Inputs) -> Mapping[str, Value]:
+        steps.append(pe.now_ns)
+        return {}
+
+    puppets.PULLED["helper"] = counts
+    began_ns = pe.now_ns
+    pe.pe.pause(210 * MS)
+    pe.run(300)
+    equal(len([t_ns for t_ns in steps if t_ns < began_ns + 211 * MS]), 1, "steps that are made up for")
+    equal(len(steps), 5, "steps in 90 ms after it, with that one")
+    missed = pe.object(COUNTERS, 2)
+    demand(18 <= missed <= 20, f"in 210 ms two modules of 50 Hz have missed {missed} releases")
+
+
+def requests_by_sdo_wait_for_their_turn() -> None:
+    """In flight each has a tenth of the bus; four wait, what more comes is counted and dropped."""
+    pe = PeUnderTest().attended().flies(Slice((ModuleSlice(GAUGE, 0, ()), ModuleSlice(HELPER, 0, ()))))
+    pe.run_into_next_period(5)
+    before = pe.counted
+    pe.run(10)
+    began_ns = pe.now_ns
+    request = Frame(sdo_request_id(NODE), with_data(UPLOAD, DEVICE_NAME, 0))
+    pe.main.say(*([request] * 8))
+    pe.run(30)
+    answers = pe.main.since(began_ns, [sdo_response_id(NODE)])
+    equal(len(answers), 5, "answers to eight requests at once")
+    apart = [later.t_ns - earlier.t_ns for earlier, later in pairwise(answers)]
+    demand(all(2.5 * MS < gap < 3 * MS for gap in apart), f"answers are {apart} ns apart")
+    pe.run(10)
+    equal(pe.counted - before, 3, "requests that were dropped")
+    began_ns = pe.now_ns
+    pe.main.say(Frame(sdo_request_id(NODE), with_data(UPLOAD, STORED_EDS, 0)))
+    pe.run(10)
+    equal(len(pe.main.since(began_ns, [sdo_response_id(NODE)])), 1, "answers to one request")
+
+
+def an_echo_of_another_moves_the_world() -> None:
+    """Of an actuator that is that node's; of nobody else's, and of what is no number, not."""
+    pe = PeUnderTest(_GATEWAY).attended()
+    identifier = actuator_echo_id(NEIGHBOUR)
+    for frame, moves in (
+        (_echo(identifier, NEIGHBOUR, 2, 2), True),
+        (_echo(identifier, NEIGHBOUR, 2, 1), False),  # the device of another node
+        (_echo(identifier, NEIGHBOUR, 2, 3), False),  # no device
+        (_echo(identifier, NODE, 2, 2), False),  # another sender
+        (_echo(identifier, NEIGHBOUR, 4, 2), False),  # no FLOAT
+        (_echo(identifier, NEIGHBOUR, 2, 2)._replace(data=bytes(3)), False),
+    ):
+        pe.pe.followed.clear()
+        pe.main.say(frame)
+        pe.run(3)
+        equal([device for device, _ in pe.pe.followed], ["rudder_motor"] if moves else [], f"moved by {frame}")
+
+
+def an_echo_that_nothing_here_feels_moves_nothing() -> None:
+    """A world follows the actuators that its sensors feel; a gateway hands on what all others say of theirs."""
+    moved, handed_on = _echo(actuator_echo_id(NEIGHBOUR), NEIGHBOUR, 2, 2), _echo(actuator_echo_id(FAR), FAR, 2, 2)
+    for felt, moves in (("rudder_motor", True), ("servo_motor", False)):
+        pe = PeUnderTest(_GATEWAY)
+        pe.pe.core = AgentCore(_GATEWAY, INCARNATION, pe.pe.time.now_ns(), followed=(felt,))
+        pe.attended()
+        began_ns = pe.now_ns
+        pe.main.say(moved)
+        pe.far.say(handed_on)
+        pe.run(3)
+        told = [device for device, _ in pe.pe.followed]
+        equal(told, ["rudder_motor"] if moves else [], f"moved by an echo of rudder_motor, where {felt} is felt")
+        found = [one.frame for one in pe.main.since(began_ns, [handed_on.can_id])]
+        equal(found, [handed_on], f"an echo from beyond, where {felt} is felt")
+
+
+def _echo(identifier: int, node: int, kind: int, device: int) -> Frame:
+    return Frame(identifier, bytes((node, kind, device, 0, 0x3F, 0x80, 0, 0)))
+
+
+def a_step_that_changes_nothing_is_not_taken_back() -> None:
+    """GO after GO_ALL, BREAK after GO, PREPARE and slices of what runs: it goes on as it is."""
+    pe = PeUnderTest().attended()
+    puppets.pull_all()
+    pe.flies()
+    before = len(pe.notes("step"))
+    for message in (
+        Activate(5, 17, Step.BREAK, 0x111111),
+        Activate(5, 17, Step.GO, 0x111111),
+        Lease(5, 17, Step.BREAK, 0x111111),
+        Prepare(5, 17, 0x111111),
+        *pe.slice_frames(17, EVERYTHING),
+    ):
+        pe.main.command(message)
+        pe.run(5)
+        page = pe.pinged()
+        equal((page.state, page.epoch), (PeState.ACTIVE, 17), f"after {message}")
+    equal(len(pe.notes("step")), before, "steps that were taken")
+    began_ns = pe.run(60)
+    demand(bool([t for t in pe.drives if t > began_ns]), "its branch is not driven any more")
+
+
+def a_lost_channel_is_told_every_second() -> None:
+    """At once, and every second while it lasts; its end is told once. It is no fault, and waits for no answer."""
+    pe = PeUnderTest().attended()
+    lost = [Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
+    back = [Emergency(FaultCode.CHANNEL_BACK, 0, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
+    for channels, at_once, later in (
+        ((1,), [lost[0]], [lost[0]]),
+        ((1, 2), [lost[1]], lost),
+        ((2,), [back[0]], [lost[1]]),
+        ((), [back[1]], []),
+        ((), [], []),
+    ):
+        began_ns = pe.now_ns
+        pe.tell(ChannelsLost(0, frozenset(channels)))
+        pe.run(2)
+        equal([said for _, said in pe.emergencies(began_ns)], at_once, f"EMCYs when {channels} are lost")
+        began_ns = pe.run(990)
+        equal(pe.emergencies(began_ns), [], "EMCYs within a second")
+        pe.run(20)
+        equal([said for _, said in pe.emergencies(began_ns)], later, "EMCYs after a second")
+    equal(len(pe.notes("channel")), 5, "notes of channels")
+    demand(PeFlags.FAULT_PENDING not in pe.pinged().flags, "a lost channel is pending")
+
+
+DRILLS = (
+    a_lost_channel_is_told_every_second,
+    what_it_does_not_obey_is_counted,
+    what_is_held_back_is_counted,
+    what_changes_is_noted,
+    releases_that_were_missed_are_counted,
+    requests_by_sdo_wait_for_their_turn,
+    an_echo_of_another_moves_the_world,
+    an_echo_that_nothing_here_feels_moves_nothing,
+    a_step_that_changes_nothing_is_not_taken_back,
+)

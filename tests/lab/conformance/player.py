@@ -1,0 +1,90 @@
+"""Whoever plays the rest of the aircraft: says frames on a bus, and keeps all that the node under test says there."""
+
+from collections.abc import Callable, Iterable
+from random import Random
+from typing import NamedTuple
+
+from heronry_tools.sim.world.bus import Faults, Sent, SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.frame_digest import FrameDigest
+from heronry_tools.sim.world.stranger import STRANGER
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import FIRST_MANAGER, management_id
+from heronry_wire.management import COMMAND_OF, ManagementMessage
+
+MS = 1_000_000
+SOON_NS = 1_500_000
+"""Within which a node answers at once: the longest frame and some that are more urgent, at 500 kbit/s and more."""
+
+
+_digests: list[FrameDigest] = [FrameDigest()]  # the last one is of the drill that is played
+
+
+def begin() -> FrameDigest:
+    """Begin a drill; gives what takes all of its frames from now on."""
+    _digests[:] = [FrameDigest()]
+    return _digests[-1]
+
+
+class DrillError(AssertionError):
+    """A node has not done what the protocol says; the message tells what."""
+
+
+class Heard(NamedTuple):
+    """A frame that the node under test has said, and when it ended."""
+
+    t_ns: int
+    frame: Frame
+
+
+class Player:
+    """One station on one bus that plays everybody but the node under test."""
+
+    def __init__(self, clock: Clock, name: str, bitrate: int = 1_000_000) -> None:
+        self.bus = SimulatedBus(name, bitrate, clock, Random(0), Faults())
+        self.heard: list[Heard] = []
+        self.hears: Callable[[Frame], None] | None = None  # is told what is said, as it comes
+        self.sign: Callable[[Frame], Frame | None] | None = None  # gives the TAG of a command
+        self._clock = clock
+        self._station = self.bus.join(f"{STRANGER}player", 0, lambda _: None, ())
+        self.bus.taps += [_digests[-1].see, self._tap]
+
+    def say(self, *frames: Frame) -> None:
+        """Say frames, as soon as the bus is free."""
+        for frame in frames:
+            self.bus.offer(self._station, frame)
+
+    def command(self, *messages: ManagementMessage, manager: int = FIRST_MANAGER) -> None:
+        """Say what a manager says, each command with its TAG where there is a key."""
+        for message in messages:
+            frame = commanded(message, manager)
+            tag = None if self.sign is None else self.sign(frame)
+            self.say(frame, *([] if tag is None else [tag]))
+
+    def since(self, t_ns: int, identifiers: Iterable[int]) -> list[Heard]:
+        """What was said under some identifiers after a moment."""
+        wanted = set(identifiers)
+        return [one for one in self.heard if one.t_ns > t_ns and one.frame.can_id in wanted]
+
+    def _tap(self, sent: Sent) -> None:
+        if sent.sender.startswith(STRANGER):
+            return
+        self.heard.append(Heard(sent.end_ns, sent.frame))
+        if self.hears is not None:
+            self.hears(sent.frame)
+
+
+def commanded(message: ManagementMessage, manager: int = FIRST_MANAGER) -> Frame:
+    """The frame of a command."""
+    return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
+
+
+def demand(holds: bool, story: str) -> None:
+    """Raise DrillError where something does not hold."""
+    if not holds:
+        raise DrillError(story)
+
+
+def equal(found: object, wanted: object, what: str) -> None:
+    """Raise DrillError where something is not as it should be."""
+    demand(found == wanted, f"{what}: {found}, and not {wanted}")

@@ -1,0 +1,56 @@
+"""Write the tables of a documentation page anew: `python -m lab.documents docs/*.md`.
+
+A page says where a table belongs, and everything between the two marks is replaced:
+
+    <!-- table: identifiers -->
+    ...
+    <!-- end of table -->
+
+What a person writes stands outside of the marks. A test holds every page against what this would write.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from heronry_tools.console.errors import exit_code
+from lab.documents import canopen_tables, protocol_tables, spec_tables
+
+TABLES: Mapping[str, Callable[[], str]] = {
+    "spec keys": spec_tables.keys,
+    "spec limits": spec_tables.limits,
+    "identifiers": protocol_tables.identifiers,
+    "data types": protocol_tables.data_types,
+    "messages": protocol_tables.messages,
+    "fields": protocol_tables.fields,
+    "times": protocol_tables.times,
+    "objects": canopen_tables.objects,
+}
+
+_PLACE = re.compile(r"<!-- table: (?P<name>[^>]+) -->\n.*?<!-- end of table -->", re.DOTALL)
+
+
+def filled(page: str) -> str:
+    """Give the page with all its tables as the code has them now; raises KeyError for a table that there is not."""
+    return _PLACE.sub(_table, page)
+
+
+def _table(place: re.Match[str]) -> str:
+    name = place["name"]
+    return f"<!-- table: {name} -->\n\n{TABLES[name]()}\n\n<!-- end of table -->"
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Rewrite the pages that the command line names."""
+    parser = argparse.ArgumentParser(
+        prog="python -m lab.documents", description="Write the tables of documentation pages anew."
+    )
+    parser.add_argument("pages", metavar="PAGE", type=Path, nargs="+", help="a page of docs/, rewritten in place")
+    for page in parser.parse_args(argv).pages:
+        page.write_text(filled(page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "reference"))

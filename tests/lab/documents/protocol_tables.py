@@ -1,0 +1,150 @@
+"""What is said on the bus, from the tables that the codecs use: identifiers, messages and their fields, times."""
+
+from collections.abc import Iterator
+from itertools import groupby
+
+from heronry_agent.core import faults, link_meter, mailboxes, radio_queue, reporting, staging
+from heronry_manager.core import beacon, health, numbering, planning, reconfiguration
+from heronry_manager.core import manager as core
+from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
+from heronry_wire.canaerospace import HEADER_BYTES, DataType
+from heronry_wire.frame import STANDARD_MASK
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Meaning, Use, classify, management_id
+from heronry_wire.layout import Layout
+from heronry_wire.timing import worst_bits
+from lab.documents.markdown import code, table
+
+_USES = {
+    Use.NMT: "CANopen NMT: obeyed by a PE that runs nothing and hears no manager",
+    Use.EMERGENCY_EVENT: "CANaerospace emergency event of node n: a fault that is flight-critical",
+    Use.NODE_SERVICE: "CANaerospace node services; answered on channel 0 (128 asks, 129 answers)",
+    Use.MANAGEMENT: "management, of manager",
+    Use.EMCY: "CANopen EMCY of node n: a fault",
+    Use.TIME: "CANopen TIME: left free for it",
+    Use.STATE: "state of PE n",
+    Use.GATEWAY: "gateways: how a radio is doing",
+    Use.STANDARD_DATA: "data with a standard CANaerospace identifier",
+    Use.SDO_RESPONSE: "CANopen SDO, answer of PE n",
+    Use.SDO_REQUEST: "CANopen SDO, request to PE n",
+    Use.ALLOCATED_DATA: "data, allocated",
+    Use.HEARTBEAT: "CANopen heartbeat of node n",
+    Use.ACTUATOR_ECHO: "output echo of PE n",
+    Use.BULK: "bulk and debug; not used yet",
+    Use.UNASSIGNED: "nobody's",
+}
+_LAYOUTS = {
+    Command.LEASE: (management.LEASE,),
+    Command.ALIVE: (management.ALIVE,),
+    Command.PREPARE: (management.PREPARE,),
+    Command.SLICE: (management.SLICE_HEAD, management.SLICE_BODY),
+    Command.ACTIVATE: (management.ACTIVATE,),
+    Command.PING: (management.PING,),
+    Command.CONTROL: (management.CONTROL,),
+    Command.TAG: (management.TAG,),
+}
+_REPORTS = (
+    *(management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3),
+    *(management.EMCY, gateway_report.LINK),
+)
+
+
+def identifiers() -> str:
+    """Every 11-bit identifier, in runs of one meaning."""
+    runs = groupby(range(STANDARD_MASK + 1), key=lambda can_id: _kind(can_id, classify(can_id)))
+    rows = []
+    for (use, manager, base), run in runs:
+        ids = list(run)
+        number = "" if base is None else "n" if base == 0 else f"{base} + n"
+        what = _USES[use] if manager is None else f"{_USES[use]} {manager}"
+        rows.append([_span(ids[0], ids[-1]), _span(ids[0], ids[-1], "03X"), number, what])
+    return table(["identifiers", "hexadecimal", "of node n", "what for"], rows)
+
+
+def _kind(can_id: int, meaning: Meaning) -> tuple[Use, int | None, int | None]:
+    if meaning.use is Use.MANAGEMENT:
+        return meaning.use, meaning.node_id, None
+    return meaning.use, None, None if meaning.node_id is None else can_id - meaning.node_id
+
+
+def _span(first: int, last: int, form: str = "d") -> str:
+    return f"{first:{form}}" if first == last else f"{first:{form}}..{last:{form}}"
+
+
+def data_types() -> str:
+    """Every data type, the length of its payload, and that of its longest frame."""
+    rows = []
+    for size, members in groupby(sorted(DataType, key=lambda t: (t.payload_bytes, t)), key=lambda t: t.payload_bytes):
+        names = ", ".join(f"{code(member.name)} {member.value}" for member in members)
+        rows.append([str(size), str(worst_bits(HEADER_BYTES + size)), names])
+    return table(["payload, bytes", "longest frame, bits", "types and their codes"], rows)
+
+
+def messages() -> str:
+    """Every command of a manager, and its identifiers."""
+    rows = []
+    for command, layouts in _LAYOUTS.items():
+        lengths = " or ".join(dict.fromkeys(f"{layout.length}" for layout in layouts))
+        ids = [str(management_id(manager, command)) for manager in (FIRST_MANAGER, LAST_MANAGER)]
+        rows.append([command.name, *ids, lengths])
+    return table(["message", f"of {FIRST_MANAGER}", f"of {LAST_MANAGER}", "bytes"], rows)
+
+
+def fields() -> str:
+    """Every field of every message, in the order in which it travels."""
+    layouts = [layout for ours in _LAYOUTS.values() for layout in ours]
+    rows = [row for layout in (*layouts, *_REPORTS) for row in _fields(layout)]
+    return table(["message", "bytes", "field", "bits", "values"], rows)
+
+
+def _fields(layout: Layout) -> Iterator[list[str]]:
+    at, name = 0, code(layout.name)
+    for field in layout.fields:
+        end = at + field.bits - 1
+        if at % 8 or (end + 1) % 8:
+            place = f"{at // 8}.{7 - at % 8}..{end // 8}.{7 - end % 8}"
+        else:
+            place = _span(at // 8, end // 8)
+        labels = ", ".join(f"{value} {label}" for value, label in (field.labels or {}).items())
+        yield [name, place, field.name, str(field.bits), labels or field.unit]
+        at, name = end + 1, ""
+
+
+def times() -> str:
+    """Every time and number of the protocol that a spec does not give."""
+    periods = "heartbeat periods"
+    rows = [
+        ("T_lease", f"{management.LEASE_PERIODS} {periods}", "how long one may drive what is exclusive unheard"),
+        ("listening", f"{management.LEASE_PERIODS} {periods}", "before a manager speaks for the first time"),
+        ("start-up window", _time(core.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
+        ("hold-down", f"{health.HOLD_DOWN_PERIODS} {periods}", "without a gap, before a PE is counted on again"),
+        ("longest hold-down", _time(health.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
+        ("forgiveness", _time(health.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),
+        ("patience", f"{reconfiguration.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
+        ("planning again", _time(planning.PLAN_AGAIN_NS), "after the planner has failed"),
+        ("page 1", f"every {reporting.PAGE_1_EVERY}th page 0", "and on change"),
+        ("CANopen heartbeat", _time(canopen_objects.HEARTBEAT_MS * 1_000_000), "of a PE; object 1017h changes it"),
+        ("CANopen heartbeat", _time(beacon.CANOPEN_HEARTBEAT_NS), "of a manager"),
+        ("quiet", _time(faults.QUIET_NS), "an acknowledged fault that is found again is not told for so long"),
+        ("freshness", f"{mailboxes.FRESH_PERIODS} periods of the source", "when a step is asked for; else absent"),
+        ("echo", _time(link.ECHO_TIMEOUT_NS), "a frame without its echo is given up"),
+        ("retry", _time(link.RETRY_NS), "after the controller's queue was full"),
+        ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
+        ("radio queue", f"{radio_queue.CAPACITY} frames", "at a gateway; the least urgent is dropped"),
+        (
+            "measure of a radio",
+            f"{link_meter.WINDOW_PERIODS} {periods} of it",
+            "the last ones; the last two if far worse",
+        ),
+        ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),
+        ("term", f"{management.MAX_TERM}", "the last one"),
+        (
+            "epochs",
+            f"{numbering.EPOCHS_PER_TERM} in a block",
+            "term t starts with block t - 1, and takes every second one",
+        ),
+    ]
+    return table(["name", "value", "what it is"], rows)
+
+
+def _time(ns: int) -> str:
+    return f"{ns // 1_000_000_000} s" if ns % 1_000_000_000 == 0 else f"{ns // 1_000_000} ms"

@@ -1,0 +1,278 @@
+"""Stories for the manager's core: states true and false, plans that come, fail or are late, the operator's word, time.
+
+As in `agent_stories`, single bytes tell what happens, and the invariants are checked after each event. With a key the
+PEs tag what they say in the sessions that the manager has opened for them.
+"""
+
+from functools import cache, partial
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation, elements
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.vocabulary import (
+    AskStatus,
+    ClearElement,
+    EnterPhase,
+    FailElement,
+    JournalTold,
+    ManagerEvent,
+    OperatorSaid,
+    Order,
+    PlanFailed,
+    PlanReady,
+    RequestPlan,
+    UnlockPe,
+)
+from heronry_tools.sim.world.planning import plan_at_once
+from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.command_tags import CommandSigner
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import (
+    FIRST_MANAGER,
+    GATEWAY_IDS,
+    LAST_MANAGER,
+    MANAGER_NODES,
+    Command,
+    emcy_id,
+    management_id,
+    state_id,
+)
+from heronry_wire.management import (
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Prepare,
+    Reason,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    Step,
+    decode_command,
+)
+from heronry_wire.sansio import Received, Send, Tick
+from lab.fuzz.agent_stories import KEY, MOST_EVENTS
+from lab.fuzz.target import Story, Target
+
+_MS = 1_000_000
+_MOST_TICKS = 200
+_REASONS, _CODES, _KINDS = tuple(Reason), tuple(FaultCode), tuple(ElementKind)
+_OTHER_TERM = 9
+
+
+@cache
+def _spec(name: str) -> Spec:
+    return load(shipped_spec_path(name))
+
+
+_PLANS: dict[tuple[object, ...], Plan] = {}
+
+
+def _plan(spec: Spec, asked: RequestPlan) -> Plan:
+    """Give a legal plan; one question is answered once."""
+    running = None if asked.running is None else frozenset(asked.running.items())
+    question = (spec.digest, asked.down, frozenset(asked.limits.items()), asked.phase, running)
+    if question not in _PLANS:
+        _PLANS[question] = plan_at_once(spec, Situation(asked.down, asked.limits, asked.phase), asked.running)
+    return _PLANS[question]
+
+
+class _Manager:
+    """One core, its time, and the PEs around it."""
+
+    def __init__(self, name: str, key: Key | None, *, standby: bool) -> None:
+        self.spec, self.now_ns, self._key = _spec(name), _MS, key
+        node = LAST_MANAGER if standby else FIRST_MANAGER
+        self.core = ManagerCore(self.spec, node, NOTHING, self.now_ns, key=key, standby=standby)
+        self._node, self._other = node, FIRST_MANAGER + LAST_MANAGER - node
+        self._nodes = [pe.node_id for pe in self.spec.pes.values()]
+        self._signer = None if key is None else CommandSigner(key, self._other, _OTHER_TERM)
+        self._asked: list[RequestPlan] = []
+        self._prepared = (0, 0)  # epoch and digest of the last PREPARE
+        self._sessions: dict[int, Session] = {}
+        self._beats = dict.fromkeys(self._nodes, 0)
+
+    def give(self, event: ManagerEvent) -> None:
+        """Give an event now, and take note of what is said."""
+        for action in self.core.step(self.now_ns, event):
+            if isinstance(action, RequestPlan):
+                self._asked.append(action)
+            elif isinstance(action, Send):
+                self._note(action.frame)
+        self.core.validate()
+
+    def _note(self, frame: Frame) -> None:
+        message = decode_command(frame.can_id - management_id(self._node, Command.LEASE), frame.data)
+        if isinstance(message, Prepare):
+            self._prepared = (message.epoch, message.digest)
+        elif isinstance(message, Control) and message.operation is Operation.WELCOME:
+            self._sessions[message.node] = Session(self._node, message.term, message.a << 16 | message.b)
+            self._beats[message.node] = 0
+
+    def tell(self, story: Story) -> None:
+        """Let one thing happen."""
+        node = self._nodes[story.number(256) % len(self._nodes)]
+        match story.number(16):
+            case 0 | 1:
+                self._pass_time(story.number(1 << 16) * 20_000)
+            case 2 | 3 | 4 | 5:
+                self._state(node, story)
+            case 6 | 7:
+                self._staged(node, story)
+            case 8:
+                self._reports(node, story)
+            case 9 | 10 if self._asked:
+                self._answer(story)
+            case 11:
+                self.give(OperatorSaid(1, self._order(story)))
+            case 12:
+                self._other_manager(node, story)
+            case 13:
+                self.hear(Frame(state_id(node), StatePage2(PeState.ACTIVE, PeFlags(0), story.number(1 << 16)).encode()))
+            case 14:
+                self.give(JournalTold("the disk is full" if story.number(2) else None))
+            case _:
+                self.hear(Frame(self._known_id(story), story.bytes(story.number(9))))
+
+    def hear(self, frame: Frame) -> None:
+        """A frame comes."""
+        self.give(Received(0, frame))
+
+    def _pass_time(self, duration_ns: int) -> None:
+        end_ns = self.now_ns + duration_ns
+        for _ in range(_MOST_TICKS):
+            due_ns = self.core.next_deadline_ns()
+            if due_ns is None or due_ns > end_ns:
+                break
+            self.now_ns = max(self.now_ns, due_ns)
+            self.give(Tick())
+        self.now_ns = end_ns
+
+    def _known_id(self, story: Story) -> int:
+        node = self._nodes[story.number(256) % len(self._nodes)]
+        commands = [management_id(manager, command) for manager in MANAGER_NODES for command in Command]
+        known: list[int] = [state_id(node), emcy_id(node), *GATEWAY_IDS, 128, 300, *commands]
+        return known[story.number(256) % len(known)]
+
+    def _said(self, node: int, data: bytes, beat: int, emergency: bytes = NO_EMERGENCY) -> bytes:
+        """Page 0 or 1 as it is, or with its tag."""
+        session = self._sessions.get(node)
+        if self._key is None or session is None:
+            return data
+        said, digest = split_state(data)
+        return joined_state(said, self._key.state_tag(node, session, beat, said, digest, emergency=emergency))
+
+    def _state(self, node: int, story: Story) -> None:
+        """Page 0: of who runs nothing, or what was prepared last, or something else."""
+        choice, state, beat = story.number(8), PeState(story.number(4)), self._beats[node]
+        epoch, digest = ((0, 0), self._prepared, self._prepared, (story.number(5), 7))[choice % 4]
+        if not epoch:
+            state, digest = PeState.UNCONFIGURED, 0
+        flags = PeFlags.HEARS_LEASE if choice < 7 else PeFlags(0)
+        self._beats[node] += 1
+        page = StatePage0(state, flags, int(story.number(32) == 1), epoch, beat % 256, digest)
+        self.hear(Frame(state_id(node), self._said(node, page.encode(), beat)))
+        if choice == 6:
+            self.hear(Frame(state_id(node), StatePage3(state, flags, digest, story.number(9), 1).encode()))
+
+    def _staged(self, node: int, story: Story) -> None:
+        reason = _REASONS[story.number(256) % len(_REASONS)]
+        epoch, digest = self._prepared if story.number(8) else (story.number(5), 7)
+        page = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest, reason, story.number(256))
+        self.hear(Frame(state_id(node), self._said(node, page.encode(), PAGE_1_BEAT)))
+
+    def _reports(self, node: int, story: Story) -> None:
+        """An EMCY, and with a key the page 0 that proves it."""
+        code, kind = _CODES[story.number(256) % len(_CODES)], _KINDS[story.number(256) % len(_KINDS)]
+        emergency = Emergency(code, 0x81, kind, story.number(8), story.number(1 << 16)).encode()
+        self.hear(Frame(emcy_id(node), emergency))
+        beat, flags = self._beats[node], PeFlags.HEARS_LEASE | PeFlags.FAULT_PENDING
+        page = StatePage0(PeState.UNCONFIGURED, flags, 0, 0, beat % 256, 0)
+        if self._key is not None:
+            self._beats[node] += 1
+            self.hear(Frame(state_id(node), self._said(node, page.encode(), beat, emergency)))
+
+    def _answer(self, story: Story) -> None:
+        """The planner answers the last question, or an older one, or fails."""
+        asked = self._asked[-1] if story.number(8) else self._asked[0]
+        if story.number(8) == 1:
+            self.give(PlanFailed(asked.request, "no time"))
+        else:
+            self.give(PlanReady(asked.request, _plan(self.spec, asked)))
+
+    def _order(self, story: Story) -> Order:
+        names = (*elements(self.spec), "pe:nobody", "nonsense")
+        element = names[story.number(256) % len(names)]
+        phases = (*self.spec.phases, "nowhere")
+        orders: tuple[Order, ...] = (
+            AskStatus(),
+            FailElement(element),
+            ClearElement(element),
+            UnlockPe(element),
+            EnterPhase(phases[story.number(256) % len(phases)]),
+        )
+        return orders[story.number(256) % len(orders)]
+
+    def _other_manager(self, node: int, story: Story) -> None:
+        """The other manager speaks, with a higher term, or a lower one; with a key it has welcomed a PE before."""
+        if self._signer is not None:
+            self.hear(self._signer.welcome(node, 5)[0])
+            self._sessions[node], self._beats[node] = Session(self._other, _OTHER_TERM, self._signer.number), 0
+        is_higher = story.number(2) == 1
+        term = _OTHER_TERM if is_higher or self._signer is not None else 1
+        lease = Lease(term, story.number(4), Step(story.number(4)), 7)
+        frame = Frame(management_id(self._other, Command.LEASE), lease.encode())
+        self.hear(frame)
+        tag = None if self._signer is None else self._signer.tag(frame)
+        if tag is not None:
+            self.hear(tag)
+
+
+def _manager(name: str, key: Key | None, standby: bool, data: bytes) -> None:
+    """Let a story happen to a manager."""
+    one, story = _Manager(name, key, standby=standby), Story(data)
+    for _ in range(MOST_EVENTS):
+        if not story:
+            break
+        one.tell(story)
+
+
+def _reign(pes: int) -> list[bytes]:
+    """Give a story in which all PEs are heard, a plan is made and deployed, and a PE falls silent."""
+    every = range(pes)
+    listens, beat = bytes((0, 0, 0x20, 0)), bytes((0, 0, 4, 0))
+    asks = b"".join(bytes((pe, 13, 0, 7)) for pe in every)
+    lives = b"".join(bytes((pe, 2, 0, 0, 0, 0)) for pe in every)
+    staged = b"".join(bytes((pe, 6, 0, 1, 0)) for pe in every)
+    active = b"".join(bytes((pe, 2, 1, 3, 0, 0)) for pe in every)
+    lost = bytes((0, 0, 16, 0))
+    planned = bytes((0, 9, 1, 0))
+    return [
+        listens + asks + lives + beat + planned + staged + active + beat + active + lost + planned + staged + active
+    ]
+
+
+def _rival(pes: int) -> list[bytes]:
+    """Give a story in which another manager reigns, and falls silent."""
+    listens = bytes((0, 0, 1, 0))
+    speaks = b"".join(bytes((pe, 12, 1, 0, 0)) for pe in range(pes))
+    deaf = b"".join(bytes((pe, 2, 7, 0, 0, 0)) for pe in range(pes))
+    return [listens + speaks + (bytes((0, 0, 4, 0)) + deaf) * 12]
+
+
+STORIES = (
+    Target("manager", partial(_manager, "elevator_and_chute", None, False), partial(_reign, 3)),
+    Target("keyed_manager", partial(_manager, "elevator_and_chute", KEY, False), partial(_reign, 3)),
+    Target("standby", partial(_manager, "elevator_and_chute", None, True), partial(_rival, 3)),
+    Target("keyed_standby", partial(_manager, "elevator_and_chute", KEY, True), partial(_rival, 3)),
+    Target("radio_manager", partial(_manager, "big_blue", None, False), partial(_reign, 9)),
+)

@@ -1,0 +1,65 @@
+"""Random kills of modules and agents, on real processes: each stays where it happened, and something comes of it.
+
+    python -m lab.partition_kills [--spec elevator_and_chute] [--kills 1000] [--seed 1] [--rest 0.5]
+
+Flies the spec on the software bus and strikes (`campaign`). Every strike must end as the spec declares: restarted,
+given up, or planned around; and nobody else may notice. Exit code 1 where one does not.
+"""
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from random import Random
+
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.progress import Progress
+from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.runtime.demo.buses import choose
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from lab.partition_kills.campaign import Campaign
+
+
+def _slower(text: str, heartbeat_ms: int) -> str:
+    """The spec with other heartbeat periods: a busy machine is then not taken for a lost PE."""
+    text = re.sub(r", heartbeat_ms: \d+", "", text)
+    return re.sub(r"(bitrate: \d+)", rf"\1, heartbeat_ms: {heartbeat_ms}", text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the campaign; gives the exit code."""
+    parser = argparse.ArgumentParser(description="Kill modules and agents at random, and see what becomes of it.")
+    parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC", help="default elevator_and_chute")
+    parser.add_argument("--kills", type=int, default=1000, metavar="N", help="default 1000")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default 1")
+    parser.add_argument("--heartbeat-ms", type=int, default=100, metavar="MS", help="of every bus (default 100)")
+    parser.add_argument("--rest", type=float, default=0.5, metavar="SECONDS", help="between two, at most (default 0.5)")
+    arguments = parser.parse_args(argv)
+    with ExitStack() as stack:
+        folder = run_folder()
+        file = folder / "slower.dg.yaml"
+        file.write_text(_slower(spec_path(arguments.spec).read_text(), arguments.heartbeat_ms))
+        spec = load_spec(str(file))
+        fleet = stack.enter_context(Fleet(spec, file, folder))
+        fleet.start_buses(choose(spec, fleet.folder, {}, None, prefer_vcan=False))
+        random = Random(arguments.seed)
+        campaign = Campaign(spec, fleet, EventStream(fleet.start_manager()), random)
+        progress = stack.enter_context(Progress())
+        campaign.begin()
+        progress.begin("kills", arguments.kills)
+        for _ in range(arguments.kills):
+            campaign.strike()
+            campaign.rest(random.uniform(0.0, arguments.rest))
+            progress.step()
+    for (way, became), times in sorted(campaign.became.items()):
+        print(f"{times:6} {way}: {became}")
+    print(f"{campaign.lost_unkilled:6} PEs lost that nobody killed (their heartbeats came late)")
+    for failure in campaign.failures:
+        print(f"FAILURE: {failure}")
+    return 1 if campaign.failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(exit_code(main, "partition_kills"))

@@ -1,0 +1,229 @@
+"""One flight in which partitions and agents are struck again and again, and what becomes of each.
+
+A strike kills a partition (SIGKILL), lets one hang (SIGSTOP) or kills an agent, and is over when it has become
+
+    restarted     a successor of that partition lives, and its PE has said that it builds the modules anew
+    given up      a module has used up its restarts, and a plan without it runs; afterwards the operator clears it, so
+                  that it flies again
+    nothing ran   a spare one was struck, of which nothing is to be said
+    around        the agent was killed: its PE was lost, its partitions are gone, a plan without it runs; afterwards the
+                  agent is started again, has joined, and is forgiven
+
+or when nothing of that has happened for PATIENCE_S. Between two strikes, and in each, every process that was not struck
+lives on, under the same number. What PEs say meanwhile is judged by `declared`.
+
+PEs that are lost although nobody killed them are counted apart: on a starved machine heartbeats come late.
+"""
+
+import os
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.vocabulary import ClearElement
+from heronry_manager.shell.control_client import call
+from heronry_tools.console.errors import UserError
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet
+from lab.partition_kills.declared import Declared, DeclaredJudge
+
+PATIENCE_S = 60.0
+_WAYS = ("partition killed", "partition hangs", "agent killed")
+_WEIGHTS = (7, 2, 1)
+_SPARES = 0.1  # so often no heed is paid to whether anything runs in what is struck
+_WARM_UP_S = 5.0
+_LOOK_S = 0.05
+_UNANSWERED = "unanswered"
+_Partitions = dict[int, tuple[int, str]]  # by process number: the agent's, and the name
+
+
+class Campaign:
+    """A flight, and what was done to it."""
+
+    def __init__(self, spec: Spec, fleet: Fleet, stream: EventStream, random: Random) -> None:
+        self._fleet, self._stream, self._random = fleet, stream, random
+        self._agents = {pe: fleet.start_pe(pe) for pe in spec.pes}
+        entries = [entry for pe in spec.pes for entry in Compiler(spec).table(pe).modules]
+        self._declared = {entry.name: Declared(entry.partition, entry.restarts) for entry in entries}
+        self._judge = DeclaredJudge(self._declared)
+        self._plan: dict[str, Any] = {}  # the modules that run
+        self._planned: dict[str, Any] = {}
+        self._counted_on: set[str] = set()
+        self._killed: str | None = None
+        self._failed: set[str] = set()  # elements
+        self._living: _Partitions = {}
+        self._own_failures: list[str] = []
+        self.became: Counter[tuple[str, str]] = Counter()
+        self.lost_unkilled = 0
+
+    @property
+    def failures(self) -> list[str]:
+        """What went otherwise than declared."""
+        return self._own_failures + self._judge.failures
+
+    def begin(self) -> None:
+        """Wait until it flies, and its partitions are warm."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not self._plan and time.monotonic() < end_s:
+            self._take_events()
+        if not self._plan:
+            raise UserError(f"it does not fly: {self._fleet.last_words('manager')}")
+        self.rest(_WARM_UP_S)
+        self.lost_unkilled = 0
+        self._living = self._partitions()
+
+    def strike(self) -> None:
+        """Do something bad, and see what becomes of it."""
+        before = self._partitions()
+        self._miss(self._living, before, set(), "while nobody struck any")
+        way = self._random.choices(_WAYS, _WEIGHTS)[0]
+        pe = self._random.choice(sorted(self._counted_on) or sorted(self._agents))
+        own = {pid for pid, (agent, _) in before.items() if agent == self._agents[pe]}
+        if way == "agent killed" or not own:
+            way, struck = "agent killed", own
+            self.became[way, self._kill_agent(pe)] += 1
+        else:
+            working = {pid for pid in own if self._works(pe, before[pid][1])}
+            spare = self._random.random() < _SPARES or not working
+            victim = self._random.choice(sorted(own if spare else working))
+            struck = {victim}
+            signal_number = signal.SIGKILL if way == "partition killed" else signal.SIGSTOP
+            self.became[way, self._strike_partition(victim, pe, before[victim][1], signal_number)] += 1
+        after = self._partitions()
+        self._miss(before, after, struck, f"{way} on {pe}")
+        self._living = {pid: partition for pid, partition in after.items() if pid not in struck}
+        words = self._fleet.ended()
+        if words is not None:
+            raise UserError(words)
+
+    def rest(self, seconds: float) -> None:
+        """Let it fly; the operator clears what was given up."""
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0:
+            self._take_events(left_s)
+        around = {element for element in self._failed if element.removeprefix("module:") not in self._plan}
+        for element in sorted(around):
+            call(self._fleet.control_socket(), ClearElement(element))
+        self._failed -= around
+
+    def _miss(self, before: _Partitions, after: _Partitions, struck: set[int], when: str) -> None:
+        """Judge who has ended in between."""
+        pe_of = {agent: pe for pe, agent in self._agents.items()}
+        for agent, name in (before[pid] for pid in before.keys() - after.keys() - struck):
+            pe = pe_of.get(agent, "?")
+            last = self._fleet.last_words(pe)
+            self._own_failures.append(f"{when}: partition {name} of {pe} was not struck, and ended; it said: {last}")
+
+    def _strike_partition(self, victim: int, pe: str, name: str, signal_number: int) -> str:
+        self._judge.struck(pe, name, time.monotonic())
+        with suppress(ProcessLookupError):
+            os.kill(victim, signal_number)
+        end_s = time.monotonic() + PATIENCE_S
+        told: set[str] = set()
+        while time.monotonic() < end_s:
+            told |= self._told_of(pe, name, self._take_events())
+            became = self._became_of(victim, pe, name, told)
+            if became is not None:
+                return became
+        self._own_failures.append(
+            f"partition {name} of {pe} was struck: told was {', '.join(sorted(told)) or 'nothing'}"
+        )
+        return _UNANSWERED
+
+    def _told_of(self, pe: str, name: str, events: list[dict[str, Any]]) -> set[str]:
+        """What a PE has said of modules of a partition: the kinds of events."""
+        return {
+            event["event"]
+            for event in events
+            if event.get("by") == pe and (declared := self._declared.get(event.get("element", "").partition(":")[2]))
+            if declared.partition == name
+        }
+
+    def _became_of(self, victim: int, pe: str, name: str, told: set[str]) -> str | None:
+        """What has become of a partition that was struck; None while that is not to be seen."""
+        if not told:
+            if self._works(pe, name) and pe in self._counted_on:
+                return None
+            with suppress(ProcessLookupError):
+                os.kill(victim, signal.SIGCONT)
+            return "nothing ran"
+        living = self._partitions()
+        if victim in living:
+            return None
+        if "fault_reported" in told:
+            given_up = {element.removeprefix("module:") for element in self._failed}
+            return None if given_up & self._plan.keys() else "given up"
+        follows = (self._agents[pe], name) in living.values() or not self._works(pe, name)
+        return "restarted" if follows else None
+
+    def _works(self, pe: str, name: str) -> bool:
+        """Tell whether a partition of a PE has modules that run, as the manager knows."""
+        return any(one["pe"] == pe and self._declared[module].partition == name for module, one in self._plan.items())
+
+    def _kill_agent(self, pe: str) -> str:
+        self._killed = pe
+        agent = self._agents[pe]
+        self._judge.agent_killed(pe)
+        self._fleet.kill_pe(pe)
+        gone = self._comes_true(lambda: pe not in self._counted_on and all(m["pe"] != pe for m in self._plan.values()))
+        alone = self._comes_true(lambda: agent not in {owner for owner, _ in self._partitions().values()})
+        self._agents[pe] = self._fleet.start_pe(pe)
+        back = gone and self._comes_true(lambda: pe in self._counted_on)
+        self._killed = None
+        call(self._fleet.control_socket(), ClearElement(f"pe:{pe}"))  # else each hold-down is longer than the last
+        if not alone:
+            self._own_failures.append(f"the agent of {pe} was killed, and partitions outlived it")
+        if not back:
+            what = "it did not join again" if gone else "nobody planned around it"
+            self._own_failures.append(f"the agent of {pe} was killed: {what}")
+            return _UNANSWERED
+        return "around"
+
+    def _comes_true(self, condition: Callable[[], bool]) -> bool:
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition() and time.monotonic() < end_s:
+            self._take_events()
+        return condition()
+
+    def _take_events(self, wait_s: float = _LOOK_S) -> list[dict[str, Any]]:
+        """Events that have come, noted."""
+        events = self._stream.take(wait_s)
+        for event in events:
+            self._note(event)
+        return events
+
+    def _note(self, event: dict[str, Any]) -> None:
+        match event["event"]:
+            case "fault_reported" | "module_restarted" as kind:
+                self._judge.heard(event, time.monotonic())
+                if kind == "fault_reported":
+                    self._failed.add(event["element"])
+            case "pe_lost":
+                self.lost_unkilled += event["pe"] != self._killed
+                self._counted_on.discard(event["pe"])
+            case "pe_joined":
+                self._counted_on.add(event["pe"])
+            case "plan_ready":
+                self._planned = event["plan"]["modules"]
+            case "reconfigured" | "plan_unchanged":
+                self._plan = self._planned
+            case _:
+                pass
+
+    def _partitions(self) -> _Partitions:
+        """Every partition that lives."""
+        agents = set(self._agents.values())
+        found = {}
+        for folder in Path("/proc").iterdir():
+            with suppress(OSError, ValueError, IndexError):
+                words = (folder / "cmdline").read_bytes().split(b"\0")
+                if words[2] == b"heronry_agent.shell.partition" and int(words[3]) in agents:
+                    found[int(folder.name)] = int(words[3]), words[4].decode()
+        return found

@@ -1,0 +1,44 @@
+"""What nobody with the key has said does nothing, however often it is tried; and the attacker is no paper tiger."""
+
+import pytest
+
+from heronry_tools.console.spec_argument import load_spec
+from heronry_wire.authentication import Key
+from heronry_wire.command_tags import CommandVerifier, Held, Refusal
+from lab.attack import Attacked, main, management_load
+
+
+def test_no_attack_is_accepted_and_each_is_counted() -> None:
+    attacked = Attacked(load_spec("elevator_and_chute"), seed=7)
+    for number in range(5000):
+        attacked.attack(attacked.kinds[number % 5])
+    assert not attacked.accepted
+    assert attacked.refused >= 5000
+    assert set(attacked.attacks.values()) == {1000}
+
+
+def test_a_verifier_that_believes_everything_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    attacked = Attacked(load_spec("elevator_and_chute"), seed=7)
+    find = CommandVerifier._find
+
+    def credulous(self: CommandVerifier, manager: int, data: bytes, arrived_ns: int, nonce: int) -> Held | Refusal:
+        held = self._held[manager, data[0] >> 5]
+        return held.pop() if held else find(self, manager, data, arrived_ns, nonce)
+
+    monkeypatch.setattr(CommandVerifier, "_find", credulous)
+    for number in range(60):
+        attacked.attack(attacked.kinds[number % 5])
+    assert attacked.accepted.keys() == {"forged", "replayed", "reordered", "foreign"}  # cut short they are malformed
+
+
+def test_a_command_costs_at_most_one_more_frame() -> None:
+    spec = load_spec("elevator_and_chute")
+    plain, tagged = management_load(spec, None), management_load(spec, Key(bytes(32)))
+    assert 1.9 < tagged["can0"] / plain["can0"] < 2.1
+
+
+def test_the_command_prints_its_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["elevator_and_chute", "--count", "500"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["forged", "100", "attacks,", "0", "accepted", "or", "not", "counted"]
+    assert lines[-1].startswith("can0: commands take ")

@@ -1,0 +1,84 @@
+"""The images of the shipped aircraft: the code of the modules of `big_blue`, `elevator_and_chute` and the examples.
+
+`elevator_and_chute` names no images, so there an image has its module's name; `big_blue` names one where several
+modules share it, or where its variables are called differently. The agent finds `CATALOGUE` by an entry point
+(`heronry.images`, pyproject.toml), as it finds other people's; it imports the code of what it runs and no other.
+
+Images are written against `heronry_agent.module` alone. They hold no clock and no random source: the time of a step is
+in its context, and the same inputs give the same outputs. An input may be absent in any step, first and foremost in the
+first ones; each image says what it does then. What a restart loses, it says too.
+"""
+
+from collections.abc import Mapping
+
+_HERE = "heronry_tools.aircraft.images"
+
+
+def _in(file: str, **images: str) -> dict[str, str]:
+    return {name: f"{_HERE}.{file}:{cls}" for name, cls in images.items()}
+
+
+CATALOGUE: Mapping[str, str] = {
+    **_in(
+        "sensors",
+        angle_driver="ElevatorAngle",
+        battery_driver="Battery",
+        camera_driver="Camera",
+        command_driver="CommandReceiver",
+        console_driver="Console",
+        elevator_angle_driver="ElevatorAngle",
+        gps_driver="GpsAltitude",
+        gps_receiver="GpsReceiver",
+        horizon_driver="Horizon",
+        inertial_unit="InertialUnit",
+        pitot_driver="Pitot",
+        pressure_driver="Barometer",
+        pressure_driver_1="PressureSensor1",
+        pressure_driver_2="PressureSensor2",
+        pressure_driver_3="PressureSensor3",
+        rate_gyros="RateGyros",
+        release_driver="ChuteReceiver",
+        uv_driver="Ultraviolet",
+        wing_pressure_driver="WingPressure",
+    ),
+    **_in(
+        "actuators",
+        burn_wire="BurnWire",
+        chute_charge="ChuteCharge",
+        chute_driver="ChuteCharge",
+        elevator_servo="ReportingElevatorServo",
+        inflation_driver="InflationValve",
+        rudder_servo="RudderServo",
+        servo_driver_1="ElevatorServo",
+        servo_driver_2="ElevatorServo",
+    ),
+    **_in("air_data", air_data="AirData", pressure_voter="PressureVoter"),
+    **_in(
+        "altitude",
+        barometric_altitude="StaticPressureAltitude",
+        fused_altitude="FusedStaticAltitude",
+        high_quality_altitude="FusedAltitude",
+        low_quality_altitude="PressureAltitude",
+    ),
+    **_in("attitude", attitude_filter="AttitudeFilter", horizon_attitude="HorizonAttitude"),
+    **_in("control", elevator_control="ElevatorControl", pitch_control="PitchControl", rudder_control="RollControl"),
+    **_in("control", state_estimator="StateEstimator"),
+    **_in("guidance", experimental_autopilot="OrbitAutopilot", guidance="Guidance"),
+    **_in("servo_monitor", elevator_monitor="ElevatorMonitor", servo_monitor="ServoMonitor"),
+    **_in(
+        "redundancy",
+        elevator_follows="ElevatorFollows",
+        elevator_limiter="ElevatorLimiter",
+        pitch_versions="PitchVersions",
+        pressure_fail_over="PressureFailOver",
+        pressure_majority="PressureMajority",
+        pressure_median="PressureMedian",
+        pressure_stuck="PressureStuck",
+    ),
+    **_in("wing", inflation_control="InflationControl", wing_monitor="WingMonitor"),
+    **_in("recovery", chute_logic="ChuteLogic", cutdown_logic="CutdownLogic"),
+    **_in("mission", mission_sequencer="MissionSequencer"),
+    **_in("telemetry", flight_recorder="FlightRecorder", ground_display="GroundDisplay", telemetry="Telemetry"),
+    **_in("pilot_view", pilot_view="PilotView"),
+    **_in("imaging", image_archive="ImageArchive", imaging="Imaging"),
+}

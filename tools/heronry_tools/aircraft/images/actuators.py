@@ -1,0 +1,112 @@
+"""Device drivers of the actuators: limited, held where nothing new is known, and safe where that is not enough.
+
+What they decide: what is written to the device, each period.
+
+- A surface goes no further than its stops and no faster than its servo, and stays where it was told last while there is
+  no demand: an elevator that snapped to neutral on every lost frame would be worse than one that waits.
+- A charge or a burn wire cannot be undone: it takes two demands in a row, and then stays fired.
+- A gas valve without a demand closes: what is in the wings stays there, and what is in the bottle too.
+
+A restart: a servo starts from the first demand, as the surface may stand anywhere; a charge is fired again if it is
+still asked for, which does no harm.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number, whole
+
+_NS_PER_S = 1_000_000_000
+
+
+class SurfaceServo(Module):
+    """Drives a control surface to a demanded angle in degrees; `echo` is a variable that says what it was told."""
+
+    demand: ClassVar[str]
+    echo: ClassVar[str | None] = None
+    stop_deg: ClassVar[float] = 25.0
+    fastest_deg_per_s: ClassVar[float] = 120.0
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._angle_deg: float | None = None
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Move on towards the demand; before the first one the servo is left alone."""
+        demand_deg = number(inputs, self.demand)
+        if demand_deg is not None:
+            self._angle_deg = self._towards(held(demand_deg, self.stop_deg))
+        if self._angle_deg is None:
+            return {}
+        self.ctx.write(self._angle_deg)
+        return {self.echo: self._angle_deg} if self.echo is not None else {}
+
+    def _towards(self, wanted_deg: float) -> float:
+        if self._angle_deg is None:
+            return wanted_deg
+        most_deg = self.fastest_deg_per_s * self.ctx.period_ns / _NS_PER_S
+        return self._angle_deg + held(wanted_deg - self._angle_deg, most_deg)
+
+
+class ElevatorServo(SurfaceServo):
+    """An elevator servo that says nothing."""
+
+    demand = "elevator_demand"
+
+
+class ReportingElevatorServo(ElevatorServo):
+    """An elevator servo whose driver publishes what it commands, for the monitor.
+
+    Each driver gives its own version of the echo, so that whoever reads it knows which servo is at work.
+    """
+
+    echo = "elevator_servo_command"
+
+
+class RudderServo(SurfaceServo):
+    """A rudder servo."""
+
+    demand = "rudder_demand"
+
+
+class Charge(Module):
+    """Fires once, on the second demand in a row."""
+
+    demand: ClassVar[str]
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._asked = 0
+        self._fired = False
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Write 1 for fired, else 0; a period without a demand neither asks nor takes back."""
+        demand = whole(inputs, self.demand)
+        if demand is not None:
+            self._asked = self._asked + 1 if demand != 0 else 0
+        self._fired = self._fired or self._asked >= 2
+        self.ctx.write(int(self._fired))
+        return {}
+
+
+class ChuteCharge(Charge):
+    """Opens the parachute's lid."""
+
+    demand = "chute_release"
+
+
+class BurnWire(Charge):
+    """Melts the balloon's line."""
+
+    demand = "balloon_cut"
+
+
+class InflationValve(Module):
+    """Opens the gas valve of the wings as far as demanded, 0..1."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Follow the demand; close without one."""
+        demand = number(inputs, "valve_demand")
+        self.ctx.write(min(max(demand or 0.0, 0.0), 1.0))
+        return {}

@@ -1,0 +1,82 @@
+"""Air data: one pressure out of three, and the airspeed.
+
+The voter takes the middle of three pressures, so that one sensor, however wrong, never leads. It reports the odd one
+out when that sensor has disagreed with the middle for a second without a break, again for every second that this goes
+on (the operator may have cleared it), and only while all three are there: of two that differ nobody can say which is
+right. It judges nothing in its first second, when some data are fresh and others still on their way. Which sensor a
+variable comes from it knows by the spec's names: `pressure_2` is measured by `device:pressure_sensor_2`.
+
+A restart begins the second anew, and forgets which of two was nearer to the truth.
+"""
+
+import statistics
+from collections.abc import Mapping
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting, steps_of
+from heronry_agent.parts.reading import number
+from heronry_tools.aircraft.images import atmosphere
+
+_CHANNELS = ("1", "2", "3")
+_PATIENCE_NS = 1_000_000_000
+# Sampled up to a period apart in a fast climb, healthy sensors differ by some hPa near the ground; a share covers that.
+_TOLERANCE_HPA = 2.0
+_TOLERANCE_SHARE = 0.02
+_DETAIL_PER_HPA = 10
+_DETAIL_MAX = 0xFFFF
+
+
+class PressureVoter(Module):
+    """Mid-value voter over three static pressures, in hPa; mode `single` passes on the only one."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._steps = 0
+        self._odd = {channel: Lasting(_PATIENCE_NS, ctx.period_ns) for channel in _CHANNELS}
+        self._last_hpa: float | None = None
+        self._patience = steps_of(_PATIENCE_NS, ctx.period_ns)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the voted pressure; nothing while no sensor is heard."""
+        self._steps += 1
+        heard = {c: p for c in _CHANNELS if (p := number(inputs, f"pressure_{c}")) is not None}
+        if not heard:
+            return {}
+        voted_hpa = self._voted(list(heard.values()))
+        self._judge(heard, voted_hpa)
+        self._last_hpa = voted_hpa
+        return {"static_pressure": voted_hpa}
+
+    def _voted(self, heard: list[float]) -> float:
+        if len(heard) != 2 or self._last_hpa is None or not _differ(heard[0], heard[1]):
+            return statistics.median(heard)
+        last_hpa = self._last_hpa
+        return min(heard, key=lambda pressure: abs(pressure - last_hpa))
+
+    def _judge(self, heard: Mapping[str, float], voted_hpa: float) -> None:
+        complete = len(heard) == len(_CHANNELS) and self._steps > self._patience
+        for channel in _CHANNELS:
+            odd = complete and _differ(heard[channel], voted_hpa)
+            if self._odd[channel].is_due(odd):
+                detail = min(round(_DETAIL_PER_HPA * abs(heard[channel] - voted_hpa)), _DETAIL_MAX)
+                self.ctx.report_failed(f"device:pressure_sensor_{channel}", detail)
+
+
+def _differ(one_hpa: float, other_hpa: float) -> bool:
+    return abs(one_hpa - other_hpa) > _TOLERANCE_HPA + _TOLERANCE_SHARE * abs(other_hpa)
+
+
+class AirData(Module):
+    """Indicated airspeed from the pitot; in mode `compensated` the true one too, from the density at this pressure."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish what the pressures allow."""
+        differential = number(inputs, "differential_pressure")
+        if differential is None:
+            return {}
+        indicated = atmosphere.indicated_airspeed_m_per_s(differential)
+        static = number(inputs, "static_pressure")
+        if self.ctx.mode != "compensated" or static is None or static <= 0.0:
+            return {"indicated_airspeed": indicated}
+        ratio = atmosphere.SEA_LEVEL_DENSITY_KG_PER_M3 / atmosphere.density_kg_per_m3(static)
+        return {"indicated_airspeed": indicated, "true_airspeed": indicated * ratio**0.5}

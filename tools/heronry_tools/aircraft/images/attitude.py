@@ -1,0 +1,97 @@
+"""Attitude in three qualities: gyros held upright by gravity, gyros alone, the horizon alone.
+
+Gyros are quick and drift; accelerometers know where down is, on average, and shake. The complementary filter turns the
+angle with the gyros and pulls it slowly towards what the accelerometers say. Without accelerometers the only pull is
+towards the best glide with level wings, which is how a glider flies most of the time: the drift stays bounded, and a
+long turn is forgotten. The horizon sensor knows no drift at all, and is coarse.
+
+Conventions are CANaerospace's: pitch nose up, roll right, forward and right accelerations positive; a nose that points
+up feels gravity forward, a right wing that hangs low feels it to the left.
+
+A restart: the fused filter starts from the accelerometers; gyros alone start from the best glide, and need their pull
+to forget the error, which is why that version is the worse one.
+"""
+
+import math
+from collections.abc import Mapping
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number, numbers
+from heronry_tools.aircraft.images.control import BEST_GLIDE_PITCH_DEG
+
+_NS_PER_S = 1_000_000_000
+_GRAVITY_PULL_S = 2.0
+_GLIDE_PULL_S = 25.0
+_GLIDE_DEG = (BEST_GLIDE_PITCH_DEG, 0.0)
+_HORIZON_LAG_S = 0.3
+_HORIZON_COUNTS = 1000  # contrast of a horizon that stands upright
+
+
+class AttitudeFilter(Module):
+    """Pitch and roll in degrees from body rates, and in mode `fused` accelerations too."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._period_s = ctx.period_ns / _NS_PER_S
+        self._angles_deg: tuple[float, float] | None = None if ctx.mode == "fused" else _GLIDE_DEG
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Turn with the gyros, pull towards the reference; nothing is published before there is a first attitude."""
+        rates = (number(inputs, "pitch_rate"), number(inputs, "roll_rate"))
+        reference_deg = _gravity_deg(inputs) if self.ctx.mode == "fused" else _GLIDE_DEG
+        pull_s = _GRAVITY_PULL_S if self.ctx.mode == "fused" else _GLIDE_PULL_S
+        if self._angles_deg is None:
+            self._angles_deg = reference_deg
+        elif rates[0] is not None and rates[1] is not None:
+            self._angles_deg = self._turned(self._angles_deg, (rates[0], rates[1]), reference_deg, pull_s)
+        else:
+            return {}
+        if self._angles_deg is None:
+            return {}
+        return {"pitch_angle": self._angles_deg[0], "roll_angle": self._angles_deg[1]}
+
+    def _turned(
+        self,
+        angles_deg: tuple[float, float],
+        rates_deg_per_s: tuple[float, float],
+        reference_deg: tuple[float, float] | None,
+        pull_s: float,
+    ) -> tuple[float, float]:
+        pull = self._period_s / (pull_s + self._period_s)
+        pitch, roll = (a + rate * self._period_s for a, rate in zip(angles_deg, rates_deg_per_s, strict=True))
+        if reference_deg is None:
+            return pitch, roll
+        return pitch + pull * (reference_deg[0] - pitch), roll + pull * (reference_deg[1] - roll)
+
+
+def _gravity_deg(inputs: Inputs) -> tuple[float, float] | None:
+    """Pitch and roll at which gravity would be felt like this, None without both accelerations."""
+    forward_g, right_g = number(inputs, "longitudinal_acceleration"), number(inputs, "lateral_acceleration")
+    if forward_g is None or right_g is None:
+        return None
+    pitch = math.asin(held(forward_g, 1.0))
+    roll = -math.asin(held(right_g / max(math.cos(pitch), 0.1), 1.0))
+    return math.degrees(pitch), math.degrees(roll)
+
+
+class HorizonAttitude(Module):
+    """Pitch and roll in degrees from the contrast between ground and sky."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        period_s = ctx.period_ns / _NS_PER_S
+        self._weight = period_s / (_HORIZON_LAG_S + period_s)
+        self._angles_deg: tuple[float, float] | None = None
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Smooth a little, as thermopiles are noisy; nothing without a contrast."""
+        contrast = numbers(inputs, "horizon_contrast", 2)
+        if contrast is None:
+            return {}
+        seen = [math.degrees(math.asin(held(count / _HORIZON_COUNTS, 1.0))) for count in contrast]
+        before = self._angles_deg or (seen[0], seen[1])
+        self._angles_deg = (
+            before[0] + self._weight * (seen[0] - before[0]),
+            before[1] + self._weight * (seen[1] - before[1]),
+        )
+        return {"pitch_angle": self._angles_deg[0], "roll_angle": self._angles_deg[1]}

@@ -1,0 +1,134 @@
+"""The inner loops: from an attitude and a commanded attitude to a surface's angle.
+
+Signs are CANaerospace's: an elevator that goes down lifts the tail and lowers the nose, so a nose that is too high asks
+for a positive deflection. A rudder that swings clockwise (positive) yaws to the right, and the wings' dihedral rolls
+the aircraft after it: an inflatable wing has no ailerons.
+
+What they decide: the demand, held to what the surface can do. Without a command, or with one that is gone, a loop flies
+the best glide with level wings; a command beyond the limits is held to them, whoever it comes from. Without an attitude
+nothing is published, and the servo stays where it is.
+
+A restart loses the integral: the surface moves by at most the trim that it had learned.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import held, number
+
+NS_PER_S = 1_000_000_000
+
+BEST_GLIDE_PITCH_DEG = -4.0
+BEST_GLIDE_M_PER_S = 18.0
+_LEAST_FLOW_M_PER_S = 8.0
+_PITCH_LIMIT_DEG = 15.0
+_ROLL_LIMIT_DEG = 30.0
+_ELEVATOR_LIMIT_DEG = 20.0
+_RUDDER_LIMIT_DEG = 20.0
+
+
+@dataclass(slots=True)
+class Pid:
+    """Proportional, integral and rate feedback, in deg per deg, 1/s and s.
+
+    The integral is for trim: it gives at most `trim_deg`, so that a loop which cannot move its aircraft (with a surface
+    stuck, say) does not run away to its stop.
+    """
+
+    proportional: float
+    integral: float
+    damping: float
+    limit_deg: float
+    trim_deg: float = 5.0
+    _sum_deg_s: float = field(default=0.0, init=False)
+
+    def learn_trim(self, error_deg: float, period_s: float) -> None:
+        """Take one period's error into the integral."""
+        self._sum_deg_s = held(self._sum_deg_s + error_deg * period_s, self.trim_deg / self.integral)
+
+    def output_deg(self, error_deg: float, rate_deg_per_s: float, gain: float = 1.0) -> float:
+        """Answer an error (demanded minus present angle) and a present rate."""
+        quick = gain * (self.proportional * error_deg - self.damping * rate_deg_per_s)
+        return held(quick + self.integral * self._sum_deg_s, self.limit_deg)
+
+
+class PitchControl(Module):
+    """Elevator from pitch; mode `scheduled` weakens the loop with speed, as surfaces bite with its square.
+
+    Without flow, on the balloon's line, a surface bites nothing: then there is no trim to be learned.
+    """
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._pid = Pid(proportional=1.2, integral=0.3, damping=0.2, limit_deg=_ELEVATOR_LIMIT_DEG)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the elevator's demand in degrees."""
+        pitch_deg = number(inputs, "pitch_angle")
+        if pitch_deg is None:
+            return {}
+        command_deg = number(inputs, "pitch_command")
+        wanted_deg = BEST_GLIDE_PITCH_DEG if command_deg is None else held(command_deg, _PITCH_LIMIT_DEG)
+        speed = number(inputs, "indicated_airspeed") if self.ctx.mode == "scheduled" else None
+        if speed is None or speed >= _LEAST_FLOW_M_PER_S:
+            self._pid.learn_trim(wanted_deg - pitch_deg, self.ctx.period_ns / NS_PER_S)
+        rate = number(inputs, "pitch_rate") or 0.0
+        return {"elevator_demand": -self._pid.output_deg(wanted_deg - pitch_deg, rate, _gain(speed))}
+
+
+def _gain(speed_m_per_s: float | None) -> float:
+    """Give 1 at the best glide, and where the speed is not known or no flow."""
+    if speed_m_per_s is None or speed_m_per_s < _LEAST_FLOW_M_PER_S:
+        return 1.0
+    return min(max((BEST_GLIDE_M_PER_S / speed_m_per_s) ** 2, 0.4), 1.5)
+
+
+class RollControl(Module):
+    """Rudder from roll, with roll rate where it is supplied (mode `damped`)."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._pid = Pid(proportional=0.8, integral=0.05, damping=0.3, limit_deg=_RUDDER_LIMIT_DEG)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the rudder's demand in degrees."""
+        roll_deg = number(inputs, "roll_angle")
+        if roll_deg is None:
+            return {}
+        command_deg = number(inputs, "roll_command")
+        wanted_deg = 0.0 if command_deg is None else held(command_deg, _ROLL_LIMIT_DEG)
+        self._pid.learn_trim(wanted_deg - roll_deg, self.ctx.period_ns / NS_PER_S)
+        return {"rudder_demand": self._pid.output_deg(wanted_deg - roll_deg, number(inputs, "roll_rate") or 0.0)}
+
+
+class StateEstimator(Module):
+    """Stands for all the state estimation that the paper's Figure 3 leaves out, as it shows no source of `state_info`.
+
+    The state is how much too high the nose is, in degrees: a slow swing around the glide, a function of time alone.
+    """
+
+    amplitude_deg = 6.0
+    swing_s = 8.0
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (it has none)
+        """Publish the swing at this time."""
+        phase = self.ctx.now_ns % round(self.swing_s * NS_PER_S) / (self.swing_s * NS_PER_S)
+        return {"state_info": self.amplitude_deg * math.sin(math.tau * phase)}
+
+
+class ElevatorControl(Module):
+    """Elevator from `state_info`, the nose's error in degrees (the paper's Figure 3)."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._pid = Pid(proportional=1.8, integral=0.1, damping=0.0, limit_deg=_ELEVATOR_LIMIT_DEG)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the elevator's demand in degrees; nothing without a state."""
+        too_high_deg = number(inputs, "state_info")
+        if too_high_deg is None:
+            return {}
+        self._pid.learn_trim(too_high_deg, self.ctx.period_ns / NS_PER_S)
+        return {"elevator_demand": self._pid.output_deg(too_high_deg, 0.0)}

@@ -1,0 +1,105 @@
+"""The outer loops: from a place and a stage of the flight to a commanded attitude.
+
+Two of them, as in section 4 of the paper. `Guidance` is on board: it flies home along a straight line, or, without a
+position, straight ahead. `OrbitAutopilot` is the experiment on the ground: it knows the aircraft by telemetry alone,
+and circles over the field by a vector field, which leads to the circle from anywhere without a switch between approach
+and orbit. Both publish commands in degrees; the inner loops limit them, and fly on without them.
+
+A restart loses nothing: every command follows from the inputs of one step.
+"""
+
+import math
+from collections.abc import Mapping
+
+from heronry_agent.module import Inputs, Module, Value
+from heronry_agent.parts.reading import held, number, numbers, whole
+from heronry_tools.aircraft.images.control import BEST_GLIDE_M_PER_S, BEST_GLIDE_PITCH_DEG
+from heronry_tools.aircraft.images.mission import Stage
+
+# The field where the flight began and shall end: near Lexington, Kentucky.
+HOME_LATITUDE_DEG = 38.03
+HOME_LONGITUDE_DEG = -84.50
+HOME_ALTITUDE_M = 300.0
+M_PER_DEG_LATITUDE = 111_320.0
+
+_BANK_PER_DEG = 0.8
+_HOME_BANK_LIMIT_DEG = 20.0
+_FLARE_M = 8.0
+_FLARE_PITCH_DEG = 4.0
+_ORBIT_RADIUS_M = 400.0
+_ORBIT_BANK_LIMIT_DEG = 25.0
+_STEEPEST_PITCH_DEG = -8.0
+
+
+def home_bearing_and_distance(latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
+    """Bearing of the field in degrees (-180..180, clockwise from north) and its distance in m, on a flat earth."""
+    north_m = (HOME_LATITUDE_DEG - latitude_deg) * M_PER_DEG_LATITUDE
+    per_deg_m = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
+    east_m = (HOME_LONGITUDE_DEG - longitude_deg) * per_deg_m
+    return math.degrees(math.atan2(east_m, north_m)), math.hypot(north_m, east_m)
+
+
+def turn_deg(wanted_deg: float, present_deg: float) -> float:
+    """The shorter way from one direction to another, -180..180, right positive."""
+    return (wanted_deg - present_deg + 180.0) % 360.0 - 180.0
+
+
+class Guidance(Module):
+    """Home, or level: modes `route` and `level`."""
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish both commands; in `route` a missing position or track means straight ahead."""
+        return {"pitch_command": self._pitch_deg(inputs), "roll_command": self._roll_deg(inputs)}
+
+    def _pitch_deg(self, inputs: Inputs) -> float:
+        altitude_m = number(inputs, "altitude")
+        landing = whole(inputs, "mission_stage") == Stage.LANDING
+        if landing and altitude_m is not None and altitude_m < HOME_ALTITUDE_M + _FLARE_M:
+            return _FLARE_PITCH_DEG
+        return BEST_GLIDE_PITCH_DEG
+
+    def _roll_deg(self, inputs: Inputs) -> float:
+        place = (number(inputs, "gps_latitude"), number(inputs, "gps_longitude"))
+        track_deg = number(inputs, "gps_track")
+        if self.ctx.mode != "route" or place[0] is None or place[1] is None or track_deg is None:
+            return 0.0
+        bearing_deg, _ = home_bearing_and_distance(place[0], place[1])
+        return held(_bank_per_deg(inputs) * turn_deg(bearing_deg, track_deg), _HOME_BANK_LIMIT_DEG)
+
+
+def _bank_per_deg(inputs: Inputs) -> float:
+    """Bank more where the air is thin and the aircraft fast: the same bank turns it more slowly there."""
+    true_m_per_s = number(inputs, "true_airspeed")
+    if true_m_per_s is None:
+        return _BANK_PER_DEG
+    return _BANK_PER_DEG * min(max(true_m_per_s / BEST_GLIDE_M_PER_S, 1.0), 2.0)
+
+
+class OrbitAutopilot(Module):
+    """The experiment: a circle over the field, and a steeper glide the higher the aircraft still is.
+
+    An aircraft that says it hangs on its balloon is asked to hang level.
+    """
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish both commands; nothing while any part of the telemetry is missing."""
+        altitude_m, course_deg = number(inputs, "telemetry_altitude"), number(inputs, "telemetry_course")
+        place = (number(inputs, "telemetry_latitude"), number(inputs, "telemetry_longitude"))
+        attitude = numbers(inputs, "telemetry_attitude", 2)
+        if altitude_m is None or course_deg is None or place[0] is None or place[1] is None or attitude is None:
+            return {}
+        status = numbers(inputs, "telemetry_status", 4)
+        if status is not None and status[0] < Stage.GLIDE:
+            return {"pitch_command": BEST_GLIDE_PITCH_DEG, "roll_command": 0.0}
+        bearing_deg, distance_m = home_bearing_and_distance(place[0], place[1])
+        # Far away straight home; on the circle at right angles to that; inside it outwards.
+        inward_deg = math.degrees(math.atan2(distance_m - _ORBIT_RADIUS_M, _ORBIT_RADIUS_M))
+        wanted_deg = bearing_deg - 90.0 + inward_deg
+        roll_deg = held(turn_deg(wanted_deg, course_deg), _ORBIT_BANK_LIMIT_DEG)
+        return {"pitch_command": self._pitch_deg(altitude_m, attitude[1] / 100.0), "roll_command": roll_deg}
+
+    def _pitch_deg(self, altitude_m: float, roll_deg: float) -> float:
+        """Steeper when high; a little nose-up for the lift that a bank takes away."""
+        height_km = max(altitude_m - HOME_ALTITUDE_M, 0.0) / 1000.0
+        glide_deg = max(BEST_GLIDE_PITCH_DEG - 0.2 * height_km, _STEEPEST_PITCH_DEG)
+        return glide_deg + 1.5 * (1.0 - math.cos(math.radians(held(roll_deg, 60.0))))

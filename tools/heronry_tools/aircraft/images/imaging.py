@@ -1,0 +1,108 @@
+"""Pictures for the ground, word by word: a thumbnail leaves as a stream of 32-bit words, and is put together there.
+
+A word is an index (8 bits) and a payload (24 bits). Words 0 to 3 are the head: number of the frame, then where it was
+taken (latitude and longitude in 1/32768 deg from -256 up, altitude in m; 0xFFFFFF for not known). The rest are three
+grey pixels each. `preview` sends every fourth pixel word, and so a coarser picture.
+
+The camera of the bench shows nothing but a counter; the pixels are a pattern made from it, so that the archive can
+check what has arrived. A lost word spoils its picture and no other: the next one starts again at index 0.
+
+A restart begins with the next frame.
+"""
+
+from collections.abc import Mapping
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import number, whole
+
+WORDS = 64
+HEAD_WORDS = 4
+PREVIEW_STRIDE = 4
+_PAYLOAD_MASK = 0xFF_FFFF
+_DEGREES_SHIFT = 256.0
+_PER_DEGREE = 32_768.0
+
+
+def pixel_word(frame: int, index: int) -> int:
+    """Payload of a pixel word of the test pattern."""
+    return (frame * 2_654_435_761 + index * 40_503) & _PAYLOAD_MASK
+
+
+def word(index: int, payload: int) -> int:
+    """Put index and payload together."""
+    return index << 24 | payload & _PAYLOAD_MASK
+
+
+class Imaging(Module):
+    """Sends the latest frame, one word per period; modes `full` and `preview`."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        stride = 1 if ctx.mode == "full" else PREVIEW_STRIDE
+        self._indices = (*range(HEAD_WORDS), *range(HEAD_WORDS, WORDS, stride))
+        self._next = 0
+        self._frame = 0
+        self._head = [0] * HEAD_WORDS
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the next word; between two pictures nothing while no frame has been counted."""
+        if self._next == 0:
+            frame = whole(inputs, "frame_count")
+            if frame is None:
+                return {}
+            self._frame, self._head = frame, _head(frame, inputs)
+        index = self._indices[self._next]
+        self._next = (self._next + 1) % len(self._indices)
+        payload = self._head[index] if index < HEAD_WORDS else pixel_word(self._frame, index)
+        return {"image_data": word(index, payload)}
+
+
+def _head(frame: int, inputs: Inputs) -> list[int]:
+    latitude, longitude = number(inputs, "gps_latitude"), number(inputs, "gps_longitude")
+    altitude_m = number(inputs, "altitude")
+    height = _PAYLOAD_MASK if altitude_m is None else min(max(round(altitude_m), 0), _PAYLOAD_MASK - 1)
+    return [frame & _PAYLOAD_MASK, _place(latitude), _place(longitude), height]
+
+
+def _place(degrees: float | None) -> int:
+    return _PAYLOAD_MASK if degrees is None else round((degrees + _DEGREES_SHIFT) * _PER_DEGREE) & _PAYLOAD_MASK
+
+
+class ImageArchive(Module):
+    """Puts pictures together; `whole_frames` and `spoilt_frames` count them."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self.whole_frames = 0
+        self.spoilt_frames = 0
+        self._frame = 0
+        self._sound = False
+        self._last_index = -1
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Take the word that has arrived, if it is a new one."""
+        received = whole(inputs, "image_data")
+        if received is not None and received >> 24 != self._last_index:
+            self._take(received >> 24, received & _PAYLOAD_MASK)
+        return {}
+
+    def _take(self, index: int, payload: int) -> None:
+        if index == 0:
+            self.spoilt_frames += self._sound  # the last one never ended
+            self._frame, self._sound = payload, True
+        elif self._sound and not self._continues(index, payload):
+            self._sound = False
+            self.spoilt_frames += 1
+        elif self._sound and index + PREVIEW_STRIDE > WORDS - 1 and self._ends(index):
+            self.whole_frames += 1
+            self._sound = False
+        self._last_index = index
+
+    def _continues(self, index: int, payload: int) -> bool:
+        step = index - self._last_index
+        in_step = step == 1 or (step == PREVIEW_STRIDE and index > HEAD_WORDS)
+        return in_step and (index < HEAD_WORDS or payload == pixel_word(self._frame, index))
+
+    def _ends(self, index: int) -> bool:
+        """A full picture ends with the last word, a preview with the last of its own."""
+        return index == WORDS - 1 or index - self._last_index == PREVIEW_STRIDE

@@ -1,0 +1,78 @@
+"""What ends a flight: the logic of the parachute, and that of the balloon's line.
+
+The parachute, as the paper has it (section 3.1): either input is enough to keep it shut. A release command opens it.
+Without the command link, but with an altitude, it opens when an aircraft that has been high comes down through the
+opening altitude: nobody would be able to ask for it later. And *by default* it opens when neither has been heard for
+some time: longer than a reconfiguration takes, and longer than the inputs need after a start.
+
+The balloon's line is cut on command, or at the altitude where it is meant to be cut if the wings are known to be ready
+or nothing is known of them, or at the highest altitude whatever the wings are: there the balloon bursts by itself.
+
+Neither takes its word back: once asked, always asked. A restart asks again if the reasons still hold; one just below
+the opening altitude does not know that it has been high, and then waits for a command or the default.
+"""
+
+from collections.abc import Mapping
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import number, whole
+from heronry_tools.aircraft.images.wing import WingState
+
+_NEITHER_HEARD_NS = 3_000_000_000
+_NO_COMMAND_NS = 3_000_000_000
+_HAS_BEEN_HIGH_M = 3_000.0
+_OPENING_M = 800.0
+_CUT_M = 19_800.0
+_CUT_HOLD_NS = 1_000_000_000
+_BURST_M = 24_000.0
+
+
+class ChuteLogic(Module):
+    """`chute_release`, 1 to open."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._released = False
+        self._has_been_high = False
+        self._no_command_ns = 0
+        self._neither_ns = 0
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the release."""
+        command, altitude_m = whole(inputs, "release_command"), number(inputs, "altitude")
+        period_ns = self.ctx.period_ns
+        self._no_command_ns = self._no_command_ns + period_ns if command is None else 0
+        self._neither_ns = self._neither_ns + period_ns if command is None and altitude_m is None else 0
+        if altitude_m is not None and altitude_m > _HAS_BEEN_HIGH_M:
+            self._has_been_high = True
+        self._released = self._released or self._should_open(command, altitude_m)
+        return {"chute_release": int(self._released)}
+
+    def _should_open(self, command: int | None, altitude_m: float | None) -> bool:
+        if command is not None:
+            return command != 0
+        if altitude_m is None:
+            return self._neither_ns >= _NEITHER_HEARD_NS
+        return self._no_command_ns >= _NO_COMMAND_NS and self._has_been_high and altitude_m < _OPENING_M
+
+
+class CutdownLogic(Module):
+    """`balloon_cut`, 1 to cut."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._cut = False
+        self._high_ns = 0
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the cut."""
+        command, altitude_m = whole(inputs, "cutdown_command"), number(inputs, "altitude")
+        reached = altitude_m is not None and altitude_m >= _cut_altitude_m(whole(inputs, "wing_state"))
+        self._high_ns = self._high_ns + self.ctx.period_ns if reached else 0
+        self._cut = self._cut or bool(command) or self._high_ns >= _CUT_HOLD_NS
+        return {"balloon_cut": int(self._cut)}
+
+
+def _cut_altitude_m(wing_state: int | None) -> float:
+    ready = wing_state is None or wing_state in {WingState.FIRM, WingState.CURED}
+    return _CUT_M if ready else _BURST_M

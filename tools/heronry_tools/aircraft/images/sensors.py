@@ -1,0 +1,212 @@
+"""Device drivers of the sensors: from what a device says to variables in their units.
+
+What they decide: whether the device answers. One that has been silent, or has said what no such device says, for half
+a second is reported as `device:...`, and every half second from then on, since the operator may have cleared it; the
+half second covers a device that is still waking up when its driver starts. Nothing is published for a period without an
+answer: an old value is not repeated as a new one.
+
+A restart loses the count of silent periods and nothing else.
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.lasting import Lasting
+
+_SILENCE_NS = 500_000_000
+_ULONG_MASK = 0xFFFF_FFFF
+_SHORT_LIMIT = 32_767
+
+
+class SensorDriver(Module):
+    """Reads its device once per period; subclasses say what a reading means."""
+
+    device: ClassVar[str]
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._silence = Lasting(_SILENCE_NS, ctx.period_ns)
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 (a sensor's driver has none)
+        """Publish what the device says, or nothing while it is silent."""
+        raw = self.ctx.read()
+        given = None if raw is None else self.convert(raw)
+        if self._silence.is_due(given is None):
+            self.ctx.report_failed(f"device:{self.device}")
+        return {} if given is None else given
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Variables from a reading; None for a reading that no such device gives."""
+        raise NotImplementedError
+
+
+class NumberSensor(SensorDriver):
+    """A device whose one reading is one variable, in the same unit."""
+
+    variable: ClassVar[str]
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Pass a number on."""
+        return {self.variable: float(raw)} if isinstance(raw, (int, float)) else None
+
+
+class TupleSensor(SensorDriver):
+    """A device that gives several integers at once: (variable, units per count) for each, in order.
+
+    A place whose variable is None is read and not used.
+    """
+
+    fields: ClassVar[tuple[tuple[str | None, float], ...]]
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Scale each integer to its variable's unit."""
+        if not isinstance(raw, tuple) or len(raw) != len(self.fields):
+            return None
+        return {variable: count * unit for (variable, unit), count in zip(self.fields, raw, strict=True) if variable}
+
+
+class InertialUnit(TupleSensor):
+    """Rate gyros and accelerometers: 0.001 deg/s and 0.001 g a count."""
+
+    device = "imu_1"
+    fields = (
+        ("pitch_rate", 1e-3),
+        ("roll_rate", 1e-3),
+        ("longitudinal_acceleration", 1e-3),
+        ("lateral_acceleration", 1e-3),
+    )
+
+
+class RateGyros(TupleSensor):
+    """Rate gyros alone: 0.001 deg/s a count."""
+
+    device = "imu_2"
+    fields = (("pitch_rate", 1e-3), ("roll_rate", 1e-3))
+
+
+class GpsReceiver(TupleSensor):
+    """Latitude and longitude in 1e-7 deg, height in mm, track in 1e-5 deg."""
+
+    device = "gps"
+    fields = (("gps_latitude", 1e-7), ("gps_longitude", 1e-7), ("gps_altitude", 1e-3), ("gps_track", 1e-5))
+
+
+class GpsAltitude(TupleSensor):
+    """The same receiver where only its height is asked for."""
+
+    device = "gps"
+    fields = ((None, 1e-7), (None, 1e-7), ("gps_altitude", 1e-3), (None, 1e-5))
+
+
+class Horizon(SensorDriver):
+    """Thermopiles: the contrast along and across, in counts, as one pair."""
+
+    device = "horizon_sensor"
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Hold both counts to what a pair of SHORT carries."""
+        if not isinstance(raw, tuple) or len(raw) != 2:
+            return None
+        return {"horizon_contrast": tuple(min(max(count, -_SHORT_LIMIT), _SHORT_LIMIT) for count in raw)}
+
+
+class Barometer(NumberSensor):
+    """Static pressure in hPa, of the paper's Figure 3."""
+
+    device = "barometer"
+    variable = "absolute_pressure"
+
+
+class PressureSensor1(NumberSensor):
+    """First static pressure of three, in hPa."""
+
+    device = "pressure_sensor_1"
+    variable = "pressure_1"
+
+
+class PressureSensor2(NumberSensor):
+    """Second static pressure of three, in hPa."""
+
+    device = "pressure_sensor_2"
+    variable = "pressure_2"
+
+
+class PressureSensor3(NumberSensor):
+    """Third static pressure of three, in hPa."""
+
+    device = "pressure_sensor_3"
+    variable = "pressure_3"
+
+
+class Pitot(NumberSensor):
+    """Total minus static pressure, in hPa."""
+
+    device = "pitot"
+    variable = "differential_pressure"
+
+
+class ElevatorAngle(NumberSensor):
+    """Where the elevator really stands, in degrees, down positive."""
+
+    device = "elevator_angle_sensor"
+    variable = "elevator_angle"
+
+
+class WingPressure(NumberSensor):
+    """Gas in the wings, in hPa above the air outside."""
+
+    device = "wing_pressure_sensor"
+    variable = "wing_pressure"
+
+
+class Ultraviolet(NumberSensor):
+    """Irradiance of the light that cures the wings, in W/m2."""
+
+    device = "uv_sensor"
+    variable = "uv_irradiance"
+
+
+class Battery(NumberSensor):
+    """Voltage of the battery."""
+
+    device = "battery"
+    variable = "battery_voltage"
+
+
+class Camera(SensorDriver):
+    """Number of frames taken since it was switched on."""
+
+    device = "camera"
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Count modulo 2^32."""
+        return {"frame_count": raw & _ULONG_MASK} if isinstance(raw, int) else None
+
+
+class CommandReceiver(SensorDriver):
+    """Two commands: open the parachute, cut the balloon's line; 1 is yes."""
+
+    device = "command_receiver"
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Anything but 0 is yes."""
+        if not isinstance(raw, tuple) or len(raw) != 2:
+            return None
+        return {"release_command": int(raw[0] != 0), "cutdown_command": int(raw[1] != 0)}
+
+
+class Console(CommandReceiver):
+    """The same two commands, from the switches of the ground's console."""
+
+    device = "console"
+
+
+class ChuteReceiver(SensorDriver):
+    """The one command of the paper's Figure 3: open the parachute; 1 is yes."""
+
+    device = "receiver"
+
+    def convert(self, raw: Value) -> Mapping[str, Value] | None:
+        """Anything but 0 is yes."""
+        return {"release_command": int(raw != 0)} if isinstance(raw, (int, float)) else None

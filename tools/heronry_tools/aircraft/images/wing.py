@@ -1,0 +1,98 @@
+"""The inflatable wings: gas into them, and watching them until their skin is hard.
+
+What is decided: when the valve is open, and what state the wings are in. The two feed each other: the control stops
+for good when the monitor says that they are cured, or leak; the monitor tells folded wings from filling ones by the
+valve. (The spec gives `wing_state` an initial value for that loop.) A leak is pressure gone from wings that were firm.
+
+A restart loses the ultraviolet dose: the monitor says "firm" until it has seen the dose again, which keeps the valve at
+work longer than it need be and does no harm.
+"""
+
+from collections.abc import Mapping
+from enum import IntEnum
+
+from heronry_agent.module import Context, Inputs, Module, Value
+from heronry_agent.parts.reading import number, whole
+
+_NS_PER_S = 1_000_000_000
+_STOWED_HPA = 50.0
+_FIRM_HPA = 430.0
+_LEAKING_HPA = 250.0
+_OPEN_BELOW_HPA, _SHUT_ABOVE_HPA = 470.0, 500.0
+_LOWEST_INFLATION_M = 15_000.0
+_ALTITUDE_LOST_NS = 60 * _NS_PER_S  # a reconfiguration, or a start, is over long before: nobody measures it any more
+# Compressed like the bench's flight; real resin takes minutes of sun at altitude.
+_CURE_DOSE_J_PER_M2 = 600.0
+
+
+class WingState(IntEnum):
+    """The states of the wings, as `wing_state` says them."""
+
+    STOWED = 0
+    INFLATING = 1
+    FIRM = 2
+    CURED = 3
+    LEAKING = 4
+
+
+class InflationControl(Module):
+    """Opens the valve below one pressure and shuts it above another; `valve_demand` is 0 or 1."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._open = False
+        self._altitude_heard_ns = ctx.now_ns
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the valve's demand; shut without a pressure, low down, and once nothing is to be gained."""
+        pressure_hpa = number(inputs, "wing_pressure")
+        if pressure_hpa is None or self._refrains(inputs):
+            self._open = False
+        elif pressure_hpa < _OPEN_BELOW_HPA:
+            self._open = True
+        elif pressure_hpa > _SHUT_ABOVE_HPA:
+            self._open = False
+        return {"valve_demand": float(self._open)}
+
+    def _refrains(self, inputs: Inputs) -> bool:
+        state, altitude_m = whole(inputs, "wing_state"), number(inputs, "altitude")
+        if state in {WingState.CURED, WingState.LEAKING}:
+            return True
+        # Folded wings stay folded near the ground, and until it is sure that nobody will say any more whether they are
+        # there; wings that have begun to fill are finished wherever they are.
+        if altitude_m is None:
+            low = self.ctx.now_ns - self._altitude_heard_ns < _ALTITUDE_LOST_NS
+        else:
+            self._altitude_heard_ns = self.ctx.now_ns
+            low = altitude_m < _LOWEST_INFLATION_M
+        return low and (state is None or state == WingState.STOWED)
+
+
+class WingMonitor(Module):
+    """`wing_state` from pressure, and in mode `cure` from the ultraviolet dose while the wings are firm."""
+
+    def __init__(self, ctx: Context) -> None:
+        super().__init__(ctx)
+        self._dose_j_per_m2 = 0.0
+        self._has_been_firm = False
+
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:
+        """Publish the state; nothing without a pressure."""
+        pressure_hpa = number(inputs, "wing_pressure")
+        if pressure_hpa is None:
+            return {}
+        self._has_been_firm = self._has_been_firm or pressure_hpa >= _FIRM_HPA
+        if self.ctx.mode == "cure" and pressure_hpa >= _FIRM_HPA:
+            irradiance = number(inputs, "uv_irradiance") or 0.0
+            self._dose_j_per_m2 += max(irradiance, 0.0) * self.ctx.period_ns / _NS_PER_S
+        return {"wing_state": int(self._state(pressure_hpa, number(inputs, "valve_demand")))}
+
+    def _state(self, pressure_hpa: float, valve: float | None) -> WingState:
+        if self._dose_j_per_m2 >= _CURE_DOSE_J_PER_M2:
+            return WingState.CURED
+        if self._has_been_firm and pressure_hpa < _LEAKING_HPA:
+            return WingState.LEAKING
+        if pressure_hpa >= _FIRM_HPA:
+            return WingState.FIRM
+        filling = valve is not None and valve > 0.0
+        return WingState.INFLATING if filling or pressure_hpa >= _STOWED_HPA else WingState.STOWED

@@ -1,0 +1,171 @@
+"""The flight that the bench flies: up under a balloon, wings out, released, gliding home, down.
+
+What it decides: where the aircraft is and how the air rocks it, as a function of the time since take-off and of nothing
+else, so that any number of processes with one origin agree, and one that was restarted finds itself where the others
+are. The price: the path is a script, and no actuator bends it. The surfaces do answer: they add to the attitude given
+here (devices.py), so the loops of the aircraft are closed in attitude, and open in place.
+
+Time is compressed, space is not: two hours of flight pass in four minutes, and the vertical speeds are far beyond what
+a glider does. Everything the sensors say is consistent all the same: pressure with altitude, angular rates with the
+attitude's change, accelerations with the attitude. Angles are small and the flight is quasi-steady: body rates are
+taken as the rates of pitch and roll, and an accelerometer feels gravity alone.
+
+    seconds   0      5        65          93..95        103      215      235     240
+              field  ascent   17.8 km     line is cut   glide    landing  flare   stands
+"""
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+from heronry_tools.aircraft.images.guidance import (
+    HOME_ALTITUDE_M,
+    HOME_LATITUDE_DEG,
+    HOME_LONGITUDE_DEG,
+    M_PER_DEG_LATITUDE,
+)
+
+NS_PER_S = 1_000_000_000
+
+CUTDOWN_S = 93.0  # the ground commands the cut
+RELEASE_S = 95.0
+GLIDE_S = 103.0
+TOUCHDOWN_S = 235.0
+
+_M_PER_DEG_LONGITUDE = M_PER_DEG_LATITUDE * math.cos(math.radians(HOME_LATITUDE_DEG))
+_STEP_S = 0.005  # for rates: half the distance of the two points whose difference is taken
+
+
+class _Curve:
+    """Points (time in s, value) joined by half waves of a cosine: smooth, and level at every point."""
+
+    __slots__ = ("_times_s", "_values")
+
+    def __init__(self, *points: tuple[float, float]) -> None:
+        self._times_s = [time_s for time_s, _ in points]
+        self._values = [value for _, value in points]
+
+    def at(self, time_s: float) -> float:
+        times_s, values = self._times_s, self._values
+        index = bisect_right(times_s, time_s)
+        if index == 0:
+            return values[0]
+        if index == len(times_s):
+            return values[-1]
+        start_s, end_s, start, end = times_s[index - 1], times_s[index], values[index - 1], values[index]
+        return start + (end - start) * (1.0 - math.cos(math.pi * (time_s - start_s) / (end_s - start_s))) / 2.0
+
+
+_ALTITUDE_M = _Curve(
+    (5.0, HOME_ALTITUDE_M),
+    (65.0, 17_800.0),
+    (RELEASE_S, 20_000.0),
+    (215.0, 900.0),
+    (TOUCHDOWN_S, HOME_ALTITUDE_M),
+)
+_EAST_M = _Curve((5.0, 0.0), (RELEASE_S, 30_000.0), (TOUCHDOWN_S, 0.0))
+_NORTH_M = _Curve((5.0, 0.0), (RELEASE_S, 4_000.0), (TOUCHDOWN_S, 0.0))
+_AIRSPEED_M_PER_S = _Curve(
+    (5.0, 0.0),
+    (10.0, 1.5),
+    (RELEASE_S, 1.5),
+    (98.0, 26.0),
+    (GLIDE_S, 18.0),
+    (225.0, 18.0),
+    (TOUCHDOWN_S, 0.0),
+)
+_MEAN_PITCH_DEG = _Curve(
+    (5.0, 0.0),
+    (RELEASE_S, 0.0),
+    (97.0, -30.0),
+    (GLIDE_S, -4.0),
+    (225.0, -4.0),
+    (232.0, 5.0),
+    (TOUCHDOWN_S, 0.0),
+)
+# How far the aircraft sways in pitch (every 7 s) and in roll (every 11 s), in degrees.
+_PITCH_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 3.0), (RELEASE_S, 3.0), (110.0, 5.0), (225.0, 5.0), (232.0, 0.0))
+_ROLL_SWAY_DEG = _Curve((5.0, 0.0), (12.0, 5.0), (RELEASE_S, 4.0), (110.0, 12.0), (225.0, 12.0), (232.0, 0.0))
+_PITCH_SWAY_RAD_PER_S = math.tau / 7.0
+_ROLL_SWAY_RAD_PER_S = math.tau / 11.0
+# What the valve is expected to have done, for a bench that has not seen it move: the wings of a process restarted in
+# flight are as full as the others believe.
+_WING_PRESSURE_HPA = _Curve((70.0, 0.0), (80.0, 500.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The aircraft at one time, with its surfaces at rest; what nobody asks for is not worked out.
+
+    Angles in degrees: pitch nose up, roll to the right, track from north clockwise.
+    """
+
+    time_s: float
+
+    @property
+    def altitude_m(self) -> float:
+        """Height above the sea."""
+        return _ALTITUDE_M.at(self.time_s)
+
+    @property
+    def latitude_deg(self) -> float:
+        """North."""
+        return HOME_LATITUDE_DEG + _NORTH_M.at(self.time_s) / M_PER_DEG_LATITUDE
+
+    @property
+    def longitude_deg(self) -> float:
+        """East."""
+        return HOME_LONGITUDE_DEG + _EAST_M.at(self.time_s) / _M_PER_DEG_LONGITUDE
+
+    @property
+    def track_deg(self) -> float:
+        """Where it flies to."""
+        return _track_deg(self.time_s)
+
+    @property
+    def airspeed_m_per_s(self) -> float:
+        """Indicated airspeed."""
+        return _AIRSPEED_M_PER_S.at(self.time_s)
+
+    @property
+    def pitch_deg(self) -> float:
+        """Pitch."""
+        return _pitch_deg(self.time_s)
+
+    @property
+    def roll_deg(self) -> float:
+        """Roll."""
+        return _roll_deg(self.time_s)
+
+    @property
+    def pitch_rate_deg_per_s(self) -> float:
+        """Rate of pitch."""
+        return (_pitch_deg(self.time_s + _STEP_S) - _pitch_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
+
+    @property
+    def roll_rate_deg_per_s(self) -> float:
+        """Rate of roll."""
+        return (_roll_deg(self.time_s + _STEP_S) - _roll_deg(self.time_s - _STEP_S)) / (2.0 * _STEP_S)
+
+
+def moment(time_ns: int) -> Moment:
+    """Where the script is, this many nanoseconds after take-off; before it the aircraft stands on the field."""
+    return Moment(max(time_ns, 0) / NS_PER_S)
+
+
+def wing_pressure_hpa(time_ns: int) -> float:
+    """What the wings hold at this time if nobody has been seen to move their valve."""
+    return _WING_PRESSURE_HPA.at(max(time_ns, 0) / NS_PER_S)
+
+
+def _pitch_deg(time_s: float) -> float:
+    return _MEAN_PITCH_DEG.at(time_s) + _PITCH_SWAY_DEG.at(time_s) * math.sin(_PITCH_SWAY_RAD_PER_S * time_s)
+
+
+def _roll_deg(time_s: float) -> float:
+    return _ROLL_SWAY_DEG.at(time_s) * math.sin(_ROLL_SWAY_RAD_PER_S * time_s)
+
+
+def _track_deg(time_s: float) -> float:
+    east, north = (curve.at(time_s + _STEP_S) - curve.at(time_s - _STEP_S) for curve in (_EAST_M, _NORTH_M))
+    return math.degrees(math.atan2(east, north)) % 360.0

@@ -1,0 +1,171 @@
+"""The world as one PE's simulated devices meet it: read a sensor, move an actuator, hear that another one moved.
+
+What it decides: what a device answers at a time. Most of the world is a script that depends on the time since the
+origin alone (flight.py); what depends on actuators is a handful of mechanisms (the surfaces, the airframe that follows
+them, the wings' gas).
+
+There is one `Plant` per process, and they share nothing but the origin, on one monotonic clock. A bench learns of an
+actuator that its own PE moved by `write`, and of one elsewhere by `heard`, from an echo on the bus:
+
+- an echo lost or late: a mechanism lags here until the next one; actuators are driven every period, so soon;
+- an echo doubled: it pushes to the same place, and nothing changes;
+- a restart: the script is where it should be at once, a mechanism after the first echo and a few tenths of a second.
+
+States: healthy, or failed on command, for each device. A failure is this bench's alone: fail the device where it is
+bolted. A failed actuator is not echoed (`write` says so), so that nobody elsewhere believes that it moved.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from heronry_agent.device import Reading
+from heronry_agent.module import Value
+from heronry_tools.aircraft.plant import flight
+from heronry_tools.aircraft.plant.devices import (
+    GPS_PERIOD_NS,
+    PUSHED_BY,
+    SENSORS,
+    WING_SUPPLY_HPA,
+    Surroundings,
+    felt_by,
+    reading,
+)
+from heronry_tools.aircraft.plant.mechanism import Mechanism
+
+Failure = Literal["dead", "stuck", "bias"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fault:
+    how: Failure
+    frozen: Value | None  # what a stuck sensor goes on saying
+    offset: float
+
+
+class Plant:
+    """The world since `origin_ns`, as seen and touched by the devices of one process."""
+
+    def __init__(self, origin_ns: int) -> None:
+        self._origin_ns = origin_ns
+        self._faults: dict[str, _Fault] = {}
+        self._positions: dict[str, Value] = {}  # what each actuator was last told, by device
+        self._mechanisms = {
+            "elevator": Mechanism(rise_s=0.08, fall_s=0.08),
+            "rudder": Mechanism(rise_s=0.08, fall_s=0.08),
+            "pitching": Mechanism(rise_s=0.5, fall_s=0.5),
+            "rolling": Mechanism(rise_s=0.8, fall_s=0.8),
+            "wing": Mechanism(rise_s=6.0, fall_s=1800.0),
+        }
+
+    def open(self, name: str) -> "PlantDevice":
+        """Give a device as an agent knows it."""
+        return PlantDevice(self, name)
+
+    def read(self, device: str, now_ns: int) -> Value | None:
+        """What a device says now, None when it does not answer; an actuator says what it was last told."""
+        fault = self._faults.get(device)
+        if fault is None:
+            return self._healthy_reading(device, now_ns)
+        match fault.how:
+            case "dead":
+                return None
+            case "stuck":
+                return fault.frozen
+            case "bias":
+                return _shifted(self._healthy_reading(device, now_ns), fault.offset)
+
+    def write(self, device: str, value: Value, now_ns: int) -> Value | None:
+        """Move an actuator of this PE; give where it really went, to be echoed, or None when it did not move."""
+        fault = self._faults.get(device)
+        if fault is not None:
+            if fault.how != "bias":
+                return None
+            value = _shifted(value, fault.offset)
+        self._move(device, value, now_ns)
+        return value
+
+    def heard(self, device: str, value: Value, now_ns: int) -> None:
+        """Take note that an actuator moved, here or on another PE; one that has failed here did not."""
+        fault = self._faults.get(device)
+        if fault is None or fault.how == "bias":
+            self._move(device, value, now_ns)
+
+    @staticmethod
+    def follows(sensors: Iterable[str]) -> frozenset[str]:
+        """Actuators elsewhere that a world with these sensors has to hear of."""
+        felt = {mechanism for sensor in sensors for mechanism in felt_by(sensor)}
+        return frozenset(actuator for actuator, pushed in PUSHED_BY.items() if not felt.isdisjoint(pushed))
+
+    def position(self, device: str) -> Value | None:
+        """Where an actuator was last told to go, by `write` or `heard`; None if it never was."""
+        return self._positions.get(device)
+
+    def fail(self, device: str, how: Failure, now_ns: int, offset: float = 0.0) -> None:
+        """Make a device fail: silent, frozen at what it says now, or off by `offset` (in the device's own unit).
+
+        A dead or stuck actuator no longer moves anything; a biased one goes to the wrong place.
+        """
+        self._faults[device] = _Fault(how, self.read(device, now_ns), offset)
+
+    def heal(self, device: str) -> None:
+        """End a device's failure; does nothing to a healthy one."""
+        self._faults.pop(device, None)
+
+    def _healthy_reading(self, device: str, now_ns: int) -> Value:
+        if device not in SENSORS and device in self._positions:
+            return self._positions[device]
+        time_ns = max(now_ns - self._origin_ns, 0)
+        if device == "gps":
+            time_ns -= time_ns % GPS_PERIOD_NS  # a receiver repeats its last fix until it has a new one
+
+        def position(name: str) -> float:
+            return self._mechanisms[name].position(now_ns, self._resting(name, now_ns))
+
+        def rate(name: str) -> float:
+            return self._mechanisms[name].rate_per_s(now_ns, self._resting(name, now_ns))
+
+        return reading(Surroundings(device, time_ns, flight.moment(time_ns), position, rate))
+
+    def _resting(self, name: str, now_ns: int) -> float:
+        return flight.wing_pressure_hpa(now_ns - self._origin_ns) if name == "wing" else 0.0
+
+    def _move(self, device: str, value: Value, now_ns: int) -> None:
+        for name in PUSHED_BY.get(device, ()):
+            if not isinstance(value, (int, float)):
+                raise TypeError(f"{device} moves by a number, not by {value!r}")
+            target = WING_SUPPLY_HPA * value if name == "wing" else float(value)
+            self._mechanisms[name].push(target, now_ns, self._resting(name, now_ns))
+        self._positions[device] = value
+
+
+class PlantDevice:
+    """A device of the plant behind the interface of `heronry_agent.device`."""
+
+    def __init__(self, plant: Plant, name: str) -> None:
+        self._plant, self._name = plant, name
+
+    def read(self, now_ns: int) -> Reading:
+        """What the device says now."""
+        value = self._plant.read(self._name, now_ns)
+        return Reading(value, now_ns, value is not None)
+
+    def command(self, value: Value, now_ns: int) -> Value | None:
+        """Move an actuator."""
+        return self._plant.write(self._name, value, now_ns)
+
+    def make_safe(self, now_ns: int) -> None:
+        """Nothing: what this plant's actuators do without a command is to stay where they are."""
+
+
+def _shifted(value: Value, offset: float) -> Value:
+    """Add an offset to a number, or to every number of a tuple; integers stay integers, texts stay as they are."""
+    match value:
+        case bool() | str() | bytes():
+            return value
+        case int():
+            return value + round(offset)
+        case float():
+            return value + offset
+        case tuple():
+            return tuple(item + round(offset) for item in value)

@@ -1,0 +1,78 @@
+"""A contingency file held to what it says: every entry before the judge, and every worth worked out again."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import Objective, Placement, placement, score
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.planner.sweep import FaultSet, Phase
+from heronry_tools.console.progress import Progress
+
+_ENTRIES_IN_A_PART: Final = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """What a file says of one fault set in one phase; a safe mode claims no worth."""
+
+    what: str
+    now: Situation
+    configuration: Configuration
+    objective: Objective | None
+    running: Placement | None
+
+
+def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> list[str]:
+    """Everything that is wrong with contingencies, one sentence each; in the order of the file."""
+    entries = iter(list(_entries(made)))
+    parts = list(iter(lambda: list(islice(entries, _ENTRIES_IN_A_PART)), []))
+    with Progress() as progress:
+        progress.begin("entries judged", sum(map(len, parts)))
+        if executor is None:
+            found = []
+            for part in parts:
+                found.append(judged(spec, part))
+                progress.step(len(part))
+        else:
+            under_way = [executor.submit(judged, spec, part) for part in parts]
+            for done in as_completed(under_way):
+                progress.step(len(parts[under_way.index(done)]))
+            found = [one.result() for one in under_way]
+    return [sentence for sentences in found for sentence in sentences]
+
+
+def judged(spec: Spec, entries: list[Entry]) -> list[str]:
+    """Judge some entries."""
+    return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
+
+
+def _wrong(spec: Spec, entry: Entry) -> Iterator[str]:
+    yield from map(str, verify(spec, entry.now, entry.configuration))
+    if entry.objective is not None and score(spec, entry.now, entry.configuration, entry.running) != entry.objective:
+        yield "it is not worth what the file says"
+
+
+def _entries(made: Contingencies) -> Iterator[Entry]:
+    running: dict[Phase, Placement] = {}
+    for phase, down, plan in made.entries():
+        configuration = made.configuration(plan.number)
+        yield Entry(_named(phase, down), Situation(down, {}, phase), configuration, plan.objective, running.get(phase))
+        running.setdefault(phase, placement(configuration))  # the first set of a phase is the empty one
+    for table in made.phases:
+        what = f"safe mode{_in(table.phase)}"
+        yield Entry(what, Situation(phase=table.phase), made.configuration(table.safe_mode), None, None)
+
+
+def _named(phase: Phase, down: FaultSet) -> str:
+    return (", ".join(sorted(down)) or "nothing down") + _in(phase)
+
+
+def _in(phase: Phase) -> str:
+    return f" in {phase}" if phase is not None else ""

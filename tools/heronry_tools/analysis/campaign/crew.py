@@ -1,0 +1,126 @@
+"""Who answers the questions of a sweep: this process, several of its own, or a Dask cluster.
+
+A *task* is a handful of questions about one spec, and `solved` answers it: a plain function of picklable things, so
+that any `concurrent.futures.Executor` can carry it, a cluster's as well. Every plan passes the judge where it is made.
+
+Processes of our own start and end as `heronry_tools.console.processes` says.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from typing import TYPE_CHECKING, Final
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.planner.sweep import Answer, FaultSet, Outcome, Phase, Question
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.processes import held_back, processes
+
+if TYPE_CHECKING:
+    from heronry_manager.planner.exact import Planner
+
+_QUESTIONS_IN_A_TASK: Final = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Questions about one phase of a spec."""
+
+    spec: Spec
+    phase: Phase
+    running: Placement | None
+    downs: tuple[FaultSet, ...]
+
+
+_warm: list["Planner"] = []  # the planner of this process, once there is one
+
+
+def solved(task: Task) -> list[Outcome]:
+    """Answer all questions of a task, in their order."""
+    planner = _planner(task.spec)
+    return [_solved(planner, task, down) for down in task.downs]
+
+
+def _planner(spec: Spec) -> "Planner":
+    """Give the planner of this process, for as long as all tasks are about one spec."""
+    from heronry_manager.planner.exact import Planner  # noqa: PLC0415 - whoever only judges needs no solver
+
+    if not _warm or _warm[0].spec != spec:
+        _warm[:] = [Planner(spec)]
+    return _warm[0]
+
+
+def _solved(planner: "Planner", task: Task, down: FaultSet) -> Outcome:
+    now = Situation(down, {}, task.phase)
+    found = planner.plan(now, task.running)
+    violations = verify(task.spec, now, found.configuration)
+    if violations:
+        from heronry_manager.planner.deadlines import PlannerDefectError  # noqa: PLC0415
+
+        raise PlannerDefectError(f"the plan for {', '.join(sorted(down))} is not legal: {violations[0]}")
+    return Outcome(found.configuration, found.objective, found.optimal)
+
+
+def answers(spec: Spec, executor: Executor | None, questions: Sequence[Question]) -> Iterator[Answer]:
+    """Answer questions as they get done; without an executor here, one after the other."""
+    tasks = list(_tasks(spec, questions))
+    if executor is None:
+        for task in tasks:
+            yield from zip(_questions(task), solved(task), strict=True)
+        return
+    try:
+        with held_back():
+            under_way = {executor.submit(solved, task): task for task in tasks}
+        for done in as_completed(under_way):
+            yield from zip(_questions(under_way[done]), done.result(), strict=True)
+    except (BrokenExecutor, CancelledError) as error:
+        raise UserError("a process that planned has ended, or was ended; give the same command again") from error
+
+
+def _tasks(spec: Spec, questions: Iterable[Question]) -> Iterator[Task]:
+    by_phase = sorted(questions, key=lambda question: question.phase or "")  # stable: the order within a phase stays
+    for phase, alike in groupby(by_phase, key=lambda question: question.phase):
+        of_phase = list(alike)
+        for start in range(0, len(of_phase), _QUESTIONS_IN_A_TASK):
+            part = of_phase[start : start + _QUESTIONS_IN_A_TASK]
+            yield Task(spec, phase, part[0].running, tuple(question.down for question in part))
+
+
+def _questions(task: Task) -> Iterator[Question]:
+    return (Question(task.phase, down, task.running) for down in task.downs)
+
+
+@contextmanager
+def crew(jobs: int, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Give who answers: nobody else for one job, so many processes, or the Dask cluster at an address."""
+    if scheduler is not None:
+        with _cluster(scheduler) as executor:
+            yield executor
+    elif jobs == 1:
+        yield None
+    else:
+        with processes(jobs, _nothing, None) as executor:
+            yield executor
+
+
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
+    from distributed import Client  # noqa: PLC0415 - an extra
+
+    try:
+        client = Client(address, timeout="5s")
+    except (OSError, ValueError) as error:
+        raise UserError(f"no Dask scheduler answers at {address} ({error}); start one with: dask scheduler") from error
+    with client, client.get_executor() as executor:
+        if not client.scheduler_info()["workers"]:
+            raise UserError(f"the Dask scheduler at {address} has no workers; start some with: dask worker {address}")
+        yield executor
+
+
+def _nothing(_: None) -> None:
+    """What a process begins with: its planner comes with its first task."""

@@ -1,0 +1,122 @@
+"""A campaign in words and as JSON."""
+
+import json
+from collections.abc import Iterator, Sequence
+
+from heronry_dg.model import Spec
+from heronry_manager.planner.sweep import Scope
+from heronry_tools.analysis.campaign.requirements import Offence, Requirement
+from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
+
+Judged = Sequence[tuple[Requirement, list[Offence]]]
+_OFFENCES_SHOWN = 20
+
+
+def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: Judged) -> str:
+    """Write tables, one paragraph a phase, and what became of the requirements."""
+    kinds = f"up to {scope.faults} faults of {len(scope.elements)} elements"
+    lines = [f"{spec.name}: {kinds}, {scope.set_count()} fault sets in each phase"]
+    for one in surveys:
+        lines += ["", *_phase_lines(one)]
+    if judged:
+        lines.append("")
+    for requirement, broken in judged:
+        lines += _requirement_lines(requirement, broken)
+    return "\n".join(lines) + "\n"
+
+
+def _phase_lines(one: PhaseSurvey) -> Iterator[str]:
+    yield f"phase {one.phase}" if one.phase is not None else "every fault set"
+    of = sum(level != "E" for level in one.wanted.values())
+    rows = [("faults", "sets", "utility: best", "mean", "worst", f"critical of {of}: best", "mean", "worst")]
+    for grade in one.grades:
+        utility, critical = _in_words(grade.utility), _in_words(grade.critical)
+        rows.append((str(grade.faults), str(grade.sets), *utility, *critical))
+    yield from aligned(rows)
+    yield ""
+    sizes = [f"{grade.sets} of {grade.faults}" for grade in one.grades]
+    rows2 = [("function", "class", *(f"lost in {size}" for size in sizes), "likelihood of loss", "lost alone with")]
+    for name, level in one.wanted.items():
+        counts = [str(grade.lost[name]) for grade in one.grades]
+        likely = str(one.likelihoods.get(name, "-"))
+        rows2.append((name, level, *counts, likely, ", ".join(one.single_points[name]) or "-"))
+    yield from aligned(rows2)
+    unproven = sum(grade.unproven for grade in one.grades)
+    if unproven:
+        yield f"{unproven} plans are legal, but not proven to be the best"
+
+
+def _in_words(values: Range) -> tuple[str, str, str]:
+    return str(values.best), f"{values.mean:.1f}", str(values.worst)
+
+
+def _requirement_lines(requirement: Requirement, broken: list[Offence]) -> Iterator[str]:
+    if not broken:
+        yield f"required: {requirement.text}: holds"
+        return
+    yield f"required: {requirement.text}: BROKEN by {len(broken)} smallest fault sets"
+    for one in broken[:_OFFENCES_SHOWN]:
+        where = f" in {one.phase}" if one.phase is not None else ""
+        yield f"  {', '.join(sorted(one.down)) or 'nothing down'}{where}: {', '.join(one.functions)}"
+    if len(broken) > _OFFENCES_SHOWN:
+        yield f"  and {len(broken) - _OFFENCES_SHOWN} more (--json lists all)"
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Write columns of even width, the last one as it comes."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    for row in rows:
+        yield "  ".join(text.ljust(width) for text, width in zip(row, [*widths, 0], strict=True)).rstrip()
+
+
+def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: Judged) -> str:
+    """Write everything for another program."""
+    document = {
+        "spec": spec.name,
+        "digest": spec.digest,
+        "faults": scope.faults,
+        "elements": list(scope.elements),
+        "phases": [_phase_json(one) for one in surveys],
+        "requirements": [
+            {
+                "text": requirement.text,
+                "holds": not broken,
+                "broken_by": [
+                    {"phase": one.phase, "down": sorted(one.down), "functions": list(one.functions)} for one in broken
+                ],
+            }
+            for requirement, broken in judged
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def _phase_json(one: PhaseSurvey) -> dict[str, object]:
+    return {
+        "phase": one.phase,
+        "by_faults": [_grade_json(grade) for grade in one.grades],
+        "functions": {
+            name: {
+                "class": level,
+                "lost": [grade.lost[name] for grade in one.grades],
+                "single_points": list(one.single_points[name]),
+                "loss_per_h": one.likelihoods[name].per_h if name in one.likelihoods else None,
+                "loss_is_complete": one.likelihoods[name].complete if name in one.likelihoods else None,
+            }
+            for name, level in one.wanted.items()
+        },
+    }
+
+
+def _grade_json(grade: Grade) -> dict[str, object]:
+    return {
+        "faults": grade.faults,
+        "sets": grade.sets,
+        "utility": _range_json(grade.utility),
+        "critical": _range_json(grade.critical),
+        "unproven": grade.unproven,
+    }
+
+
+def _range_json(values: Range) -> dict[str, float]:
+    return {"best": values.best, "mean": values.mean, "worst": values.worst}

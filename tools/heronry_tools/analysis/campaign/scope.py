@@ -1,0 +1,84 @@
+"""What a campaign covers, from the command line: how many faults, of which kinds, in which phases."""
+
+import argparse
+import os
+from typing import TYPE_CHECKING, Final
+
+from heronry_tools.console.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_manager.planner.sweep import Scope
+
+MOST_SETS: Final = 10_000_000  # a day or two of planning
+KINDS: Final = ("pe", "device", "module", "bus", "channel")
+
+
+def add_scope_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add --faults, --phase, --kinds and who does the work."""
+    parser.add_argument(
+        "--faults", metavar="N", type=int, help="up to so many at once (default: the spec's contingency.faults)"
+    )
+    parser.add_argument(
+        "--phase",
+        metavar="NAME",
+        action="append",
+        help="only this phase; may be repeated (default: the spec's contingency.phases)",
+    )
+    parser.add_argument(
+        "--kinds", metavar="KINDS", help=f"only elements of these kinds, as pe,bus (default: {','.join(KINDS)})"
+    )
+    parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="plan on the Dask cluster of this scheduler instead")
+
+
+def scope_of(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
+    """Work out what is covered; raises UserError."""
+    from heronry_dg.situation import elements, situation  # noqa: PLC0415 - slow to import
+    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
+
+    faults = spec.contingency.faults if arguments.faults is None else arguments.faults
+    if faults < 0:
+        raise UserError(f"--faults {faults}: write how many may happen at once, 0 or more")
+    asked = arguments.phase or phases_of(spec)
+    phases = tuple(dict.fromkeys(situation(spec, phase=phase).phase for phase in asked))
+    kinds = kinds_of(arguments.kinds)
+    return feasible(Scope(tuple(one for one in elements(spec) if one.partition(":")[0] in kinds), faults, phases))
+
+
+def phases_of(spec: "Spec") -> "tuple[str | None, ...]":
+    """Phases that a spec wants planned ahead: those it names, else all, or the only state of a spec without."""
+    return spec.contingency.phases or tuple(spec.phases) or (None,)
+
+
+def feasible(scope: "Scope") -> "Scope":
+    """Give a scope back if it can be gone through in a lifetime; raises UserError."""
+    sets = scope.set_count() * len(scope.phases)
+    if sets > MOST_SETS:
+        less = "fewer faults at once, fewer phases, or fewer --kinds of elements"
+        raise UserError(f"these are {sets} sets of faults, and {MOST_SETS} is the most that is tried: ask for {less}")
+    return scope
+
+
+def jobs_of(arguments: argparse.Namespace) -> int:
+    """How many processes plan; raises UserError."""
+    jobs = cpus() if arguments.jobs is None else int(arguments.jobs)
+    if jobs < 1:
+        raise UserError(f"--jobs {jobs}: at least one process must plan")
+    return jobs
+
+
+def cpus() -> int:
+    """How many CPUs this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def kinds_of(text: str | None) -> tuple[str, ...]:
+    """Kinds of elements that are looked at; raises UserError."""
+    if text is None:
+        return KINDS
+    named = tuple(kind.strip() for kind in text.split(","))
+    for kind in named:
+        if kind not in KINDS:
+            raise UserError(f"--kinds: '{kind}' is no kind of element; there is {', '.join(KINDS)}")
+    return named

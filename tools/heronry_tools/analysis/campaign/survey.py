@@ -1,0 +1,100 @@
+"""What survives how many faults: the figures of a campaign, from the outcomes of its sweep.
+
+Every fault set of a size counts alike, however likely it is. A function is lost where the best plan does not serve it,
+be it that nothing can, or that what is left goes to something more important.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.model import CRITICALITIES, Function, Spec
+from heronry_manager.planner.sweep import FaultSet, Outcome, Phase, Scope
+from heronry_tools.analysis.campaign.minimal import minimal
+from heronry_tools.analysis.campaign.rates import Likelihood, likelihood
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Best, mean and worst of a quantity over all fault sets of a size."""
+
+    best: int
+    mean: float
+    worst: int
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """What is left after so many faults."""
+
+    faults: int
+    sets: int
+    utility: Range
+    critical: Range  # critical functions (A to D) served
+    lost: Mapping[str, int]  # wanted function -> in how many of the sets it is not served
+    unproven: int  # plans not proven to be the best
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseSurvey:
+    """One phase."""
+
+    phase: Phase
+    wanted: Mapping[str, str]  # function -> its class
+    grades: tuple[Grade, ...]  # by number of faults, from 0
+    single_points: Mapping[str, tuple[str, ...]]  # served function -> elements that each cost it alone
+    likelihoods: Mapping[str, Likelihood]  # of losing a function, where rates are given
+
+
+def survey(spec: Spec, scope: Scope, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]) -> tuple[PhaseSurvey, ...]:
+    """Work out the figures of every phase of a scope."""
+    return tuple(_phase_survey(spec, scope, phase, outcomes) for phase in scope.phases)
+
+
+def _phase_survey(
+    spec: Spec, scope: Scope, phase: Phase, outcomes: Mapping[tuple[Phase, FaultSet], Outcome]
+) -> PhaseSurvey:
+    wanted = {f.name: f for f in spec.functions.values() if f.priority_in(phase) > 0}
+    critical = {name: f for name, f in wanted.items() if f.criticality_in(phase) != CRITICALITIES[-1]}
+    losing: dict[str, list[FaultSet]] = {name: [] for name in wanted}
+    for down in scope.fault_sets():
+        for name in _unserved(wanted, outcomes[phase, down]):
+            losing[name].append(down)
+    smallest = {name: minimal(sets) for name, sets in losing.items()}
+    found = {name: likelihood(spec, sets) for name, sets in smallest.items() if frozenset() not in sets}
+    return PhaseSurvey(
+        phase=phase,
+        wanted={name: function.criticality_in(phase) for name, function in wanted.items()},
+        grades=tuple(
+            _grade(size, [outcomes[phase, down] for down in scope.of_size(size)], wanted, critical)
+            for size in scope.sizes()
+        ),
+        single_points={
+            name: tuple(element for one in sets if len(one) == 1 for element in one) for name, sets in smallest.items()
+        },
+        likelihoods={name: one for name, one in found.items() if one is not None},
+    )
+
+
+def _grade(
+    size: int, outcomes: list[Outcome], wanted: Mapping[str, Function], critical: Mapping[str, Function]
+) -> Grade:
+    lost = Counter(name for outcome in outcomes for name in _unserved(wanted, outcome))
+    return Grade(
+        faults=size,
+        sets=len(outcomes),
+        utility=_range(outcome.objective.utility for outcome in outcomes),
+        critical=_range(len(critical) - len(_unserved(critical, outcome)) for outcome in outcomes),
+        lost={name: lost[name] for name in wanted},
+        unproven=sum(not outcome.optimal for outcome in outcomes),
+    )
+
+
+def _unserved(functions: Mapping[str, Function], outcome: Outcome) -> list[str]:
+    running = outcome.configuration.modules
+    return [name for name, f in functions.items() if not any(output in running for output in f.outputs)]
+
+
+def _range(values: Iterable[int]) -> Range:
+    known = list(values)
+    return Range(max(known), sum(known) / len(known), min(known))

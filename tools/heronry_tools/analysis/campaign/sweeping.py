@@ -1,0 +1,81 @@
+"""A sweep put together: a crew that plans, a journal that keeps, progress on the screen, and the file it is for."""
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies, contingencies
+from heronry_manager.contingency.file_format import to_bytes
+from heronry_manager.contingency.journal import Journal
+from heronry_manager.planner.sweep import Answer, Question, Scope, Sweep, Tally
+from heronry_tools.analysis.campaign.crew import answers
+from heronry_tools.console.progress import Progress
+from heronry_tools.console.whole_file import expect_writable, write_whole
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A contingency file: what is in it, its size in bytes, and how the fault sets were settled."""
+
+    made: Contingencies
+    size: int
+    tally: Tally
+
+
+def sweep(spec: Spec, scope: Scope, executor: Executor | None, journal: Journal | None = None) -> Sweep:
+    """Plan for every fault set of a scope; what a journal knows already is not planned again."""
+    known = {} if journal is None else journal.known
+    swept = Sweep(spec, scope)
+
+    with Progress() as progress:
+
+        def ask(size: int, questions: list[Question]) -> Iterator[Answer]:
+            progress.begin(f"plans for {size} faults" if size != 1 else "plans for 1 fault", len(questions))
+            unknown = []
+            for question in questions:
+                found = known.get((question.phase, question.down))
+                if found is None:
+                    unknown.append(question)
+                else:
+                    yield question, found
+            progress.step(len(questions) - len(unknown))
+            for question, outcome in answers(spec, executor, unknown):
+                if journal is not None:
+                    journal.add(question.phase, question.down, outcome)
+                progress.step()
+                yield question, outcome
+
+        swept.run(ask)
+    return swept
+
+
+def numbered(spec: Spec, scope: Scope, swept: Sweep) -> Contingencies:
+    """Number what a sweep of this scope has found, and add the safe mode of each phase."""
+    from heronry_manager.planner.safe_mode import safe_mode  # noqa: PLC0415 - whoever only judges needs no solver
+
+    safe_modes = {phase: safe_mode(spec, phase, swept.running(phase) or {}) for phase in scope.phases}
+    return contingencies(spec, scope, swept.outcomes, safe_modes)
+
+
+def sweep_into(file: Path, spec: Spec, scope: Scope, executor: Executor | None) -> Written:
+    """Write the contingency file of a scope; what a killed run has found, FILE.partial, is gone on with.
+
+    Raises UserError where it cannot be written, and JournalError while another run writes it.
+    """
+    expect_writable(file)
+    with Journal(file.with_name(f"{file.name}.partial"), spec, scope) as journal:
+        if journal.known:
+            print(f"heronry: {journal.file} goes on with {len(journal.known)} plans", file=sys.stderr)
+        try:
+            swept = sweep(spec, scope, executor, journal)
+        except KeyboardInterrupt:
+            print(f"heronry: stopped; the same command goes on from {journal.file}", file=sys.stderr)
+            raise
+        made = numbered(spec, scope, swept)
+        data = to_bytes(made, spec)
+        write_whole(file, data)
+        journal.remove()
+    return Written(made, len(data), swept.tally)

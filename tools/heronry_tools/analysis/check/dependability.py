@@ -1,0 +1,179 @@
+"""DG4xx looked for: single faults, by asking the planner, and redundancy that is none, by looking at the graph.
+
+Each finding stands where it would be mended or accepted: a loss at the element that takes the functions along, a gate
+at its first input, a placement rule at the rule. A spec with more sources than identifiers (DG505) has no order on its
+buses; the planner is not asked about it.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Final
+
+from heronry_dg.check.subject import Subject
+from heronry_dg.check.wire import lacks_identifiers
+from heronry_dg.findings import Findings, Place, listed
+from heronry_dg.gates import Xor
+from heronry_dg.model import Module, Spec
+from heronry_dg.situation import Situation
+from heronry_dg.why_not import feasible, why_not
+from heronry_tools.analysis.check import dependability_rules as rules
+from heronry_tools.analysis.check.homes import homes
+from heronry_tools.analysis.check.redundancy import (
+    INDEPENDENT_SOURCES,
+    Alternatives,
+    Dependence,
+    independent,
+    shared_pair,
+)
+from heronry_tools.analysis.check.wanted import Phase, in_phases
+
+if TYPE_CHECKING:
+    from heronry_tools.analysis.check.single_faults import Loss
+
+_HIGH: Final = "AB"
+_LOW: Final = "CD"
+_SECTIONS: Final = {"pe": "pes", "device": "devices", "bus": "buses", "module": "modules"}
+_LOST: Final = {  # by whether the element is a module, and whether the functions are of class A or B
+    (False, True): rules.LOST_WITH_HARDWARE,
+    (False, False): rules.LESSER_LOST_WITH_HARDWARE,
+    (True, True): rules.LOST_WITH_MODULE,
+    (True, False): rules.LESSER_LOST_WITH_MODULE,
+}
+
+
+def check(subject: Subject, findings: Findings) -> None:
+    """Apply every rule of this file."""
+    _placement_rules(subject, findings)
+    _redundancy(subject, findings)
+    if not lacks_identifiers(subject.spec):
+        _single_faults(subject, findings)
+
+
+def _single_faults(subject: Subject, findings: Findings) -> None:
+    from heronry_tools.analysis.check.servable import Planning  # noqa: PLC0415 - loads the solver; listing the rules needs none
+    from heronry_tools.analysis.check.single_faults import losses  # noqa: PLC0415
+
+    for loss in losses(Planning(subject.spec)):
+        for high in (True, False):
+            lost = _of_classes(subject.spec, loss.functions, _HIGH if high else _LOW)
+            if lost:
+                _tell_loss(subject, findings, loss, lost, high=high)
+
+
+def _of_classes(spec: Spec, functions: Mapping[str, tuple[Phase, ...]], classes: str) -> dict[str, str]:
+    """Functions that are of some classes in phases in which they are lost, the most critical first, and the words."""
+    words: dict[str, list[str]] = {}
+    for level in classes:
+        for name, at in functions.items():
+            there = [phase for phase in at if spec.functions[name].criticality_in(phase) == level]
+            if there:
+                words.setdefault(name, []).append(f"{level}{in_phases(spec, there)}")
+    return {name: f"'{name}' ({'; '.join(each)})" for name, each in words.items()}
+
+
+def _tell_loss(subject: Subject, findings: Findings, loss: "Loss", lost: Mapping[str, str], *, high: bool) -> None:
+    kind, _, name = loss.element.partition(":")
+    sentence = f"the loss of {kind} '{name}' alone costs {listed(lost.values())}"
+    first = next(iter(lost))
+    left = feasible(subject.spec, Situation(frozenset({loss.element}), phase=loss.functions[first][0]))
+    hint = f"'{first}': {why_not(left, subject.spec.functions[first])}"
+    findings.add(_LOST[kind == "module", high], subject.place(_SECTIONS[kind], name), sentence, hint)
+
+
+def _redundancy(subject: Subject, findings: Findings) -> None:
+    """Look at every DEMUX, XOR and voter."""
+    dependence = Dependence(subject.spec)
+    for demux in subject.spec.demuxes.values():
+        shared = dependence.of_branches(demux)
+        if shared:
+            sentence = f"all branches of DEMUX '{demux.name}' are lost with {dependence.shown(shared)}"
+            hint = f"its branches are {listed(demux.branches)}"
+            findings.add(rules.DEMUX_SHARES, subject.place("gates", demux.name), sentence, hint)
+    for module in subject.spec.modules.values():
+        for mode in module.modes.values():
+            for gate in dependence.alternatives(module, mode):
+                place = _gate_place(subject, module, mode.name, gate.path)
+                if isinstance(gate.gate, Xor):
+                    _xor(dependence, findings, place, module, gate)
+                else:
+                    _voter(dependence, findings, place, module, gate)
+
+
+def _xor(dependence: Dependence, findings: Findings, place: Place, module: Module, gate: Alternatives) -> None:
+    shared = frozenset.intersection(*gate.inputs)
+    if shared:
+        sentence = f"all inputs of a XOR of '{module.name}' are lost with {dependence.shown(shared)}"
+        findings.add(rules.XOR_SHARES, place, sentence, "feed one of them from elsewhere")
+
+
+def _voter(dependence: Dependence, findings: Findings, place: Place, module: Module, gate: Alternatives) -> None:
+    there_are = independent(gate.inputs)
+    if there_are < INDEPENDENT_SOURCES:
+        first, second = shared_pair(gate.inputs)
+        shared = dependence.shown(gate.inputs[first] & gate.inputs[second])
+        sources = "1 independent source" if there_are == 1 else f"{there_are} independent sources"
+        sentence = (
+            f"the vote of {len(gate.inputs)} in '{module.name}' has {sources}: "
+            f"inputs {first + 1} and {second + 1} are lost with {shared}"
+        )
+        findings.add(rules.VOTER_SHARES, place, sentence, "bring each input from a PE and a sensor of its own")
+
+
+def _gate_place(subject: Subject, module: Module, mode: str, path: str) -> Place:
+    """Place of the first input below a gate."""
+    below = [at == path or at.startswith(f"{path}." if path else "") for at, _ in module.modes[mode].leaves()]
+    return subject.leaf_places(module.name, mode)[below.index(True)]
+
+
+def _placement_rules(subject: Subject, findings: Findings) -> None:
+    """Look for placement rules that keep modules from running beside each other at all."""
+    spec = subject.spec
+    bound = _bound_together(spec)
+    for index, group in enumerate(spec.separate):
+        place = subject.place("separate", index)
+        for one, other in combinations(group, 2):
+            if bound[one] == bound[other]:
+                sentence = f"'{one}' and '{other}' are to be separate here, and together by other rules"
+                findings.add(rules.SEPARATE_AND_TOGETHER, place, sentence, "only one of them ever runs: remove a rule")
+        _room_to_separate(spec, findings, place, group)
+    for index, group in enumerate(spec.together):
+        at_home = {name: set(homes(spec, name)) for name in group}
+        for one, other in combinations([name for name in group if at_home[name]], 2):
+            if not at_home[one] & at_home[other]:
+                sentence = f"'{one}' and '{other}' are to be together, and no PE fits both"
+                hint = f"{_where(spec, one)}, {_where(spec, other)}"
+                findings.add(rules.TOGETHER_NOWHERE, subject.place("together", index), sentence, hint)
+
+
+def _bound_together(spec: Spec) -> dict[str, str]:
+    """One name for all modules that `together` binds, directly or through others."""
+    bound = {name: name for name in spec.modules}
+    for group in spec.together:
+        joined = {bound[name] for name in group}
+        bound.update({name: bound[group[0]] for name, leader in bound.items() if leader in joined})
+    return bound
+
+
+def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Sequence[str]) -> None:
+    placed: dict[str, str] = {}  # PE -> module
+    homed = [name for name in group if homes(spec, name)]
+    at_once = sum(_placed(spec, name, placed, set()) for name in homed)
+    if at_once < len(homed):
+        named = listed(f"'{name}'" for name in homed)
+        sentence = f"of {named} at most {at_once} can run at once on PEs of their own"
+        findings.add(rules.SEPARATE_WITHOUT_ROOM, place, sentence, ", ".join(_where(spec, name) for name in homed))
+
+
+def _placed(spec: Spec, module: str, placed: dict[str, str], tried: set[str]) -> bool:
+    """Find a PE for a module alone, moving others if need be (augmenting paths)."""
+    for pe in homes(spec, module):
+        if pe not in tried:
+            tried.add(pe)
+            if pe not in placed or _placed(spec, placed[pe], placed, tried):
+                placed[pe] = module
+                return True
+    return False
+
+
+def _where(spec: Spec, module: str) -> str:
+    return f"{module} fits on {listed(homes(spec, module), last='or')}"

@@ -1,0 +1,54 @@
+"""All families of rules, and who looks for those that the loader does not.
+
+The loader itself finds DG0xx, DG1xx and the part of DG2xx without which a spec means nothing. Everything else is looked
+for by a function `check(subject, findings)`, one per family, in a spec that loads. A family that solves keeps its rules
+and its check in files of this folder, and imports the planner inside its functions: to list a rule nobody needs a
+solver. Its check is imported when it is called, since `check --fast` wants to be fast from its first instruction on.
+
+To add a family: write its files, name its FAMILY in `FAMILIES` and its `check` in `CHECKS`.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Final
+
+from heronry_dg.check import graph as graph_check
+from heronry_dg.check import wire as wire_check
+from heronry_dg.check.judge import Check
+from heronry_dg.check.subject import Subject
+from heronry_dg.findings import Findings
+from heronry_dg.rules import file, graph, schema, wire
+from heronry_dg.rules.rule import Family, Rule
+from heronry_tools.analysis.check import dependability_rules, resource_rules
+
+
+def _solving(module: str) -> Check:
+    """The check of a family that solves, imported when it is called."""
+
+    def check(subject: Subject, findings: Findings) -> None:
+        import_module(f"heronry_tools.analysis.check.{module}").check(subject, findings)
+
+    return check
+
+
+FAMILIES: Final[tuple[Family, ...]] = (
+    file.FAMILY,
+    schema.FAMILY,
+    graph.FAMILY,
+    resource_rules.FAMILY,
+    dependability_rules.FAMILY,
+    wire.FAMILY,
+)
+CHECKS: Final[Mapping[str, Check]] = {
+    graph.FAMILY.prefix: graph_check.check,
+    resource_rules.FAMILY.prefix: _solving("resources"),
+    dependability_rules.FAMILY.prefix: _solving("dependability"),
+    wire.FAMILY.prefix: wire_check.check,
+}
+RULES: Final[Mapping[str, Rule]] = {code: rule for family in FAMILIES for code, rule in sorted(family.rules.items())}
+
+
+def checks_of(*, fast: bool) -> dict[str, Check]:
+    """Checks by the beginning of their codes; `fast`: only those that need no solver."""
+    slow = {family.prefix for family in FAMILIES if not family.fast}
+    return {prefix: check for prefix, check in CHECKS.items() if not (fast and prefix in slow)}

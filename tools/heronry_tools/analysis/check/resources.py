@@ -1,0 +1,244 @@
+"""DG3xx looked for: room, bandwidth and time for what is wanted, with everything up.
+
+What needs no solver comes first: modules beside PEs, the reserve beside management, and the traffic that is forced.
+Then the planner is asked (servable.py). Causes are told once: a function whose module fits nowhere, or whose data
+overloads a bus by itself, is not looked at again; one that only deadlines keep from being served is told as late; and
+one that could not be served with resources without end is left to the rules of the graph.
+
+A spec with more sources than identifiers (DG505) has no order on its buses, and one whose management takes all of a bus
+(DG307) no time; the planner is not asked about them.
+"""
+
+from collections.abc import Collection, Iterable
+from fractions import Fraction
+from math import ceil
+from typing import TYPE_CHECKING, Final
+
+from heronry_dg.check.subject import Subject
+from heronry_dg.check.wire import lacks_identifiers
+from heronry_dg.findings import Findings, listed
+from heronry_dg.model import Bus, Mode, Module, Pe, Spec
+from heronry_dg.response_times import Late, ResponseTimes
+from heronry_dg.situation import Situation, hosts_when_all_is_up, survivors
+from heronry_dg.traffic import Hop, hops
+from heronry_tools.analysis.check import resource_rules as rules
+from heronry_tools.analysis.check.homes import fits
+from heronry_tools.analysis.check.wanted import Phase, critical_functions, in_phases, phases, wanted_functions
+from heronry_wire.timing import WORST_BLOCKING_BITS
+
+if TYPE_CHECKING:
+    from heronry_dg.configuration import Configuration
+
+_NS_PER_S: Final = 1_000_000_000
+_MANAGER_FRAMES: Final = 2  # LEASE and ALIVE
+_SHOWN: Final = 4
+
+
+def check(subject: Subject, findings: Findings) -> None:
+    """Apply every rule of this file."""
+    for module in subject.spec.modules.values():
+        _fits(subject, findings, module)
+    for bus in subject.spec.buses.values():
+        _reserve(subject, findings, bus)
+    swamped = any(_is_swamped(subject.spec, bus) for bus in subject.spec.buses.values())
+    if not swamped and not lacks_identifiers(subject.spec):
+        _Serving(subject, findings).check()
+
+
+def _fits(subject: Subject, findings: Findings, module: Module) -> None:
+    """Hold each mode of a module against the PEs on which it may run."""
+    spec = subject.spec
+    hosts = hosts_when_all_is_up(spec, module)
+    large = [mode for mode in module.modes.values() if not any(fits(spec, module, mode, pe) for pe in hosts)]
+    if len(large) == len(module.modes):
+        sentence = f"module '{module.name}' fits no PE: {_why_no_pe(spec, module, hosts)}"
+        hint = "allow or enlarge a PE, or let the module need less"
+        findings.add(rules.MODULE_FITS_NOWHERE, subject.place("modules", module.name), sentence, hint)
+        return
+    for mode in large:
+        sentence = f"mode '{mode.name}' of module '{module.name}' fits no PE: {_too_large(spec, module, mode, hosts)}"
+        place = subject.place("modules", module.name, "modes", mode.name)
+        findings.add(rules.MODE_FITS_NOWHERE, place, sentence, "let it need less, enlarge a PE, or remove the mode")
+
+
+def _why_no_pe(spec: Spec, module: Module, hosts: Collection[str]) -> str:
+    if not hosts:
+        asked = [f"feature {name}" for name in sorted(module.requires)]
+        asked += [f"device {module.device}"] if module.device is not None else []
+        asked += [f"runs_on {listed(module.runs_on, last='or')}"] if module.runs_on is not None else []
+        return f"none meets what it asks for, {listed(asked)}" if asked else "there is none"
+    least = min(module.modes.values(), key=lambda mode: (mode.cpu_millis, mode.ram))
+    return _too_large(spec, module, least, hosts)
+
+
+def _too_large(spec: Spec, module: Module, mode: Mode, hosts: Collection[str]) -> str:
+    return ", ".join(f"{pe} has {_lacking(spec.pes[pe], module, mode)}" for pe in list(hosts)[:_SHOWN])
+
+
+def _lacking(pe: Pe, module: Module, mode: Mode) -> str:
+    resources = [("bytes of ram", pe.ram, mode.ram), ("bytes of flash", pe.flash, module.flash)]
+    short = [f"{has} of {needs} {what}" for what, has, needs in resources if needs > has]
+    if mode.cpu_millis > pe.cpu_millis:
+        short.insert(0, f"{pe.cpu_millis / 1000:g} of {mode.cpu_millis / 1000:g} cpu")
+    return listed(short)
+
+
+def _reserve(subject: Subject, findings: Findings, bus: Bus) -> None:
+    """Hold the reserve of a bus against what management sends there all the time."""
+    reserved, (own, passing) = bus.bitrate * bus.reserve, _management_bits_per_s(subject.spec, bus)
+    if own + passing <= reserved:
+        return
+    sentence = (
+        f"bus '{bus.name}' reserves {float(reserved):.0f} bit/s, and the states of its PEs, LEASE and ALIVE take "
+        f"{float(own + passing):.0f} bit/s"
+    )
+    remedies = []
+    if (own + passing) < bus.bitrate * bus.max_load:
+        remedies.append(f"reserve: {ceil((own + passing) * 1000 / bus.bitrate) / 1000:g}")
+    if passing < reserved:
+        remedies.append(f"heartbeat_ms: {ceil(bus.heartbeat_ns * own / (reserved - passing) / 1_000_000)}")
+    hint = f"write {listed(remedies, last='or')}, or more" if remedies else "raise the bit rate"
+    findings.add(rules.RESERVE_TOO_SMALL, subject.place("buses", bus.name, "reserve"), sentence, hint)
+
+
+def _management_bits_per_s(spec: Spec, bus: Bus) -> tuple[Fraction, Fraction]:
+    """States, LEASE and ALIVE at their longest: those of the bus itself, and what gateways pass up through it."""
+    left = survivors(spec, Situation())
+    hub = next((pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses), None)
+    own, passing = Fraction(_MANAGER_FRAMES, bus.heartbeat_ns), Fraction(0)
+    for pe in spec.pes.values():
+        way = left.route(pe.name, hub) if hub is not None else None
+        if bus.name in pe.buses:
+            own += Fraction(1, bus.heartbeat_ns)
+        elif way and bus.name in (*way, spec.manager.bus):
+            passing += Fraction(1, spec.buses[way[0]].heartbeat_ns)
+    return own * WORST_BLOCKING_BITS * _NS_PER_S, passing * WORST_BLOCKING_BITS * _NS_PER_S
+
+
+def _is_swamped(spec: Spec, bus: Bus) -> bool:
+    """Tell whether management alone takes all of a bus, so that nothing else ever arrives."""
+    return bus.kind == "wired" and sum(_management_bits_per_s(spec, bus)) >= bus.bitrate
+
+
+class _Serving:
+    """Which functions cannot be served with everything up, and for which of the possible reasons."""
+
+    def __init__(self, subject: Subject, findings: Findings) -> None:
+        from heronry_tools.analysis.check import servable  # noqa: PLC0415 - loads the solver, which listing the rules needs not
+
+        self._subject, self._findings, self._spec = subject, findings, subject.spec
+        self._phases = phases(self._spec)
+        self._wanted = {phase: wanted_functions(self._spec, phase) for phase in self._phases}
+        self._critical = {phase: critical_functions(self._spec, phase) for phase in self._phases}
+        self._planning = servable.Planning(self._spec)
+        self._undue = servable.Planning(servable.without_deadlines(self._spec))
+        self._unlimited = servable.Planning(servable.without_limits(self._spec))
+
+    def check(self) -> None:
+        """Look at all that is critical in any phase; where that does not fit, at each function and phase."""
+        possible = self._planning.possible(_union(self._wanted.values()))
+        critical = _union(self._critical.values()) & possible
+        fitting = critical if self._planning.all_at_once(critical).configuration is not None else frozenset[str]()
+        alone = [name for name in self._spec.functions if name in possible - fitting]
+        never = {name for name in alone if self._never_fits(name)}
+        if not fitting:
+            self._each_phase(critical - never)
+
+    def _never_fits(self, name: str) -> bool:
+        """Tell whether a function cannot be served by itself, and say why."""
+        if not self._planning.all_at_once([name]).impossible:
+            return False
+        wanted = [phase for phase in self._phases if name in self._wanted[phase]]
+        late = self._undue.all_at_once([name]).configuration
+        if late is not None:
+            self._tell_late(late, f"'{name}'")
+        elif not self._overloads([name], wanted) and not self._unlimited.all_at_once([name]).impossible:
+            sentence = f"function '{name}' cannot be served with everything up, even if nothing else were wanted"
+            hint = "its modules fit one by one, not together: look at PEs, buses and placement rules on its way"
+            self._findings.add(rules.NEVER_FITS, self._subject.place("functions", name), sentence, hint)
+        return True
+
+    def _each_phase(self, possible: frozenset[str]) -> None:
+        """Find critical functions that the best plan of a phase gives up, and what it gives them up for."""
+        crowded: dict[str, list[Phase]] = {}
+        for phase in self._phases:
+            wanted = self._critical[phase] & possible
+            if self._planning.all_at_once(wanted).configuration is not None or self._overloads(wanted, [phase]):
+                continue
+            lost = self._planning.unserved(wanted, phase)
+            late = lost - self._undue.unserved(wanted, phase)
+            if late:
+                self._tell_late(self._undue.healthy(phase).configuration, listed(f"'{name}'" for name in sorted(late)))
+            for name in lost - late:
+                crowded.setdefault(name, []).append(phase)
+        for name, at in crowded.items():
+            self._tell_crowded(name, at)
+
+    def _tell_crowded(self, name: str, at: list[Phase]) -> None:
+        function, when = self._spec.functions[name], in_phases(self._spec, at)
+        classes = "/".join(dict.fromkeys(function.criticality_in(phase) for phase in at))
+        sentence = (
+            f"function '{name}' (class {classes}) finds no room beside the other critical ones{when}, "
+            "with everything up"
+        )
+        hint = "give the PEs more room, or let modules need less; `heronry plan` shows who has it"
+        self._findings.add(rules.CRITICAL_DO_NOT_FIT, self._subject.place("functions", name), sentence, hint)
+
+    def _overloads(self, functions: Collection[str], at: list[Phase]) -> bool:
+        """Tell whether what some functions force onto a bus is too much for it, and which bus that is."""
+        from heronry_tools.analysis.check.forced_traffic import forced_traffic  # noqa: PLC0415 - loads the planner's candidates
+
+        possible = self._planning.candidates_for(functions)
+        forced = forced_traffic(possible)
+        overloaded = list(forced.overloaded(possible.left.bus_mbit_per_s))
+        for bus in overloaded:
+            loads = forced.mbit_per_s(bus)
+            heaviest = sorted(loads, key=lambda name: -loads[name])[:_SHOWN]
+            served = listed(f"'{name}'" for name in sorted(functions)) + in_phases(self._spec, at)
+            sentence = (
+                f"bus '{bus}' must carry {sum(loads.values()) // 1000} bit/s for {served}, "
+                f"and data may take {possible.left.bus_mbit_per_s[bus] // 1000}"
+            )
+            hint = "most of it is " + listed(f"{name} with {loads[name] // 1000} bit/s" for name in heaviest)
+            self._findings.add(rules.BUS_OVERLOADED, self._subject.place("buses", bus), sentence, hint)
+        return bool(overloaded)
+
+    def _tell_late(self, configuration: "Configuration", served: str) -> None:
+        """Show the data that would be late in a configuration that serves what no legal one does."""
+        published = hops(survivors(self._spec, Situation()), configuration)
+        times = self._planning.times
+        for late in times.late(published):
+            hop, name = late.hop, late.hop.variable
+            sentence = (
+                f"'{name}' from '{hop.producer}' takes up to {_ms(late.response_ns)} on bus '{hop.bus}' and must "
+                f"arrive within {_ms(late.deadline_ns)}; without that {served} cannot be served"
+            )
+            place = self._subject.place("variables", name, "deadline_ms")
+            self._findings.add(rules.LATE, place, sentence, self._before(times, late, published))
+
+    def _before(self, times: ResponseTimes, late: Late, published: Iterable[Hop]) -> str:
+        """What goes before a datum on its bus, with its own response time and deadline."""
+        there = [one for one in times.responses(published) if one.hop.bus == late.hop.bus]
+        ahead = there[: [one.hop for one in there].index(late.hop)]
+        shown = [
+            f"'{one.hop.variable}' every {_period_ms(self._spec, one.hop):g} ms "
+            f"({_ms(one.response_ns)} of {_ms(one.deadline_ns)})"
+            for one in ahead[:_SHOWN]
+        ]
+        more = [f"{len(ahead) - _SHOWN} more"] if len(ahead) > _SHOWN else []
+        bus = self._spec.buses[late.hop.bus]
+        return (
+            f"before it go management every {bus.heartbeat_ns / 1e6:g} ms{''.join(f', {one}' for one in shown + more)}"
+        )
+
+
+def _union(sets: Iterable[frozenset[str]]) -> frozenset[str]:
+    return frozenset[str]().union(*sets)
+
+
+def _ms(time_ns: int | None) -> str:
+    return "any time" if time_ns is None else f"{time_ns / 1e6:.3f} ms"
+
+
+def _period_ms(spec: Spec, hop: Hop) -> float:
+    return 1e6 / spec.modules[hop.producer].modes[hop.mode].rate_mhz

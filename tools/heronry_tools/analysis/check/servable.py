@@ -1,0 +1,153 @@
+"""Questions that a check asks the planner: whether some functions can all be served, and which a phase gives up.
+
+Everything is asked of the exact planner, and the cheap question first: a set of functions is wanted, all alike, and
+nothing else. Where all of them can be served, so they are by every best plan of any phase that wants no critical
+function besides: a level of the objective that can reach its bound does. Only where they cannot is the whole phase
+planned, with its priorities.
+
+Identifiers and with them response times are those of the whole spec: that is what is on the bus.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.losses import lost_elements, used_elements
+from heronry_dg.model import Function, Spec
+from heronry_dg.objective import placement, serving_modules, value_of
+from heronry_dg.plan import Plan
+from heronry_dg.response_times import ResponseTimes
+from heronry_dg.situation import Situation
+from heronry_manager.planner.candidates import Candidates, candidates
+from heronry_manager.planner.exact import Search, plan
+from heronry_tools.analysis.check.wanted import Phase
+
+_EFFORT: Final = 5.0  # deterministic seconds for one question; those about the shipped specs take a hundredth of it
+_NO_DEADLINE_NS: Final = 10**18
+PLENTY: Final = 10**12
+NOTHING_ASKED: Final[Mapping[str, int]] = MappingProxyType({})
+
+
+def without_deadlines(spec: Spec) -> Spec:
+    """Give the same spec with nothing due; what never arrives is still too late."""
+    variables = {name: replace(one, deadline_ns=_NO_DEADLINE_NS) for name, one in spec.variables.items()}
+    return replace(spec, variables=variables)
+
+
+def without_limits(spec: Spec) -> Spec:
+    """Give the same spec with room and time for everything, and no placement rules: what is left is logic."""
+    pes = {name: replace(pe, cpu_millis=PLENTY, ram=PLENTY, flash=PLENTY) for name, pe in spec.pes.items()}
+    buses = {name: replace(bus, bitrate=PLENTY) for name, bus in spec.buses.items()}
+    return replace(without_deadlines(spec), pes=pes, buses=buses, separate=(), together=())
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A configuration that serves all that was asked for; where none was found, whether none is proven to exist.
+
+    It may serve more: with something down, one that is known from another question does as well.
+    """
+
+    configuration: Configuration | None
+    proven: bool
+
+    @property
+    def impossible(self) -> bool:
+        """Whether no configuration serves all of it."""
+        return self.proven and self.configuration is None
+
+
+class Planning:
+    """Questions about one spec."""
+
+    def __init__(self, spec: Spec) -> None:
+        self.spec = spec
+        self._plans: dict[Phase, Plan] = {}
+        self._known: list[tuple[Configuration, frozenset[str]]] = []  # found so far, each with all that it uses
+
+    @cached_property
+    def times(self) -> ResponseTimes:
+        """Response times on the buses of the spec."""
+        return ResponseTimes(self.spec)
+
+    def possible(self, functions: Collection[str], down: frozenset[str] = frozenset()) -> frozenset[str]:
+        """Tell which of some functions could be served, if each module had its PE to itself."""
+        modules = self.candidates_for(functions, down).modules
+        return frozenset(name for name in functions if any(one in modules for one in self.spec.functions[name].outputs))
+
+    def all_at_once(
+        self,
+        functions: Collection[str],
+        down: frozenset[str] = frozenset(),
+        least: Mapping[str, int] = NOTHING_ASKED,
+    ) -> Answer:
+        """Tell whether some functions can all be served, with some elements down.
+
+        least: the value that functions must be served with; 0 for one that is not named.
+        """
+        known = self.survives(functions, down, least) if down else None
+        if known is not None:
+            return Answer(known, proven=True)
+        search = Search(self.candidates_for(functions, down, least), None, self.times, _EFFORT)
+        search.run(groups=1)  # served at all comes first there, and how well second: all can be had, or all cannot
+        if not self._serves(search.best, functions, least):
+            return Answer(None, search.proven)
+        self._known.append((search.best, used_elements(self.spec, search.best)))
+        return Answer(search.best, search.proven)
+
+    def survives(
+        self, functions: Collection[str], down: frozenset[str], least: Mapping[str, int] = NOTHING_ASKED
+    ) -> Configuration | None:
+        """Give a configuration known from another question that serves some functions with these elements down."""
+        lost = lost_elements(self.spec, Situation(down))
+        alive = (known for known, used in self._known if used.isdisjoint(lost))
+        return next((known for known in alive if self._serves(known, functions, least)), None)
+
+    def healthy(self, phase: Phase) -> Plan:
+        """Give the best plan of a phase with everything up."""
+        if phase not in self._plans:
+            self._plans[phase] = plan(self.spec, Situation(phase=phase), effort=_EFFORT)
+        return self._plans[phase]
+
+    def unserved(self, functions: Collection[str], phase: Phase, down: frozenset[str] = frozenset()) -> frozenset[str]:
+        """Tell which of some functions the best plan of a phase gives up; with faults, the contingency plan."""
+        found = self.healthy(phase)
+        if down:
+            found = plan(self.spec, Situation(down, phase=phase), placement(found.configuration), effort=_EFFORT)
+        return frozenset(name for name in functions if not found.functions[name].served)
+
+    def _serves(self, configuration: Configuration, functions: Collection[str], least: Mapping[str, int]) -> bool:
+        return all(
+            output is not None and value_of(self.spec, configuration, function, output) >= least.get(function.name, 0)
+            for function, output in serving_modules(self.spec, configuration)
+            if function.name in functions
+        )
+
+    def candidates_for(
+        self,
+        functions: Collection[str],
+        down: frozenset[str] = frozenset(),
+        least: Mapping[str, int] = NOTHING_ASKED,
+    ) -> Candidates:
+        """Give what may run where these functions are all that is wanted, each as much as the other.
+
+        A mode is worth 1 where it is at least as good as is asked for, and nothing otherwise.
+        """
+        wanted = {
+            name: replace(
+                function, criticality={None: "A"}, priority={None: 1}, value=self._enough(function, least.get(name, 0))
+            )
+            for name, function in self.spec.functions.items()
+            if name in functions
+        }
+        return candidates(replace(self.spec, functions=wanted), Situation(down))
+
+    def _enough(self, function: Function, least: int) -> tuple[int, ...]:
+        counts = [len(self.spec.modules[output].modes) for output in function.outputs]
+        return tuple(
+            int(least > 0 and any(function.value_of(index, count) >= least for count in counts if index < count))
+            for index in range(max(counts))
+        )

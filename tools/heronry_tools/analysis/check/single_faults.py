@@ -1,0 +1,79 @@
+"""Which critical functions one fault takes away, by asking the planner; DG401 to DG404.
+
+A function is lost with an element when the best plan with everything up serves it and the contingency plan without the
+element does not. Only phases whose critical functions all fit with everything up are looked at: what does not even fit
+then is DG303.
+
+Few plans are needed. Elements that leave the planner the same choice (a device and its only driver) are asked about
+once, as in a sweep. What no candidate can serve is lost. If all the others of all phases can still be served at once,
+no plan loses one of them; only where they cannot, each phase is planned.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, elements, survivors
+from heronry_manager.planner.sweep import what_is_left
+from heronry_tools.analysis.check.servable import Planning
+from heronry_tools.analysis.check.wanted import Phase, critical_functions, phases
+
+Lost = Mapping[str, tuple[Phase, ...]]
+"""Functions, each with the phases in which it is lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """What is lost with one element."""
+
+    element: str
+    functions: Lost
+
+
+def losses(planning: Planning) -> Iterator[Loss]:
+    """Every element with which something critical is lost; no module with which the same goes as with its device."""
+    spec = planning.spec
+    critical = _fitting(planning)
+    known: dict[object, Lost] = {what_is_left(survivors(spec, Situation())): {}}
+    lost: dict[str, Lost] = {}
+    for element in _single(spec):
+        left = what_is_left(survivors(spec, Situation(frozenset({element}))))
+        if left not in known:
+            known[left] = _lost(planning, critical, frozenset({element}))
+        lost[element] = known[left]
+        if lost[element] and lost.get(_device_of(spec, element)) != lost[element]:
+            yield Loss(element, lost[element])
+
+
+def _single(spec: Spec) -> Iterator[str]:
+    """Elements that one fault can take away: of a replicated bus that is a channel, which nobody misses."""
+    for element in elements(spec):
+        kind, _, name = element.partition(":")
+        if kind != "channel" and (kind != "bus" or spec.buses[name].channels == 1):
+            yield element
+
+
+def _fitting(planning: Planning) -> dict[Phase, frozenset[str]]:
+    """Critical functions by phase, of phases in which all of them are served with everything up."""
+    by_phase = {phase: critical_functions(planning.spec, phase) for phase in phases(planning.spec)}
+    if planning.all_at_once(frozenset[str]().union(*by_phase.values())).configuration is not None:
+        return by_phase
+    return {phase: names for phase, names in by_phase.items() if planning.all_at_once(names).configuration is not None}
+
+
+def _lost(planning: Planning, critical: Mapping[Phase, frozenset[str]], down: frozenset[str]) -> Lost:
+    """Critical functions that a fault takes away, in the spec's order."""
+    possible = planning.possible(frozenset[str]().union(*critical.values()), down)
+    gone = {phase: wanted - possible for phase, wanted in critical.items()}
+    if planning.all_at_once(possible, down).configuration is None:
+        for phase, wanted in critical.items():
+            if planning.all_at_once(wanted & possible, down).configuration is None:
+                gone[phase] = planning.unserved(wanted, phase, down)
+    by_function = {name: tuple(phase for phase in critical if name in gone[phase]) for name in planning.spec.functions}
+    return {name: at for name, at in by_function.items() if at}
+
+
+def _device_of(spec: Spec, element: str) -> str:
+    """Give the device of a module as an element; where there is none, what is none."""
+    kind, _, name = element.partition(":")
+    return f"device:{spec.modules[name].device}" if kind == "module" else ""

@@ -1,0 +1,90 @@
+"""The difference of two specs: their elements, and what follows from them phase by phase.
+
+A phase that only the new spec has is held against the old spec's first one, which is all there was for it; so is a spec
+without phases. A phase that only the old spec has follows from nothing any more.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+from heronry_dg.model import Spec
+from heronry_tools.analysis.diff.consequences import Consequences
+from heronry_tools.analysis.diff.elements import ElementChange, element_changes
+
+V = TypeVar("V")
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """Single points of failure of one function: no more, now, and still."""
+
+    gone: tuple[str, ...]
+    new: tuple[str, ...]
+    left: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseDifference:
+    """Old and new of whatever is not the same in a phase."""
+
+    phase: str | None
+    against: str | None  # the phase of the old spec
+    functions: Mapping[str, tuple[str | None, str | None]]  # None: not served, or not there
+    hangs_on: Mapping[str, Moved]
+    buses: Mapping[str, tuple[int, int]]  # bit/s
+    cpu_millis: tuple[int, int]
+
+    def is_none(self) -> bool:
+        """Tell whether nothing changed."""
+        return not (self.functions or self.hangs_on or self.buses) and self.cpu_millis[0] == self.cpu_millis[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Everything that a reviewer is to see."""
+
+    old: Spec
+    new: Spec
+    elements: tuple[ElementChange, ...]
+    phases: tuple[PhaseDifference, ...]
+
+
+def difference(old: Spec, new: Spec) -> Difference:
+    """Compare two specs."""
+    changes = element_changes(old, new)
+    return Difference(old, new, changes, tuple(_phases(old, new)) if changes else ())
+
+
+def _phases(old: Spec, new: Spec) -> Iterator[PhaseDifference]:
+    consequences = Consequences()
+    before, after = consequences.of(old), consequences.of(new)
+    for phase, becomes in after.items():
+        against = phase if phase in before else old.initial_phase()
+        was = before[against]
+        yield PhaseDifference(
+            phase,
+            against,
+            functions=_changed(was.served, becomes.served, None),
+            hangs_on=dict(_moved(was.hangs_on, becomes.hangs_on)),
+            buses=_changed(was.bus_bits_per_s, becomes.bus_bits_per_s, 0),
+            cpu_millis=(was.cpu_millis, becomes.cpu_millis),
+        )
+
+
+def _changed(old: Mapping[str, V], new: Mapping[str, V], missing: V) -> dict[str, tuple[V, V]]:
+    pairs = {name: (old.get(name, missing), new.get(name, missing)) for name in {**old, **new}}
+    return {name: (was, becomes) for name, (was, becomes) in pairs.items() if was != becomes}
+
+
+def _moved(old: Mapping[str, tuple[str, ...]], new: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Moved]]:
+    """Of each function that both serve or that is new; what is served no more has no points to compare."""
+    for function, points in new.items():
+        was = old.get(function, ())
+        moved = Moved(
+            gone=tuple(one for one in was if one not in points),
+            new=tuple(one for one in points if one not in was),
+            left=tuple(one for one in points if one in was),
+        )
+        if moved.gone or moved.new:
+            yield function, moved

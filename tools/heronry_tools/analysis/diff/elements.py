@@ -1,0 +1,178 @@
+"""What changed in the file: elements added, removed and changed, field by field, in the words of the spec.
+
+Every element becomes a flat map from field to text, in the units in which a spec is written; two specs are compared
+map by map. A renamed element is one removed and one added. Where order carries meaning (modes, branches, phases) the
+order is a field. Comments, shorthands written otherwise and the order of other elements change nothing.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from decimal import Decimal
+from fractions import Fraction
+from typing import Final, Literal
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, leaves
+from heronry_dg.model import Mode, Module, Spec
+from heronry_tools.reports.render.build import accepted_versions
+
+Fields = Mapping[str, str]
+
+_UNITS: Final[Mapping[str, tuple[str, int]]] = {  # field of the model -> key of the spec, and how many make one
+    "cpu_millis": ("cpu", 1000),
+    "rate_mhz": ("rate_hz", 1000),
+    "heartbeat_ns": ("heartbeat_ms", 1_000_000),
+    "deadline_ns": ("deadline_ms", 1_000_000),
+    "hold_ns": ("hold_ms", 1_000_000),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldChange:
+    """One field; None where it has no value."""
+
+    field: str
+    old: str | None
+    new: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ElementChange:
+    """One element, `kind:name`, and what became of its fields."""
+
+    element: str
+    change: Literal["added", "removed", "changed"]
+    fields: tuple[FieldChange, ...]
+
+
+def element_changes(old: Spec, new: Spec) -> tuple[ElementChange, ...]:
+    """List every element that is not the same in both, in the order of the specs."""
+    before, after = dict(_elements(old)), dict(_elements(new))
+    return tuple(
+        ElementChange(element, _change(element, before, after), changes)
+        for element in {**before, **after}
+        if (changes := tuple(_field_changes(before.get(element, {}), after.get(element, {}))))
+        or (element in before) != (element in after)
+    )
+
+
+def _change(
+    element: str, before: Mapping[str, Fields], after: Mapping[str, Fields]
+) -> Literal["added", "removed", "changed"]:
+    if element not in before:
+        return "added"
+    return "changed" if element in after else "removed"
+
+
+def _field_changes(old: Fields, new: Fields) -> Iterator[FieldChange]:
+    for field in {**old, **new}:
+        rewritten = field.endswith("worth") and old.get(f"{field[:-5]}needs") != new.get(f"{field[:-5]}needs")
+        if old.get(field) != new.get(field) and not rewritten:
+            yield FieldChange(field, old.get(field), new.get(field))
+
+
+def _elements(spec: Spec) -> Iterator[tuple[str, Fields]]:
+    yield (
+        "spec",
+        {
+            **_named("name", spec.name),
+            **_named("phases", tuple(spec.phases)),
+            **_named("separate", spec.separate),
+            **_named("together", spec.together),
+        },
+    )
+    yield "manager", _flat(spec.manager)
+    yield "contingency", _flat(spec.contingency)
+    for kind, elements in (
+        ("bus", spec.buses),
+        ("pe", spec.pes),
+        ("device", spec.devices),
+        ("variable", spec.variables),
+        ("demux", spec.demuxes),
+    ):
+        for name in elements:
+            yield f"{kind}:{name}", _flat(elements[name])
+    for name, module in spec.modules.items():
+        yield f"module:{name}", _module(spec, module)
+    for name, function in spec.functions.items():
+        yield f"function:{name}", _flat(function)
+    for name, phase in spec.phases.items():
+        yield f"phase:{name}", _flat(phase.when) if phase.when is not None else {}
+
+
+def _module(spec: Spec, module: Module) -> Fields:
+    found = {field: text for field, text in _flat(module).items() if (field, text) != ("image", module.name)}
+    if len(module.modes) > 1:
+        found["modes"] = ", ".join(module.modes)
+    for mode in module.modes.values():
+        prefix = f"modes.{mode.name}." if len(module.modes) > 1 else ""
+        found |= {f"{prefix}{field}": text for field, text in _mode(spec, mode).items()}
+    return found
+
+
+def _mode(spec: Spec, mode: Mode) -> Fields:
+    needs = expression_text(spec, mode.needs) if mode.needs is not None else None
+    worth = "; ".join(
+        f"{leaf.variable} {_text(leaf.worth)}" for _, leaf in leaves(mode.needs) if len(set(leaf.worth)) > 1
+    )
+    return {**_named("needs", needs), **_named("worth", worth or None), **_flat(mode)}
+
+
+def _flat(element: object) -> Fields:
+    """Fields of a model element but for its name and its parts, as a spec writes them."""
+    found: dict[str, str] = {}
+    for field in fields(element):  # type: ignore[arg-type]
+        if field.name not in ("name", "modes", "needs", "outputs"):
+            found |= _named(field.name, getattr(element, field.name))
+    return found
+
+
+def _named(field: str, value: object) -> Fields:
+    """A field under the key of the spec; nothing for what is left out."""
+    if value is None or value in ((), frozenset(), {}):
+        return {}
+    key, parts = _UNITS.get(field, (field, 1))
+    if field in ("ram", "flash", "table_bytes") and isinstance(value, int):
+        return {key: _bytes(value)}
+    return {key: _text(Fraction(value, parts) if parts > 1 and isinstance(value, int) else value)}
+
+
+def _text(value: object) -> str:
+    match value:
+        case bool():
+            return "true" if value else "false"
+        case Fraction():
+            return f"{Decimal(value.numerator) / value.denominator:f}"
+        case frozenset():
+            return ", ".join(sorted(map(str, value)))
+        case tuple():
+            return f"[{', '.join(map(_text, value))}]"
+        case Mapping():
+            return ", ".join(_entry(key, one) for key, one in value.items())
+        case _:
+            return str(value)
+
+
+def _entry(key: object, value: object) -> str:
+    """An entry of a map by phase, whose default has no name, or of `gives`."""
+    return _text(value) if key is None else f"{key}: {_text(value)}"
+
+
+def _bytes(count: int) -> str:
+    for unit, size in (("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if count and count % size == 0:
+            return f"{count // size}{unit}"
+    return str(count)
+
+
+def expression_text(spec: Spec, needs: Expression) -> str:
+    """A gate expression in one line; versions are named where an input does not take all."""
+    if isinstance(needs, Leaf):
+        return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
+    inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)
+    match needs:
+        case And():
+            return f"and({inputs})"
+        case Or(k, _):
+            return f"{k} of ({inputs})"
+        case Xor():
+            return f"xor({inputs})"

@@ -1,0 +1,144 @@
+"""All that could stand in a function's way, as a list of things that could be otherwise.
+
+An assumption that is *relaxed* no longer holds: an element is up again, a capacity is endless, a rule is gone, another
+function may be lost. `relaxed` gives the spec, the elements that are down and the functions that must be served when
+some are; the question is then the planner's.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+from heronry_dg.model import Bus, Pe, Spec
+from heronry_dg.situation import checked_element
+from heronry_tools.analysis.check.servable import PLENTY, without_deadlines
+
+Kind = Literal["down", "cpu", "ram", "flash", "bandwidth", "deadlines", "separate", "together", "function"]
+CAPACITIES: Final[tuple[Kind, ...]] = ("cpu", "ram", "flash", "bandwidth")
+MENDABLE: Final[tuple[Kind, ...]] = ("down", *CAPACITIES)
+
+
+@dataclass(frozen=True, slots=True)
+class Assumption:
+    """One thing that could be otherwise; `name` is an element, a PE, a bus, a function, or the number of a rule."""
+
+    kind: Kind
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Asks: can these functions, each with at least this value, be served at once, with these elements down."""
+
+    spec: Spec
+    down: frozenset[str]
+    least: Mapping[str, int]
+
+
+def assumptions(question: Question, goal: str) -> list[Assumption]:
+    """List all assumptions: what explains least first, what is down last."""
+    return list(_assumptions(question, goal))
+
+
+def _assumptions(question: Question, goal: str) -> Iterator[Assumption]:
+    spec = question.spec
+    yield from (Assumption("function", name) for name in question.least if name != goal)
+    yield from (Assumption("separate", str(number)) for number in range(len(spec.separate)))
+    yield from (Assumption("together", str(number)) for number in range(len(spec.together)))
+    yield Assumption("deadlines", "")
+    yield from (Assumption("bandwidth", name) for name in spec.buses)
+    for pe in spec.pes:
+        yield from (Assumption("flash", pe), Assumption("ram", pe), Assumption("cpu", pe))
+    yield from (Assumption("down", element) for element in sorted(question.down))
+
+
+def relaxed(question: Question, without: Collection[Assumption]) -> Question:
+    """Ask without some assumptions."""
+    names: dict[Kind, set[str]] = {}
+    for one in without:
+        names.setdefault(one.kind, set()).add(one.name)
+
+    def gone(kind: Kind) -> set[str]:
+        return names.get(kind, set())
+
+    spec = without_deadlines(question.spec) if gone("deadlines") else question.spec
+    return Question(
+        spec=replace(
+            spec,
+            pes={
+                name: _endless(pe, [kind for kind in CAPACITIES if name in gone(kind)]) for name, pe in spec.pes.items()
+            },
+            buses={
+                name: replace(bus, bitrate=PLENTY) if name in gone("bandwidth") else bus
+                for name, bus in spec.buses.items()
+            },
+            separate=_others(spec.separate, gone("separate")),
+            together=_others(spec.together, gone("together")),
+        ),
+        down=question.down - gone("down"),
+        least={name: value for name, value in question.least.items() if name not in gone("function")},
+    )
+
+
+def _endless(pe: Pe, kinds: Collection[Kind]) -> Pe:
+    return replace(
+        pe,
+        cpu_millis=PLENTY if "cpu" in kinds else pe.cpu_millis,
+        ram=PLENTY if "ram" in kinds else pe.ram,
+        flash=PLENTY if "flash" in kinds else pe.flash,
+    )
+
+
+def _others(rules: tuple[tuple[str, ...], ...], gone: Collection[str]) -> tuple[tuple[str, ...], ...]:
+    return tuple(group for number, group in enumerate(rules) if str(number) not in gone)
+
+
+def capacity(spec: Spec, one: Assumption) -> int:
+    """How much there is: thousandths of a core, bytes, or bit/s of the bit rate."""
+    match one.kind:
+        case "bandwidth":
+            return spec.buses[one.name].bitrate
+        case "cpu":
+            return spec.pes[one.name].cpu_millis
+        case "ram":
+            return spec.pes[one.name].ram
+        case "flash":
+            return spec.pes[one.name].flash
+        case _:
+            raise ValueError(f"{one.kind} is no capacity")
+
+
+def with_capacity(spec: Spec, one: Assumption, amount: int) -> Spec:
+    """Give the same spec with another capacity."""
+    if one.kind == "bandwidth":
+        bus: Bus = replace(spec.buses[one.name], bitrate=amount)
+        return replace(spec, buses={**spec.buses, one.name: bus})
+    pe = spec.pes[one.name]
+    changed = replace(
+        pe,
+        cpu_millis=amount if one.kind == "cpu" else pe.cpu_millis,
+        ram=amount if one.kind == "ram" else pe.ram,
+        flash=amount if one.kind == "flash" else pe.flash,
+    )
+    return replace(spec, pes={**spec.pes, one.name: changed})
+
+
+def in_words(spec: Spec, one: Assumption) -> str:
+    """Say what stands in the way."""
+    match one.kind:
+        case "down":
+            return f"{checked_element(spec, one.name)} is down"
+        case "cpu":
+            return f"pe {one.name} has {capacity(spec, one) / 1000:g} cores"
+        case "ram" | "flash":
+            return f"pe {one.name} has {capacity(spec, one)} bytes of {one.kind.replace('ram', 'RAM')}"
+        case "bandwidth":
+            return f"bus {one.name} carries {capacity(spec, one)} bit/s"
+        case "deadlines":
+            return "data must arrive in time"
+        case "separate":
+            return f"{' and '.join(spec.separate[int(one.name)])} must not share a PE"
+        case "together":
+            return f"{' and '.join(spec.together[int(one.name)])} must share a PE"
+        case "function":
+            return f"{one.name} is served, and comes first"

@@ -1,0 +1,200 @@
+"""Why a function is not served as well as it could be: irreducible reasons, and the smallest repairs.
+
+The plan is the best there is, so this cannot be had at once: the function (served at all where it is not, in its best
+mode where it is in a worse one) beside every other function as well served as it is in the plan. Why not?
+
+*Reasons.* The assumptions (`assumptions`) make it impossible together. One after the other is left out, and stays out
+where it is impossible even so (a deletion filter). What is left is irreducible: without any one of them it would be
+possible. There may be other irreducible sets; what explains least is left out first.
+
+*Repairs.* To mend it, something of every irreducible set must go. The smallest repair is found as a smallest hitting
+set of the irreducible sets that are known; if that does not mend it, it shows a further one. Only what can be bought or
+brought back counts: elements that are down, CPU, memory, bandwidth. How much of a capacity is needed is found by
+bisection. A repair counts only if the planner, given the repaired system, really serves the function.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final
+
+from heronry_dg.model import Function, Spec
+from heronry_dg.objective import placement
+from heronry_dg.plan import FunctionReport, Plan
+from heronry_dg.situation import Situation
+from heronry_manager.planner.exact import plan
+from heronry_tools.analysis.check.servable import PLENTY, Planning
+from heronry_tools.analysis.why.assumptions import (
+    CAPACITIES,
+    MENDABLE,
+    Assumption,
+    Question,
+    assumptions,
+    capacity,
+    relaxed,
+    with_capacity,
+)
+from heronry_tools.console.errors import UserError
+
+_MOST_TRIES: Final = 40  # hitting sets looked at; the shipped specs take a few
+_MOST_PARTS: Final = 4  # elements and capacities of one repair
+
+Possible = Callable[[Iterable[Assumption]], bool]
+"""Whether the goal can be had without some assumptions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """What mends it: elements that come back, and capacities with how much of them there must be."""
+
+    restore: tuple[str, ...]
+    capacities: tuple[tuple[Assumption, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """What became of a function, why, and what would mend it."""
+
+    function: Function
+    now: Situation
+    report: FunctionReport
+    best_value: int
+    reasons: tuple[Assumption, ...]
+    repairs: tuple[Repair, ...]  # all of one part, or one of as few as it takes; none: nothing helps
+
+
+def explain(spec: Spec, now: Situation, function: Function) -> Explanation:
+    """Explain what becomes of a function in a situation, with the phase's fault-free plan running."""
+    healthy = plan(spec, Situation(phase=now.phase))
+    found = plan(spec, now, placement(healthy.configuration)) if now.down else healthy
+    report = found.functions[function.name]
+    best_value = max(
+        function.value_of(0, len(spec.modules[output].modes)) for output in function.outputs
+    )  # modes are listed best first
+    unknown = Explanation(function, now, report, best_value, (), ())
+    if function.priority_in(now.phase) == 0 or (report.served and report.value >= best_value):
+        return unknown
+    question = _question(spec, found, function, best_value if report.served else 0)
+    every = assumptions(question, function.name)
+    if _is_possible(question):  # then nothing stands in its way but what it is worth
+        return unknown
+
+    def possible(without: Iterable[Assumption]) -> bool:
+        return _is_possible(relaxed(question, tuple(without)))
+
+    if not possible(every):
+        return unknown
+    return replace(
+        unknown,
+        reasons=tuple(_irreducible(every, possible)),
+        repairs=tuple(_repairs(question, every, function, now, possible)),
+    )
+
+
+def _question(spec: Spec, found: Plan, function: Function, least: int) -> Question:
+    others = {name: report.value for name, report in found.functions.items() if report.served}
+    return Question(spec, found.now.down, {**others, function.name: least})
+
+
+def _is_possible(question: Question) -> bool:
+    answer = Planning(question.spec).all_at_once(tuple(question.least), question.down, question.least)
+    if not answer.proven:
+        raise UserError("the planner could not find out in time what is possible; ask about fewer faults")
+    return answer.configuration is not None
+
+
+def _irreducible(
+    these: Sequence[Assumption], possible: Possible, without: Iterable[Assumption] = ()
+) -> list[Assumption]:
+    """Shrink assumptions that make the goal impossible to some of them that do, each of which is needed."""
+    gone = list(without)
+    kept = list(these)
+    for one in these:
+        if not possible([*gone, one]):
+            gone.append(one)
+            kept.remove(one)
+    return kept
+
+
+def _repairs(
+    question: Question, every: Sequence[Assumption], function: Function, now: Situation, possible: Possible
+) -> Iterator[Repair]:
+    """Find the smallest repairs: every one that has a single part, else one."""
+    soft = [one for one in every if one.kind in MENDABLE]
+    if not possible(soft):
+        return
+    size = None
+    for parts in _hitting_repairs(soft, possible):
+        if size is not None and (len(parts) > size or size > 1):
+            return
+        repair = _measured(question, parts)
+        if _serves(question, repair, function, now):
+            size = len(parts)
+            yield repair
+
+
+def _hitting_repairs(soft: Sequence[Assumption], possible: Possible) -> Iterator[tuple[Assumption, ...]]:
+    """Sets of assumptions without which it is possible, the smaller ones first; none contains another one."""
+    cores: list[frozenset[Assumption]] = []
+    found: list[frozenset[Assumption]] = []
+    for _ in range(_MOST_TRIES):
+        parts = _smallest_hitting(cores, found)
+        if parts is None:
+            return
+        if possible(parts):
+            found.append(frozenset(parts))
+            yield parts
+        else:
+            cores.append(frozenset(_irreducible([one for one in soft if one not in parts], possible, parts)))
+
+
+def _smallest_hitting(
+    cores: Sequence[frozenset[Assumption]], found: Sequence[frozenset[Assumption]]
+) -> tuple[Assumption, ...] | None:
+    """Find a smallest set with something of every core that contains no repair that is known already."""
+    names = sorted(frozenset[Assumption]().union(*cores), key=lambda one: (MENDABLE.index(one.kind), one.name))
+    for size in range(min(_MOST_PARTS, len(names)) + 1):
+        for parts in combinations(names, size):
+            chosen = frozenset(parts)
+            if all(core & chosen for core in cores) and not any(known <= chosen for known in found):
+                return parts
+    return None
+
+
+def _measured(question: Question, parts: tuple[Assumption, ...]) -> Repair:
+    """Find out how much of each capacity it takes: of one after the other, with the rest endless until measured."""
+    capacities = [one for one in parts if one.kind in CAPACITIES]
+    mended = relaxed(question, parts)
+    needed = []
+    for one in capacities:
+        amount = _least_amount(mended, one, capacity(question.spec, one))
+        mended = replace(mended, spec=with_capacity(mended.spec, one, amount))
+        needed.append((one, amount))
+    return Repair(tuple(one.name for one in parts if one.kind == "down"), tuple(needed))
+
+
+def _least_amount(question: Question, one: Assumption, there_is: int) -> int:
+    """Find the least capacity that is enough; what there is is not."""
+    too_little, enough = there_is, max(1, 2 * there_is)
+    while enough < PLENTY and not _is_possible(_with(question, one, enough)):
+        too_little, enough = enough, 2 * enough
+    while enough - too_little > 1:
+        middle = (too_little + enough) // 2
+        if _is_possible(_with(question, one, middle)):
+            enough = middle
+        else:
+            too_little = middle
+    return enough
+
+
+def _with(question: Question, one: Assumption, amount: int) -> Question:
+    return replace(question, spec=with_capacity(question.spec, one, amount))
+
+
+def _serves(question: Question, repair: Repair, function: Function, now: Situation) -> bool:
+    """Tell whether the best plan of the repaired system serves the function as well as was asked."""
+    spec = question.spec
+    for one, amount in repair.capacities:
+        spec = with_capacity(spec, one, amount)
+    report = plan(spec, replace(now, down=now.down - set(repair.restore))).functions[function.name]
+    return report.served and report.value >= question.least[function.name]

@@ -1,0 +1,178 @@
+"""`heronry bound`: how long a reconfiguration takes at most, for every class of faults, and what that is made of.
+
+Exit codes: 0 every class has a bound; 1 one has none; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.spec_argument import add_spec_argument
+
+if TYPE_CHECKING:
+    from heronry_dg.configuration import Configuration
+    from heronry_dg.model import Spec
+    from heronry_dg.objective import Placement
+    from heronry_dg.situation import Situation
+    from heronry_manager.bounds.reconfiguration_bound import Bound, Case
+    from heronry_tools.console.text_tables import Cell
+
+_EPILOG = """\
+The sum runs from the fault to the moment at which every PE on a wire does what the new plan wants; from the report on,
+where a module reports. Every single fault is planned, as the manager would plan it; each class shows its worst, for
+each bus on which PEs report, since heartbeats are a bus's own.
+
+detect, distribute and activate are bounds: from the same analysis of the buses as 'heronry bus', the slices of each
+plan, the heartbeats and misses of the spec. They hold for one fault at a time and without lost frames, and say nothing
+of how late an operating system runs a process. decide is measured, here and now, over all these plans: the planner has
+no deadline. What was planned ahead, as every single fault is, is looked up at once: --decide 0.1 stands for that.
+
+examples:
+  heronry bound elevator_and_chute                every class of faults, with its worst element
+  heronry bound big_blue --phase glide --json     every element, for other tools
+  heronry bound big_blue --decide 0.1             if plans are looked up
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry bound`."""
+    parser = subparsers.add_parser(
+        "bound",
+        help="the worst-case reconfiguration time of every class of faults",
+        description="Bound the time from a fault to the new configuration: detect, decide, distribute, activate.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser)
+    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    parser.add_argument(
+        "--decide", type=_milliseconds, metavar="MS", help="take it that a plan takes so long, instead of measuring it"
+    )
+    parser.add_argument("--json", action="store_true", help="write every element as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Bound every fault; returns the exit code."""
+    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_manager.bounds.reconfiguration_bound import Bounds  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    phase = situation(spec, phase=arguments.phase).phase
+    cases, measured_ns = _planned(spec, phase)
+    decide_ns = measured_ns if arguments.decide is None else arguments.decide
+    limits = Bounds(spec)
+    bounds = [limits.bound(case, decide_ns) for case in cases]
+    if arguments.json:
+        print(json.dumps(_document(spec, phase, bounds, is_measured=arguments.decide is None), indent=2))
+    else:
+        _print(spec, phase, bounds, is_measured=arguments.decide is None)
+    return 0 if all(bound.total_ns is not None or bound.is_hopeless for bound in bounds) else 1
+
+
+def _milliseconds(text: str) -> int:
+    """Read a time; argparse tells the name of this function to the user."""
+    duration = float(text)
+    if not 0 <= duration <= 3_600_000:
+        raise argparse.ArgumentTypeError(f"{text} is no time for a plan; write 0 to 3600000 milliseconds")
+    return round(duration * 1_000_000)
+
+
+def _planned(spec: "Spec", phase: str | None) -> "tuple[list[Case], int]":
+    """Plan every case; gives them, and the longest time that a plan took."""
+    from heronry_manager.bounds.fault_cases import count_plans, fault_cases  # noqa: PLC0415
+    from heronry_manager.planner.exact import plan  # noqa: PLC0415
+
+    longest_ns = made = 0
+    most = count_plans(spec)
+    shows = sys.stderr.isatty()
+
+    def timed(now: "Situation", running: "Placement | None") -> "Configuration":
+        nonlocal longest_ns, made
+        begun_ns = time.perf_counter_ns()
+        found = plan(spec, now, running).configuration
+        if made:  # the first one warms up
+            longest_ns = max(longest_ns, time.perf_counter_ns() - begun_ns)
+        made += 1
+        if shows:
+            print(f"\r{made} of at most {most} plans", end="", file=sys.stderr, flush=True)
+        return found
+
+    cases = list(fault_cases(spec, phase, timed))
+    if shows:
+        print("\r\033[K", end="", file=sys.stderr)
+    return cases, longest_ns
+
+
+def _worst(bounds: "Sequence[Bound]") -> "list[Bound]":
+    """The worst element of each class, by the bus on which it shows: heartbeats are a bus's own."""
+    worst: dict[str, Bound] = {}
+    for bound in (one for one in bounds if not one.is_hopeless):
+        known = worst.get(_named(bound))
+        if known is None or _badness(bound) > _badness(known):
+            worst[_named(bound)] = bound
+    return list(worst.values())
+
+
+def _named(bound: "Bound") -> str:
+    fault = bound.case.fault.value
+    return f"{fault}, {bound.heard_on}" if bound.heard_on else fault
+
+
+def _badness(bound: "Bound") -> int:
+    return 1 << 63 if bound.total_ns is None else bound.total_ns
+
+
+def _print(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_measured: bool) -> None:
+    from heronry_tools.console.text_tables import Bad, Table, print_tables  # noqa: PLC0415
+
+    named = f", phase {phase}" if phase is not None else ""
+    how = "decide is measured on this machine, all else is a bound" if is_measured else "decide is given"
+    rows: list[Sequence[Cell]] = []
+    for bound in _worst(bounds):
+        total: Cell = Bad("no bound") if bound.total_ns is None else _ms(bound.total_ns)
+        parts = (bound.detect_ns, bound.decide_ns, bound.distribute_ns, bound.activate_ns, bound.wait_ns)
+        rows.append((_named(bound), total, *(_ms(part) for part in parts), _remark(bound)))
+    columns = ("at worst, ms", "total", "detect", "decide", "distribute", "activate", "T_lease", "where")
+    hopeless = [(bound.case.element, bound.note) for bound in bounds if bound.is_hopeless]
+    tables = [Table(columns, rows)] + ([Table(("beyond help", ""), hopeless)] if hopeless else [])
+    print_tables(f"{spec.name}{named}: {how}", tables)
+
+
+def _remark(bound: "Bound") -> str:
+    steps = ", ".join(step.name for step in bound.steps)
+    facts = [f"{bound.slice_frames} SLICE, {steps}" if steps else "", bound.note]
+    return "; ".join([bound.case.element, *(fact for fact in facts if fact)])
+
+
+def _ms(time_ns: int | None) -> str:
+    return "-" if time_ns is None else f"{time_ns / 1_000_000:.1f}"
+
+
+def _document(spec: "Spec", phase: str | None, bounds: "Sequence[Bound]", *, is_measured: bool) -> dict[str, Any]:
+    return {
+        "spec": spec.digest,
+        "phase": phase,
+        "decide_is": "measured" if is_measured else "given",
+        "classes": {_named(bound): _facts(bound) for bound in _worst(bounds)},
+        "faults": [{"class": bound.case.fault.value, **_facts(bound)} for bound in bounds],
+    }
+
+
+def _facts(bound: "Bound") -> dict[str, Any]:
+    return {
+        "element": bound.case.element,
+        "total_ns": bound.total_ns,
+        "detect_ns": bound.detect_ns,
+        "decide_ns": bound.decide_ns,
+        "distribute_ns": bound.distribute_ns,
+        "activate_ns": bound.activate_ns,
+        "lease_wait_ns": bound.wait_ns,
+        "slice_frames": bound.slice_frames,
+        "steps": [step.name for step in bound.steps],
+        "note": bound.note,
+    }

@@ -1,0 +1,101 @@
+"""`heronry bus`: every message of a plan on every bus, with its worst-case response time.
+
+Exit codes: 0 every deadline is met and every budget kept; 1 not so; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import add_spec_argument
+
+if TYPE_CHECKING:
+    from heronry_dg.bus_schedule import BusSchedule
+    from heronry_dg.configuration import Configuration
+    from heronry_dg.model import Spec
+    from heronry_dg.situation import Situation
+
+_EPILOG = """\
+Without --plan the best plan for the situation is looked at; with it the plan's own situation counts, as far as the
+options do not say otherwise. A plan that overloads a bus can be looked at, one whose wires lead nowhere cannot.
+
+examples:
+  heronry bus big_blue                            all that is on its buses while everything works
+  heronry bus big_blue --phase glide --bus can0   one bus, in another phase
+  heronry bus big_blue --down pe:nav              ... once the navigation computer is gone
+  heronry plan big_blue --json >plan.json
+  heronry bus big_blue --plan plan.json --json    of a plan that was kept, for other tools
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry bus`."""
+    parser = subparsers.add_parser(
+        "bus",
+        help="every message on the buses: identifier, period, worst-case response time, load",
+        description="Show what a plan puts on each bus: every message with its worst case, and the totals.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser)
+    parser.add_argument("--plan", metavar="PLAN.json", help="the plan to look at (- for standard input)")
+    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
+    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
+    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    parser.add_argument("--bus", metavar="NAME", help="one bus alone")
+    parser.add_argument("--json", action="store_true", help="write it as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Show the buses; returns the exit code."""
+    from heronry_dg.bus_schedule import bus_schedules  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.reports.buses import document, print_buses  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    _check_bus(spec, arguments.bus)
+    now, configuration = _planned(spec, arguments)
+    schedules = [s for s in bus_schedules(spec, now, configuration) if arguments.bus in (None, s.bus.name)]
+    if arguments.json:
+        print(json.dumps(document(spec, now, schedules), indent=2))
+    else:
+        print_buses(spec, now, schedules)
+    return 0 if all(map(_is_kept, schedules)) else 1
+
+
+def _is_kept(schedule: "BusSchedule") -> bool:
+    """Tell whether what the plan puts on a bus fits, and comes in time."""
+    late = schedule.bus.kind == "wired" and any(m.slack_ns is None or m.slack_ns < 0 for m in schedule.messages)
+    return schedule.data <= schedule.data_limit and not (late and schedule.is_up)
+
+
+def _check_bus(spec: "Spec", bus: str | None) -> None:
+    if bus is not None and bus not in spec.buses:
+        raise UserError(f"{spec.name} has no bus '{bus}'; its buses are {', '.join(spec.buses)}")
+
+
+def _planned(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Configuration]":
+    from heronry_dg.situation import situation  # noqa: PLC0415
+
+    if arguments.plan is not None:
+        return _given(spec, arguments)
+    from heronry_manager.planner.exact import plan  # noqa: PLC0415
+
+    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    return now, plan(spec, now).configuration
+
+
+def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Configuration]":
+    from heronry_dg.plan import read_configuration  # noqa: PLC0415
+    from heronry_dg.verify import verify  # noqa: PLC0415
+    from heronry_tools.commands.plan import errors_name, judged_in, read_text  # noqa: PLC0415
+
+    text = read_text(arguments.plan)
+    with errors_name(arguments.plan):
+        now, configuration = judged_in(spec, text, arguments), read_configuration(text)
+    for violation in verify(spec, now, configuration):
+        if violation.rule.startswith(("1.", "2.")):
+            raise UserError(f"{arguments.plan}: {violation}; what such a plan sends cannot be told")
+    return now, configuration

@@ -1,0 +1,78 @@
+"""`heronry campaign`: every set of faults, and what survives it.
+
+Exit codes: 0 done, and every requirement holds; 1 a requirement is broken; 2 the input cannot be used.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.analysis.campaign.scope import add_scope_arguments, feasible, jobs_of, scope_of
+from heronry_tools.console.errors import UserError
+
+_EPILOG = """\
+What is lost is what the best plan does not serve: because nothing can, or because what is left goes to something more
+important. Likelihoods come from the spec's rate_per_h, to first order.
+
+examples:
+  heronry campaign elevator_and_chute                             what survives one fault, and two
+  heronry campaign big_blue --faults 1 --phase glide              single points of failure, while gliding
+  heronry campaign big_blue --faults 1 --html degradation.html    the same as a page with pictures
+  heronry campaign elevator_and_chute --require "B after 1" --kinds device      exit code 1: broken, and by what
+  heronry campaign my.dg.yaml --require "A after 2" --require "B after 1 in landing" --json >campaign.json
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry campaign`."""
+    parser = subparsers.add_parser(
+        "campaign",
+        help="try every set of faults, and tell what survives",
+        description="Plan for every set of faults and tell what survives: how gracefully a system degrades.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    add_scope_arguments(parser)
+    parser.add_argument(
+        "--require",
+        metavar="'WHAT after N [in PHASE]'",
+        action="append",
+        default=[],
+        help="a class or function that must survive any N faults; may be repeated; exit code 1 where one does not",
+    )
+    parser.add_argument("--json", action="store_true", help="write the result as JSON")
+    parser.add_argument("--html", metavar="FILE", type=Path, help="write a page with pictures, too")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sweep and report; returns the exit code."""
+    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415 - loads the solver
+    from heronry_tools.analysis.campaign.page import html_page  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.report import json_report, text_report  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.requirements import offences, read_requirement  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.survey import survey  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.sweeping import sweep  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.console.whole_file import expect_writable, write_whole  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    if arguments.html is not None:
+        expect_writable(arguments.html)
+    required = [read_requirement(spec, text) for text in arguments.require]
+    asked = scope_of(spec, arguments)
+    scope = feasible(replace(asked, faults=max([asked.faults, *(one.faults for one in required)])))
+    for one in required:
+        if one.phase is not None and one.phase not in scope.phases:
+            raise UserError(f"--require '{one.text}': phase {one.phase} is not looked at; add --phase {one.phase}")
+    with crew(jobs_of(arguments), arguments.scheduler) as executor:
+        outcomes = sweep(spec, scope, executor).outcomes
+    surveys = survey(spec, scope, outcomes)
+    judged = [(one, offences(spec, one, outcomes)) for one in required]
+    if arguments.html is not None:
+        write_whole(arguments.html, html_page(spec, scope, surveys, judged).encode())
+    sys.stdout.write((json_report if arguments.json else text_report)(spec, scope, surveys, judged))
+    return 1 if any(broken for _, broken in judged) else 0

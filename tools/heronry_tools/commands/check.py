@@ -1,0 +1,238 @@
+"""`heronry check`: specs judged like code, for editors, hooks and CI.
+
+Exit codes: 0 no errors (warnings may be there), 1 errors, 2 the command line cannot be used, 3 a defect of ours. With
+--strict a warning is an error.
+"""
+
+import argparse
+import gc
+import os
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from heronry_tools.console.errors import UserError
+from heronry_wire.errors import HeronryError
+
+if TYPE_CHECKING:
+    from heronry_dg.check.judge import Choice, Judged
+
+_FORMATS: Final = ("full", "concise", "json", "github", "sarif", "junit")
+_STDIN: Final = "<stdin>"
+
+_EPILOG: Final = """\
+examples:
+  heronry check                                  every *.dg.yaml below this folder
+  heronry check --fast my.dg.yaml                without the families that solve: for editors and hooks
+  heronry check specs/ --strict                  warnings fail as well
+  heronry check specs/ --quiet                   errors alone; warnings are counted
+  heronry check --select DG2,DG4 --ignore DG240  some families, but for one code
+  heronry check --error DG401 my.dg.yaml         this warning is an error
+  heronry check -o findings.sarif --output-format sarif
+  heronry rules                                  all codes; heronry explain DG203 tells of one
+
+In a spec:  speed: {type: FLOAT}  # dg: ignore[DG240] read by the ground station
+Above it:   # dg: error[DG401]
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry check`."""
+    parser = subparsers.add_parser(
+        "check",
+        help="find what is wrong with specs, before they fly",
+        description="Judge specs by every rule there is. Exit code 0: no errors; 1: errors; 2: wrong usage.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "paths", metavar="PATH", nargs="*", default=["."], help="a spec, a folder of specs, or - for standard input"
+    )
+    parser.add_argument("--fast", action="store_true", help="only the families that need no solver")
+    parser.add_argument("--select", metavar="CODES", type=_codes, default=["DG"], help="only these, as DG2,DG401")
+    parser.add_argument("--ignore", metavar="CODES", type=_codes, default=[], help="all but these")
+    parser.add_argument("--error", metavar="CODES", type=_codes, default=[], help="these warnings are errors")
+    parser.add_argument("--strict", action="store_true", help="all warnings are errors")
+    parser.add_argument("-q", "--quiet", action="store_true", help="tell errors alone, and how many warnings there are")
+    parser.add_argument(
+        "--output-format", choices=_FORMATS, help="default: github where GITHUB_ACTIONS is set, full elsewhere"
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    parser.set_defaults(run=run)
+
+
+def _codes(text: str) -> list[str]:
+    codes = [code.strip() for code in text.split(",")]
+    if not all(codes):
+        raise argparse.ArgumentTypeError("write codes or beginnings of codes, as DG2,DG401")
+    return codes
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check all files and report; returns the exit code."""
+    with _a_short_life() if arguments.fast else nullcontext():
+        return _run(arguments)
+
+
+@contextmanager
+def _a_short_life() -> Iterator[None]:
+    """Leave all garbage to the end of the process, and never look for it: that took a sixth of a fast check."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from heronry_dg.rules.rule import Severity  # noqa: PLC0415 - pydantic is slow to import
+
+    choice = _choice(arguments)
+    try:
+        judged = [_judged(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
+        with _defects_of("the report"):
+            report = _report(_told(judged, quiet=arguments.quiet), judged, arguments)
+    except _DefectError as defect:
+        print(f"heronry: {defect}", file=sys.stderr)
+        return 3
+    _write(report, arguments.output)
+    return int(any(finding.severity is Severity.ERROR for one in judged for finding in one.findings))
+
+
+class _DefectError(Exception):
+    """A defect of ours: neither findings nor a UserError."""
+
+
+def _choice(arguments: argparse.Namespace) -> "Choice":
+    from heronry_dg.check.judge import Choice  # noqa: PLC0415
+    from heronry_dg.rules.rule import Severity  # noqa: PLC0415
+    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
+
+    for option in ("select", "ignore", "error"):
+        for code in getattr(arguments, option):
+            if not any(known.startswith(code) for known in RULES):
+                raise UserError(f"--{option}: no code begins with '{code}'; heronry rules lists all codes")
+    raised = ["DG"] if arguments.strict else arguments.error
+    warnings = (code for code, rule in RULES.items() if rule.severity is Severity.WARNING)
+    return Choice(
+        tuple(arguments.select),
+        tuple(arguments.ignore),
+        frozenset(code for code in warnings if code.startswith(tuple(raised))),
+    )
+
+
+def _files(paths: Sequence[str]) -> Iterator[tuple[str, Path | None]]:
+    """Name and path of each file, each once; no path for standard input."""
+    found: dict[str, Path | None] = {}
+    for text in paths:
+        path = Path(text)
+        if text == "-":
+            found[_STDIN] = None
+        elif path.is_dir():
+            found.update((str(file), file) for file in _specs_below(path))
+        else:
+            shipped = _shipped(text)
+            found[str(shipped or path)] = shipped or path
+    return iter(found.items())
+
+
+def _specs_below(folder: Path) -> list[Path]:
+    from heronry_dg.loader import SUFFIX  # noqa: PLC0415
+
+    found = []
+    for where, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        found += [Path(where, name) for name in sorted(files) if name.endswith(SUFFIX)]
+    if not found:
+        raise UserError(f"{folder}: there is no *{SUFFIX} in this folder")
+    return found
+
+
+def _shipped(text: str) -> Path | None:
+    """A shipped spec, where the text is the name of one and no file of that name is there."""
+    from heronry_dg.shipped import shipped_spec_names, shipped_spec_path  # noqa: PLC0415
+
+    return shipped_spec_path(text) if not Path(text).exists() and text in shipped_spec_names() else None
+
+
+def _judged(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "Judged":
+    from heronry_dg.check.judge import Judged, judge  # noqa: PLC0415
+    from heronry_dg.findings import Findings  # noqa: PLC0415
+    from heronry_dg.loader import read_file  # noqa: PLC0415
+    from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
+    from heronry_tools.analysis.check.registry import RULES, checks_of  # noqa: PLC0415
+
+    findings = Findings(name)
+    data = sys.stdin.buffer.read(MOST_BYTES + 1) if path is None else read_file(path, findings)
+    if data is None:
+        return Judged(name, tuple(findings))
+    with _defects_of(name):
+        return judge(data, name, checks_of(fast=fast), RULES, choice)
+
+
+@contextmanager
+def _defects_of(what: str) -> Iterator[None]:
+    """Tell whatever goes wrong inside in one sentence."""
+    try:
+        yield
+    except HeronryError:
+        raise
+    except ModuleNotFoundError as missing:
+        hint = "install heronry[manager], or use --fast"
+        raise UserError(f"the families that solve need {missing.name}: {hint}") from missing
+    except Exception as error:
+        trace = traceback.extract_tb(error.__traceback__)[-1]
+        said = f"the check itself failed ({type(error).__name__} at {Path(trace.filename).name}:{trace.lineno})"
+        raise _DefectError(f"{what}: {said}; this is a defect of heronry: please report it with the file") from error
+
+
+def _told(judged: "Sequence[Judged]", *, quiet: bool) -> "Sequence[Judged]":
+    """What the report tells of: everything, or errors alone."""
+    return [one.errors_alone() for one in judged] if quiet else judged
+
+
+def _report(told: "Sequence[Judged]", judged: "Sequence[Judged]", arguments: argparse.Namespace) -> str:
+    from heronry_dg.check import text_report  # noqa: PLC0415
+
+    form = arguments.output_format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full")
+    match form:
+        case "concise":
+            return text_report.concise(told)
+        case "full":
+            colour = arguments.output is None and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+            return f"{text_report.full(told, colour=colour)}{text_report.summary(judged)}\n"
+    return _machine_report(told, form)
+
+
+def _machine_report(told: "Sequence[Judged]", form: str) -> str:
+    from heronry_dg.check import machine_reports  # noqa: PLC0415 - XML is slow to import
+    from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
+
+    match form:
+        case "json":
+            return machine_reports.json_report(told, RULES)
+        case "github":
+            return machine_reports.github_report(told)
+        case "sarif":
+            return machine_reports.sarif_report(told, RULES, _version())
+        case _:
+            return machine_reports.junit_report(told)
+
+
+def _version() -> str:
+    from importlib.metadata import version  # noqa: PLC0415
+
+    return version("heronry")
+
+
+def _write(text: str, file: Path | None) -> None:
+    """Write a report; characters that the terminal's encoding lacks are escaped."""
+    if file is not None:
+        file.write_text(text, encoding="utf-8")
+        return
+    sys.stdout.buffer.write(text.encode(sys.stdout.encoding or "utf-8", "backslashreplace"))
+    sys.stdout.flush()

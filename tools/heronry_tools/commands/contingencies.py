@@ -1,0 +1,100 @@
+"""`heronry contingencies`: the plan for every fault there could be, made ahead and kept in one file.
+
+Exit codes: 0 the file was written, or holds what it says; 1 it does not; 2 the input cannot be used.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.analysis.campaign.scope import add_scope_arguments, jobs_of, scope_of
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.analysis.campaign.sweeping import Written
+
+_EPILOG = """\
+Faults are counted in elements: pe:NAME, device:NAME, module:NAME, bus:NAME, channel:BUS.1. Every plan takes it that the
+phase's fault-free plan runs. A run that is stopped or killed leaves FILE.partial, and the same command goes on from it.
+
+examples:
+  heronry contingencies elevator_and_chute -o chute.contingencies
+  heronry contingencies big_blue -o big_blue.contingencies --faults 1 --phase glide
+  heronry contingencies big_blue -o big_blue.contingencies --kinds pe,bus --jobs 1
+  heronry contingencies big_blue -o big_blue.contingencies --scheduler tcp://10.0.0.5:8786
+  heronry contingencies --check big_blue.contingencies big_blue      every entry before the judge
+  heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry contingencies`."""
+    parser = subparsers.add_parser(
+        "contingencies",
+        help="plan ahead for every fault, into a file for the manager",
+        description="Plan for every set of faults in every phase, and keep the plans in one file.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("-o", "--output", metavar="FILE", type=Path, help="write the plans here")
+    what.add_argument("--check", metavar="FILE", type=Path, help="judge every entry of a file instead")
+    add_scope_arguments(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make or check a file; returns the exit code."""
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415 - slow to import
+
+    spec = load_spec(arguments.spec)
+    return _make(spec, arguments) if arguments.check is None else _check(spec, arguments)
+
+
+def _make(spec: "Spec", arguments: argparse.Namespace) -> int:
+    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.sweeping import sweep_into  # noqa: PLC0415
+
+    scope = scope_of(spec, arguments)
+    with crew(jobs_of(arguments), arguments.scheduler) as executor:
+        written = sweep_into(arguments.output, spec, scope, executor)
+    _report(spec, arguments.output, written)
+    return 0
+
+
+def _report(spec: "Spec", file: Path, written: "Written") -> None:
+    from heronry_manager.contingency.on_board import on_board  # noqa: PLC0415
+
+    made, tally, scope = written.made, written.tally, written.made.scope
+    total = scope.set_count() * len(made.phases)
+    unproven = sum(not plan.optimal for _, _, plan in made.entries())
+    phases = f" in {len(made.phases)} phases" if len(made.phases) > 1 else ""
+    print(f"{file}: {written.size} bytes, bound to {spec.name} {spec.digest[:12]}")
+    print(f"{total} plans: up to {scope.faults} faults of {len(scope.elements)} elements{phases}, and safe modes")
+    print(
+        f"{tally.asked} searched, {tally.pruned_share():.1%} pruned: "
+        f"{tally.by_plan} by a plan that lives on, {tally.by_twin} by a twin"
+    )
+    print(f"{len(made.configurations)} different configurations; {unproven} plans not proven to be the best")
+    for one in on_board(spec, made):
+        room = f"{len(one.block)} of {one.room} bytes"
+        rest = len(made.configurations) - one.held
+        where = "" if rest == 0 else f"; the other {rest} stay with the manager"
+        print(f"pe {one.pe}: {one.held} configurations on board, {room}{where}")
+
+
+def _check(spec: "Spec", arguments: argparse.Namespace) -> int:
+    from heronry_manager.contingency.file_format import read_contingencies  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.checking import faults_of  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
+
+    made = read_contingencies(arguments.check, spec)
+    with crew(jobs_of(arguments), arguments.scheduler) as executor:
+        wrong = faults_of(spec, made, executor)
+    for sentence in wrong:
+        print(sentence)
+    if not wrong:
+        entries = made.scope.set_count() * len(made.phases)
+        print(f"{entries} plans and {len(made.phases)} safe modes: every one is legal and worth what the file says")
+    return 1 if wrong else 0

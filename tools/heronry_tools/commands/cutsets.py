@@ -1,0 +1,153 @@
+"""`heronry cutsets`: the smallest sets of faults that lose a function.
+
+Exit codes: 0 done, whatever was found; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.analysis.campaign.scope import feasible, jobs_of, kinds_of
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_manager.planner.sweep import FaultSet, Phase, Scope
+    from heronry_tools.analysis.campaign.cut_sets import CutSets
+
+_EPILOG = """\
+logical: the graph cannot serve the function without these, even with resources without end. resource-aware: the PEs and
+buses that are left cannot fit it; what is logical is not listed there again, except with --json. Neither depends on the
+phase; both hold for every larger set as well. With --given-up also: sets after which the best plan of the phase leaves
+the function out for something more important, though it could be served; a larger set may bring it back.
+
+examples:
+  heronry cutsets elevator_and_chute parachute
+  heronry cutsets big_blue elevator --order 1 --kinds pe,device,bus
+  heronry cutsets big_blue flight_log --order 1 --given-up --phase glide
+  heronry cutsets big_blue rudder --order 1 --json
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry cutsets`."""
+    parser = subparsers.add_parser(
+        "cutsets",
+        help="find the smallest sets of faults that lose a function",
+        description="Find the smallest sets of faults that lose a function: by logic, and by resources.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
+    parser.add_argument(
+        "--order", metavar="N", type=int, help="sets of up to N (default: the spec's contingency.faults)"
+    )
+    parser.add_argument("--kinds", metavar="KINDS", help="only elements of these kinds, as pe,bus (default: all)")
+    parser.add_argument("--given-up", action="store_true", help="what the best plan of a phase gives up, too")
+    parser.add_argument("--phase", metavar="NAME", help="that phase (default: the first one of the spec)")
+    parser.add_argument("--jobs", metavar="N", type=int, help="processes that plan (default: one for each CPU)")
+    parser.add_argument("--json", action="store_true", help="write the result as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Find and show; returns the exit code."""
+    from heronry_tools.analysis.campaign.cut_sets import cut_sets, given_up  # noqa: PLC0415 - loads the solver
+    from heronry_tools.console.progress import Progress  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    function = named_function(spec, arguments.function)
+    scope, jobs = _scope(spec, arguments), jobs_of(arguments)
+    phase = scope.phases[0]
+    with Progress() as progress:
+        progress.begin("fault sets", 2 * scope.set_count())
+        found = cut_sets(spec, function.name, scope, progress.step)
+    left_out = None
+    if arguments.given_up:
+        left_out = given_up(function, found, phase, _swept(spec, scope, jobs))
+    report = _json if arguments.json else _text
+    sys.stdout.write(report(spec, found, phase, left_out))
+    return 0
+
+
+def _scope(spec: "Spec", arguments: argparse.Namespace) -> "Scope":
+    from heronry_dg.situation import elements, situation  # noqa: PLC0415
+    from heronry_manager.planner.sweep import Scope  # noqa: PLC0415
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+
+    order = spec.contingency.faults if arguments.order is None else arguments.order
+    if order < 1:
+        raise UserError(f"--order {order}: a set of faults has at least one")
+    kinds = kinds_of(arguments.kinds)
+    chosen = tuple(one for one in elements(spec) if one.partition(":")[0] in kinds)
+    return feasible(Scope(chosen, order, (situation(spec, phase=arguments.phase).phase,)))
+
+
+def _swept(spec: "Spec", scope: "Scope", jobs: int) -> Any:
+    from heronry_tools.analysis.campaign.crew import crew  # noqa: PLC0415
+    from heronry_tools.analysis.campaign.sweeping import sweep  # noqa: PLC0415
+
+    with crew(jobs) as executor:
+        return sweep(spec, scope, executor).outcomes
+
+
+def _text(spec: "Spec", found: "CutSets", phase: "Phase", left_out: "list[FaultSet] | None") -> str:
+    lines = [f"{found.function} of {spec.name}: sets of up to {found.order}"]
+    lines += ["", f"logical: {_counted(spec, found.logical)}", *map(_set_line, found.logical)]
+    more = [down for down in found.resources if down not in found.logical]
+    lines += ["", f"resource-aware: {_beyond_logic(spec, found, len(more))}", *map(_set_line, more)]
+    if left_out is not None:
+        where = f" in {phase}" if phase is not None else ""
+        lines += ["", f"given up by the best plan{where}: {_counted(spec, left_out)}", *map(_set_line, left_out)]
+    return "\n".join(lines) + "\n"
+
+
+def _beyond_logic(spec: "Spec", found: "CutSets", more: int) -> str:
+    from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
+
+    if not found.logical or frozenset() in found.resources:
+        return _counted(spec, found.resources)
+    if not more:
+        return "the same sets"
+    chance = likelihood(spec, found.resources)
+    return f"{more} more set{'s' * (more != 1)}" + (f", with the logical ones {chance}" if chance is not None else "")
+
+
+def _counted(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> str:
+    from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
+
+    if frozenset() in sets:
+        return "with nothing down at all"
+    chance = likelihood(spec, sets)
+    return f"{len(sets) or 'no'} set{'s' * (len(sets) != 1)}" + (f", {chance}" if chance is not None else "")
+
+
+def _set_line(down: "FaultSet") -> str:
+    return f"  {', '.join(sorted(down)) or 'nothing down'}"
+
+
+def _json(spec: "Spec", found: "CutSets", phase: "Phase", left_out: "list[FaultSet] | None") -> str:
+    document: dict[str, Any] = {
+        "spec": spec.name,
+        "digest": spec.digest,
+        "function": found.function,
+        "order": found.order,
+        "logical": _sets_json(spec, found.logical),
+        "resources": _sets_json(spec, found.resources),
+    }
+    if left_out is not None:
+        document["given_up"] = {"phase": phase, **_sets_json(spec, left_out)}
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def _sets_json(spec: "Spec", sets: "tuple[FaultSet, ...] | list[FaultSet]") -> dict[str, Any]:
+    from heronry_tools.analysis.campaign.rates import likelihood  # noqa: PLC0415
+
+    chance = likelihood(spec, sets)
+    return {
+        "sets": [sorted(down) for down in sets],
+        "per_h": None if chance is None else chance.per_h,
+        "complete": None if chance is None else chance.complete,
+    }

@@ -1,0 +1,98 @@
+"""`heronry demo`: the whole system, for real, with a story."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.analysis.made_ahead import add_contingencies_argument
+from heronry_tools.runtime.demo import DEFAULT_SECONDS
+
+LONGEST_SECONDS = 1_000_000.0
+
+_EPILOG = """\
+examples:
+  heronry demo                                        big_blue; the flight computer is killed and comes back
+  heronry demo --kill pe:nav@3 --kill pe:tail_a@3.01  two at once
+  heronry demo elevator_and_chute --for 8 --record flight.log
+  heronry demo --phase landing@3 --kill pe:flight@6   other priorities from the third second on
+  heronry demo --from 210 --for 40                    the landing
+  heronry demo --key fleet.key                        every command and every state is proven
+  heronry demo -i socketcan -c vcan0                  on a real SocketCAN interface
+  heronry demo twin.dg.yaml -i socketcan -c vcan0,vcan1     a bus with 'channels: 2' has two
+  heronry demo --kill manager@5                       a second manager stands by, and takes over
+  heronry demo --json | jq 'select(.event=="reconfigured").times_ns'
+
+Times are in seconds after the first configuration runs. Ctrl-C ends it; nothing is left behind.
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry demo`."""
+    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+
+    from heronry_tools.console.spec_argument import add_spec_argument  # noqa: PLC0415
+
+    parser = subparsers.add_parser(
+        "demo",
+        help="run a manager and all PEs as processes, kill some, and watch",
+        description="Start the bus (if needed), the manager and every PE, each as its own process; kill and restore.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser, default="big_blue")
+    parser.add_argument(
+        "--kill",
+        metavar="pe:NAME@SECONDS",
+        action="append",
+        default=[],
+        help="SIGKILL a PE, or the manager: manager@SECONDS",
+    )
+    parser.add_argument("--restore", metavar="pe:NAME@SECONDS", action="append", default=[], help="start it again")
+    parser.add_argument(
+        "--phase", metavar="NAME@SECONDS", action="append", default=[], help="the operator enters a mission phase"
+    )
+    parser.add_argument(
+        "--for",
+        dest="seconds",
+        metavar="SECONDS",
+        type=_seconds,
+        help=f"how long to run (default {DEFAULT_SECONDS:.0f})",
+    )
+    parser.add_argument(
+        "--from",
+        dest="aloft_s",
+        metavar="SECONDS",
+        type=_seconds,
+        default=0.0,
+        help="begin so long after take-off: at 90 the balloon is about to be cut, from 240 on it stands again",
+    )
+    parser.add_argument("--record", metavar="FILE.log", type=Path, help="write a candump log of all buses")
+    add_contingencies_argument(parser, "to fly with and to carry on board")
+    parser.add_argument(
+        "--key", metavar="FILE", type=Path, help="what 'heronry key' made, for the manager and every PE"
+    )
+    parser.add_argument("--json", action="store_true", help="print the event stream as JSON lines, and no story")
+    parser.add_argument(
+        "--bus",
+        metavar="NAME=[INTERFACE:]CHANNEL",
+        action="append",
+        default=[],
+        help="another bus of the spec on this channel (default: a software bus)",
+    )
+    add_bus_arguments(parser, group_title="the manager's bus (default: vcan0 where there is one, else a software bus)")
+    parser.set_defaults(run=run)
+
+
+def _seconds(text: str) -> float:
+    """Read a time; argparse tells the name of this function to the user."""
+    seconds = float(text)
+    if not 0 <= seconds <= LONGEST_SECONDS:
+        raise argparse.ArgumentTypeError(f"{text} is no time for a demo; write 0 to {LONGEST_SECONDS:.0f} seconds")
+    return seconds
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo; returns 0 if at the end all that the plan serves is heard on the bus."""
+    from heronry_tools.runtime.demo.play import play  # noqa: PLC0415 - loads everything
+
+    return play(arguments)

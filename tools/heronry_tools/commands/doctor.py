@@ -1,0 +1,193 @@
+"""`heronry doctor`: is this node fit to fly, and what to type where it is not.
+
+Exit codes: 0 everything is right, 1 something is not, 2 the command line cannot be used.
+"""
+
+import argparse
+import json
+import select
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import can
+
+    from heronry_tools.runtime.doctor.finding import Finding
+    from heronry_tools.runtime.doctor.listening import Expected, Hearing
+    from heronry_wire.bus_opening import Opened
+
+_ANSWER_WITHIN_S = 1.0
+_PAUSE_S = 0.5
+_USUAL_HEARTBEAT_NS = 20_000_000
+_DIGEST_SUB = 3  # of object SPEC
+_EPILOG = """\
+examples:
+  heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
+  heronry doctor my.dg.yaml -i socketcan -c can0           ... and whether they are those of this spec
+  heronry doctor /etc/heronry/nav.table -i socketcan -c can0     on a node, which has its table alone
+  heronry doctor my.dg.yaml -i socketcan -c can0 --wait 60       after everything was started
+  heronry doctor twin.dg.yaml -i socketcan -c can0,can1          'channels: 2', and who is on one of them only
+  heronry doctor -i socketcan -c can0 --json | jq .findings
+
+It listens, and asks every PE that it hears by SDO which spec its table is of; it commands nothing. In flight leave that
+to the manager, which is the one client of SDO there.
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry doctor`."""
+    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+
+    parser = subparsers.add_parser(
+        "doctor",
+        help="is this node fit to fly, and what to type where it is not",
+        description="Check this computer, its CAN interface, and what is heard on the bus.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", nargs="?", help="a spec, or a PE's *.table: what should be there")
+    parser.add_argument("--seconds", type=float, default=3.0, metavar="S", help="how long to listen (default 3)")
+    parser.add_argument(
+        "--wait", type=float, default=0.0, metavar="S", help="look again until all is right, for up to S seconds"
+    )
+    parser.add_argument("--json", action="store_true", help="write the findings as JSON")
+    add_bus_arguments(parser, group_title="the bus")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Look at everything and report; returns 0, or 1 where something is not right."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+
+    if not 0 < arguments.seconds <= 600:
+        raise UserError(f"--seconds {arguments.seconds:g}: listen for more than 0 and up to 600 s")
+    until_s = time.monotonic() + arguments.wait
+    findings = list(_findings(arguments))
+    while not (is_fit := all(finding.is_right for finding in findings)) and time.monotonic() < until_s:
+        time.sleep(_PAUSE_S)
+        findings = list(_findings(arguments))
+    if arguments.json:
+        told = [{"check": f.check, "ok": f.is_right, "says": f.says, "type": f.remedy} for f in findings]
+        print(json.dumps({"v": 1, "ok": is_fit, "findings": told}, indent=2))
+    else:
+        print("\n".join(_report(findings)))
+    return 0 if is_fit else 1
+
+
+def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
+    from heronry_tools.runtime.doctor.computer import judge_computer, knows_can  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.finding import Finding  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.interface import judge_interface  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.listening import judge_channels, judge_digests, judge_hearing  # noqa: PLC0415
+    from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
+    from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
+    from heronry_wire.can_interface import read_interface  # noqa: PLC0415
+
+    expected = None if arguments.spec is None else _expected(arguments.spec)
+    flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
+    is_socketcan = flags.get("interface") == "socketcan"
+    yield from judge_computer(needs_can=is_socketcan)
+    channels = channels_named(flags) if expected is None else expected.channels
+    buses: dict[str, Opened] = {}
+    with ExitStack() as stack:
+        for config in channel_configs(flags, channels, "the bus"):
+            name = str(config.get("channel", "can0"))
+            if config.get("interface") == "socketcan" and knows_can():
+                bitrate = None if expected is None else expected.bitrate
+                found = list(judge_interface(name, read_interface(name), bitrate))
+                yield from found
+                if not found[0].is_right:
+                    continue
+            try:
+                buses[name] = open_bus(config)
+            except LinkError as error:
+                if not (is_socketcan and not knows_can()):
+                    yield Finding("bus", str(error), "heronry doctor --help   (names a bus)")
+            else:
+                stack.enter_context(buses[name].bus)
+        if not buses:
+            return
+        heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
+        digests = _digests(next(iter(buses.values())).bus, sorted(heard.incarnations))
+    yield from judge_hearing(heard, expected, arguments.seconds)
+    if len(buses) > 1:
+        yield judge_channels(heard, expected)
+    yield from judge_digests(digests, expected)
+
+
+def _expected(text: str) -> "Expected":
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.listening import Expected  # noqa: PLC0415
+    from heronry_wire.pe_table import PeTable  # noqa: PLC0415
+
+    if text.endswith(".table"):
+        table = PeTable.from_json(Path(text).read_text(encoding="utf-8"))
+        port = table.ports[table.uplink]
+        return Expected(
+            table.spec,
+            table.spec_digest,
+            port.bitrate,
+            {n: f"node {n}" for n in (*port.nodes, table.node_id)},
+            port.channels,
+            port.heartbeat_ns,
+        )
+    spec = load_spec(text)
+    bus = spec.buses[spec.manager.bus]
+    pes = {pe.node_id: pe.name for pe in spec.pes.values() if bus.name in pe.buses}
+    return Expected(spec.name, spec.digest, bus.bitrate, pes, bus.channels, bus.heartbeat_ns)
+
+
+def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None) -> "Hearing":
+    """Listen to a bus, given by its channels: each frame once, and who is on which channel."""
+    from heronry_tools.runtime.doctor.listening import Hearing  # noqa: PLC0415
+    from heronry_wire.channel_merge import ChannelMerge  # noqa: PLC0415
+    from heronry_wire.python_can import frame_of  # noqa: PLC0415
+
+    heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
+    merge = ChannelMerge(heartbeat_ns or _USUAL_HEARTBEAT_NS)
+    is_quiet = False  # several frames may have come at once, and wait where no descriptor tells
+    while (left_s := end_s - time.monotonic()) > 0:
+        if is_quiet:
+            select.select([opened.fileno for opened in buses.values()], [], [], min(left_s, 0.1))
+        heard.clocks(time.time_ns(), time.monotonic_ns())
+        is_quiet = True
+        for number, (name, opened) in enumerate(buses.items()):
+            message = opened.bus.recv(0)
+            if message is None:
+                continue
+            is_quiet = False
+            frame = frame_of(message)
+            heard.take_copy(name, frame)
+            if len(buses) == 1 or frame.error or merge.take(number, frame, int(message.timestamp * 1e9)):
+                heard.take(frame)
+    return heard
+
+
+def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None]:
+    """Ask PEs which spec their tables are of; None for one that does not answer. The bus is closed after that."""
+    import canopen  # noqa: PLC0415 - slow to import
+    from canopen.sdo.exceptions import SdoError  # noqa: PLC0415
+
+    from heronry_wire.canopen_objects import SPEC  # noqa: PLC0415
+
+    told: dict[int, str | None] = dict.fromkeys(nodes)
+    with canopen.Network(bus) as network:
+        network.connect()
+        for node in nodes:
+            sdo: Any = network.add_node(node, canopen.ObjectDictionary()).sdo  # type: ignore[no-untyped-call]
+            sdo.RESPONSE_TIMEOUT = _ANSWER_WITHIN_S
+            with suppress(SdoError):
+                told[node] = sdo.upload(SPEC, _DIGEST_SUB).decode()
+    return told
+
+
+def _report(findings: list["Finding"]) -> Iterator[str]:
+    for finding in findings:
+        yield f"{'ok ' if finding.is_right else 'NOT'} {finding.check:<10} {finding.says}"
+        if finding.remedy is not None:
+            yield f"    {'':<10} type: {finding.remedy}"
+    wrong = sum(not finding.is_right for finding in findings)
+    yield "this node is fit" if not wrong else f"{wrong} of {len(findings)} things are not right"

@@ -1,0 +1,177 @@
+"""`heronry exhaust`: every message of every reconfiguration of a small aircraft, struck in every way.
+
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or a case that was
+given has not struck; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import shlex
+from collections import Counter
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.commands.sim import (
+    add_compiled_argument,
+    check_images,
+    go_on_compiled_if_asked,
+    processors,
+    whole_number,
+)
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import Progress
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.sim.flight.exhaustive import Case, Setup
+    from heronry_tools.sim.oracles.violation import Violation
+
+_EPILOG = """\
+A story makes the aircraft reconfigure: its start, each PE's loss, return and reboot, each module that raises, each
+sensor that dies, what the operator fails and clears, each phase, by his word or as a module asks for it; with --standby
+also the death of the manager that reigns. It is flown again and again, and each time one frame of the management, from
+the first to the last, is lost, doubled or late, for one node or for everybody, or a node dies with it. Use a spec with
+three PEs: there are some 37000 flights of it, half an hour on one processor.
+
+Exit codes: 0 all is well; 1 something was violated, or a case that was given strikes nobody; 2 the input cannot be
+used; 130 and 143 ended by Ctrl-C and by SIGTERM.
+
+examples:
+  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --sample 200      drawn from all of them, by --seed
+  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --jobs 0          all of them
+  heronry exhaust dg_specs/examples/demux_actuators.dg.yaml --count           only say how many there are
+  heronry exhaust my.dg.yaml --pairs 5000 --sample 0                          two at a time, drawn
+  heronry exhaust my.dg.yaml --case 'crash pe:nav: 17 lost pe:tail, 20 crash manager'
+  heronry exhaust my.dg.yaml --standby --keyed --foreseen 1 --sample 500      two managers, a key, plans on board
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry exhaust`."""
+    parser = subparsers.add_parser(
+        "exhaust",
+        help="lose, double, delay every single message of every reconfiguration, and crash at it",
+        description="Fly every single fault at every message of every reconfiguration, and judge each flight.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser)
+    parser.add_argument("--sample", type=whole_number, metavar="N", help="fly so many of the single faults, drawn")
+    parser.add_argument("--pairs", type=whole_number, default=0, metavar="N", help="and so many pairs (default: 0)")
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="that draws them (default: 0)")
+    parser.add_argument("--standby", action="store_true", help="with two managers")
+    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument(
+        "--foreseen", type=whole_number, metavar="N", help="plans for up to N faults are made ahead and on board"
+    )
+    parser.add_argument("--count", action="store_true", help="only say how many single faults each story has")
+    parser.add_argument("--case", action="append", default=[], metavar="CASE", help="fly this one, and no other")
+    parser.add_argument(
+        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
+    )
+    add_compiled_argument(parser)
+    parser.add_argument(
+        "--json", action="store_true", help="write what was flown and what failed, or was counted, as JSON"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly the cases; returns the exit code."""
+    go_on_compiled_if_asked(arguments)
+    from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.sim.flight.exhaustive import fly_case  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    check_images(spec)
+    if arguments.count:
+        counts = _counts(spec, arguments)
+        print(json.dumps({"stories": counts, "flights": sum(counts.values())}) if arguments.json else _counted(counts))
+        return 0
+    cases = _cases(spec, arguments)
+    failed: list[tuple[Case, list[Violation]]] = []
+    with Progress() as progress:
+        progress.begin("flights", len(cases))
+        flown = fly_all(spec_path(arguments.spec), cases, arguments.jobs, fly_case)
+        for case, violations in zip(cases, flown, strict=True):
+            progress.step()
+            if violations:
+                failed.append((case, violations))
+                if not arguments.json:
+                    print("\n".join(_told(arguments, case, violations)), flush=True)
+    print(json.dumps(_document(arguments, cases, failed)) if arguments.json else _summary(cases, len(failed)))
+    return 1 if failed else 0
+
+
+def _counts(spec: "Spec", arguments: argparse.Namespace) -> dict[str, int]:
+    """How many single faults each story has."""
+    from heronry_tools.sim.flight.exhaustive import single_cases, stories  # noqa: PLC0415
+
+    setup = _setup(arguments)
+    return {story: len(single_cases(spec, story, setup)) for story in stories(spec, setup)}
+
+
+def _counted(counts: dict[str, int]) -> str:
+    """The same in lines, and how many there are."""
+    return "\n".join([*(f"{count:7} {story}" for story, count in counts.items()), f"{sum(counts.values()):7} flights"])
+
+
+def _setup(arguments: argparse.Namespace) -> "Setup":
+    from heronry_tools.sim.flight.exhaustive import Setup  # noqa: PLC0415
+
+    return Setup(arguments.foreseen, arguments.keyed, arguments.standby)
+
+
+def _cases(spec: "Spec", arguments: argparse.Namespace) -> "list[Case]":
+    from heronry_tools.sim.flight.exhaustive import drawn_pairs, read_case, single_cases, stories  # noqa: PLC0415
+
+    setup = _setup(arguments)
+    if arguments.case:
+        return [read_case(spec, text, setup) for text in arguments.case]
+    if arguments.sample == arguments.pairs == 0:
+        raise UserError("--sample 0: no flights show nothing; write 1 or more, or add --pairs N")
+    every = [case for story in stories(spec, setup) for case in single_cases(spec, story, setup)]
+    pairs = drawn_pairs(every, arguments.pairs, arguments.seed)
+    if arguments.sample is not None and arguments.sample < len(every):
+        every = Random(f"singles of {arguments.seed}").sample(every, arguments.sample)
+    return [*every, *pairs]
+
+
+def _told(arguments: argparse.Namespace, case: "Case", violations: "list[Violation]") -> list[str]:
+    return [
+        str(case),
+        *(f"  VIOLATION {violation}" for violation in violations),
+        f"  replay with: {_replay(arguments, case)}",
+    ]
+
+
+def _summary(cases: "list[Case]", failed: int) -> str:
+    kinds = Counter(blow.kind for case in cases for blow in case.blows)
+    stories = len({case.story for case in cases})
+    blows = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    return f"{stories} stories, {len(cases)} flights ({blows or 'nothing to strike'}), {failed} failed"
+
+
+def _document(
+    arguments: argparse.Namespace, cases: "list[Case]", failed: "list[tuple[Case, list[Violation]]]"
+) -> dict[str, object]:
+    return {
+        "flights": len(cases),
+        "blows": dict(Counter(blow.kind for case in cases for blow in case.blows)),
+        "failed": [
+            {
+                "case": str(case),
+                "violations": [{"t_ns": v.t_ns, "rule": v.rule, "story": v.story} for v in violations],
+                "replay": _replay(arguments, case),
+            }
+            for case, violations in failed
+        ],
+    }
+
+
+def _replay(arguments: argparse.Namespace, case: "Case") -> str:
+    words = ["heronry", "exhaust", shlex.quote(arguments.spec)]
+    words += [f"--{name}" for name in ("standby", "keyed") if getattr(arguments, name)]
+    words += [] if arguments.foreseen is None else ["--foreseen", str(arguments.foreseen)]
+    return " ".join([*words, "--case", shlex.quote(str(case))])

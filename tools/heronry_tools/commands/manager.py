@@ -1,0 +1,80 @@
+"""`heronry manager`: the system manager of one spec, on one bus."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.analysis.made_ahead import add_contingencies_argument
+
+_EPILOG = """\
+examples:
+  heronry manager big_blue -i socketcan -c can0
+  heronry manager my.dg.yaml -i softbus -c /tmp/can0.sock -b 1000000 --json | tee events.jsonl
+  heronry manager my.dg.yaml -c vcan0 --state-dir /var/lib/heronry
+  heronry manager big_blue -i socketcan -c can0 --advise
+  heronry manager twin.dg.yaml -i socketcan -c can0,can1           the manager's bus has 'channels: 2'
+  heronry manager big_blue -i socketcan -c can0 --key fleet.key
+  heronry manager big_blue -i socketcan -c can0 --standby          the second one, node 127, on another computer
+  heronry manager big_blue -i socketcan -c can0 --standby --node 126     the first one, where there is a second
+  heronry manager big_blue --contingencies big_blue.contingencies -i socketcan -c can0
+
+It listens first: a bus with another manager on it is left alone, or with --standby followed. Where the spec has several
+buses, -c is the one that the spec's 'manager: {bus: ...}' names. python-can's can.conf and CAN_* variables are
+honoured. 'heronry status', 'phase', 'fail' and 'clear' talk to it from the same computer.
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry manager`."""
+    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+
+    from heronry_tools.console.spec_argument import add_spec_argument  # noqa: PLC0415
+
+    parser = subparsers.add_parser(
+        "manager",
+        help="run the system manager on a bus",
+        description="Follow the PEs, plan, and deploy: the system manager of one spec.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser)
+    parser.add_argument("--node", type=int, choices=(126, 127), help="node-ID (default 126, with --standby 127)")
+    parser.add_argument(
+        "--state-dir", type=Path, metavar="DIR", help="where its journal is kept (default: the user's state)"
+    )
+    parser.add_argument(
+        "--changed-spec",
+        action="store_true",
+        help="the journal was kept for an older text of SPEC: forget its faults and phase, go on with its numbers",
+    )
+    parser.add_argument(
+        "--key", type=Path, metavar="FILE", help="what 'heronry key' made: nobody without it commands, or is believed"
+    )
+    parser.add_argument(
+        "--standby",
+        action="store_true",
+        help="stand by while another manager reigns, and take over when the PEs hear none any more",
+    )
+    add_contingencies_argument(parser, "to fly with")
+    parser.add_argument(
+        "--advise",
+        action="store_true",
+        help="say what it would do, and nothing on the bus: it may sit beside a manager",
+    )
+    parser.add_argument(
+        "--socket",
+        type=Path,
+        metavar="PATH",
+        help="where it listens to 'heronry status' and the like (default: by SPEC)",
+    )
+    parser.add_argument("--json", action="store_true", help="print events as JSON lines instead of sentences")
+    parser.add_argument("--until-eof", action="store_true", help="end when standard input ends")
+    add_bus_arguments(parser, group_title="the manager's bus")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
+    from heronry_tools.runtime.manager_process import reign  # noqa: PLC0415 - loads everything
+
+    return reign(arguments)

@@ -1,0 +1,229 @@
+"""`heronry plan` and `heronry verify`: find the best configuration of a spec in a situation, and judge any other one.
+
+Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_dg.configuration import Configuration
+    from heronry_dg.model import Spec
+    from heronry_dg.objective import Placement
+    from heronry_dg.plan import Plan
+    from heronry_dg.situation import Situation
+    from heronry_dg.transition import Transition
+
+_SITUATIONS = """\
+An element that can be down is pe:NAME, device:NAME, module:NAME, bus:NAME or channel:BUS.1 (of a replicated bus).
+What has shrunk is bus:NAME=40% or pe:NAME=50%: so much of its capacity is left.
+"""
+
+_PLAN_EPILOG = f"""\
+{_SITUATIONS}
+examples:
+  heronry plan elevator_and_chute                            everything works
+  heronry plan elevator_and_chute --down device:gps          ... but the GPS
+  heronry plan big_blue --down pe:nav --down bus:radio       a processor and the radio are gone
+  heronry plan big_blue --limit bus:radio=40% --phase glide  a bad radio link, while gliding
+  heronry plan big_blue --json >now.json                     the plan as JSON, to keep and to compare
+  heronry plan big_blue --down pe:nav --running now.json     ... and the next one, with few changes against it,
+                                                             and the way there: who has to let go before who starts
+"""
+
+_VERIFY_EPILOG = f"""\
+{_SITUATIONS}
+PLAN is JSON as 'heronry plan --json' writes it; its "modules" suffice, so that a plan may come from any planner.
+The situation is the one that the plan names, as far as the options do not say otherwise.
+
+examples:
+  heronry plan big_blue --json >plan.json
+  heronry verify big_blue plan.json                   exit code 0: legal
+  heronry verify big_blue plan.json --down pe:nav     would it survive that? 1: no, and which rules it breaks
+  heronry plan my.dg.yaml --json | heronry verify my.dg.yaml -
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parsers of `heronry plan` and `heronry verify`."""
+    plan = subparsers.add_parser(
+        "plan",
+        help="find the best configuration of a spec, whatever is down",
+        description="Find the best legal configuration of a spec in a situation, and prove that it is the best.",
+        epilog=_PLAN_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_spec(plan)
+    _add_situation(plan)
+    plan.add_argument(
+        "--running", metavar="PLAN.json", help="what runs now, as a plan: prefer few changes against it (- for stdin)"
+    )
+    plan.add_argument(
+        "--planner",
+        choices=("exact", "greedy"),
+        default="exact",
+        help="exact: the best plan, with proof (default); greedy: a legal one at once, which flies until that is known",
+    )
+    plan.add_argument(
+        "--effort",
+        type=_effort,
+        metavar="E",
+        help="limit on the search by the solver's count of its work, near seconds, the same on every computer (60)",
+    )
+    plan.add_argument("--json", action="store_true", help="write the plan as JSON")
+    plan.set_defaults(run=run_plan)
+
+    verify = subparsers.add_parser(
+        "verify",
+        help="judge a plan: is it legal, and which rules does it break?",
+        description="Judge a plan by every rule there is, without a planner.",
+        epilog=_VERIFY_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_spec(verify)
+    verify.add_argument("plan", metavar="PLAN.json", help="the plan to judge (- for standard input)")
+    _add_situation(verify)
+    verify.set_defaults(run=run_verify)
+
+
+def _add_spec(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+
+
+def _add_situation(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
+    parser.add_argument("--limit", metavar="ELEMENT=PERCENT", action="append", help="what is left of a capacity")
+    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+
+
+def run_plan(arguments: argparse.Namespace) -> int:
+    """Plan and show or write the plan; returns the exit code."""
+    from heronry_dg.plan import read_running  # noqa: PLC0415 - slow to import, and `--help` needs none of it
+    from heronry_dg.situation import situation  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.reports.plan import print_plan  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    now = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    text = read_text(arguments.running) if arguments.running else None
+    with errors_name(arguments.running):
+        running = read_running(text, spec) if text is not None else None
+    if arguments.planner == "greedy":
+        found = _greedy(spec, now, running)
+    else:
+        found = _best(spec, now, running, arguments.effort)
+    way = _way(spec, text, found, now) if text is not None else None
+    if not arguments.json:
+        print_plan(spec, found, arguments.planner, way)
+    elif way is None:
+        sys.stdout.write(found.to_json())
+    else:
+        document = {**found.document(), "transition": way.document()}
+        sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
+    return 0
+
+
+def _effort(text: str) -> float:
+    effort = float(text)
+    if not 0 <= effort < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is no limit; write a number from 0")
+    return effort
+
+
+def _greedy(spec: "Spec", now: "Situation", running: "Placement | None") -> "Plan":
+    from heronry_manager.planner.greedy.planner import Greedy  # noqa: PLC0415
+
+    return Greedy(spec).plan(now, running)
+
+
+def _best(spec: "Spec", now: "Situation", running: "Placement | None", effort: float | None) -> "Plan":
+    try:
+        from heronry_manager.planner.exact import DEFAULT_EFFORT, plan  # noqa: PLC0415
+        from heronry_manager.planner.explain import explained  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if str(error.name).partition(".")[0] != "ortools":
+            raise
+        how = 'add it with: pip install "heronry[manager]", or use --planner greedy'
+        raise UserError(f"ortools is not installed; {how}") from error
+    return explained(spec, plan(spec, now, running, effort=DEFAULT_EFFORT if effort is None else effort))
+
+
+def _way(spec: "Spec", text: str, found: "Plan", now: "Situation") -> "Transition":
+    """The way from what runs to a plan, as the judge accepts it."""
+    from heronry_dg.transition import transition  # noqa: PLC0415
+    from heronry_dg.verify_transition import verify_transition  # noqa: PLC0415
+    from heronry_wire.sansio import require  # noqa: PLC0415
+
+    before, after = _as_known(spec, text), found.configuration
+    way = transition(spec, before, after, now)
+    refusals = verify_transition(spec, before, after, now, way)
+    require(not refusals, "the way to this plan is none that may be gone: {}", refusals)
+    return way
+
+
+def _as_known(spec: "Spec", text: str) -> "Configuration | Placement":
+    """What a plan says of what runs: with its wires where it tells them of every module."""
+    from heronry_dg.plan import PlanError, read_configuration, read_running  # noqa: PLC0415
+
+    try:
+        return read_configuration(text)
+    except PlanError:
+        return read_running(text, spec)
+
+
+def run_verify(arguments: argparse.Namespace) -> int:
+    """Judge a plan; returns the exit code."""
+    from heronry_dg.plan import read_configuration  # noqa: PLC0415
+    from heronry_dg.verify import verify  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    text = read_text(arguments.plan)
+    with errors_name(arguments.plan):
+        now, configuration = judged_in(spec, text, arguments), read_configuration(text)
+    violations = verify(spec, now, configuration)
+    for violation in violations:
+        print(violation)
+    if not violations:
+        print("legal: no rule is broken")
+    return 1 if violations else 0
+
+
+def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
+    """Take the situation from the plan, and from the options what they say."""
+    from heronry_dg.plan import read_situation  # noqa: PLC0415
+    from heronry_dg.situation import Situation, situation  # noqa: PLC0415
+
+    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    planned = read_situation(plan, spec)
+    return Situation(
+        down=planned.down if arguments.down is None else said.down,
+        limits=planned.limits if arguments.limit is None else said.limits,
+        phase=planned.phase if arguments.phase is None else said.phase,
+    )
+
+
+@contextmanager
+def errors_name(file: str | None) -> Iterator[None]:
+    """Let what is wrong with a plan name the file that it came from (`-`: standard input)."""
+    from heronry_dg.plan import PlanError  # noqa: PLC0415
+
+    try:
+        yield
+    except PlanError as error:
+        raise UserError(f"{'standard input' if file == '-' else file}: {error}") from error
+
+
+def read_text(file: str) -> str:
+    """Read a file, or standard input for `-`."""
+    try:
+        return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so this is no plan") from error

@@ -1,0 +1,79 @@
+"""`heronry render`: a spec's dependency graph as a picture, in the paper's own symbols.
+
+Exit codes: 0 it is drawn; 2 the input cannot be used.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_tools.reports.render.graph import Graph
+
+_EPILOG = """\
+Squares are modules with a cell for each mode, circles are variables with the number of their versions, triangles are
+devices. Gates: k/n OR, XOR, AND, DEMUX. What cannot run is struck; what a plan runs and wires is bold.
+
+examples:
+  heronry render elevator_and_chute -o graph.svg
+  heronry render big_blue --function parachute -o parachute.svg         what the parachute depends on
+  heronry render big_blue --down pe:nav -o without_nav.svg              what cannot run without a processor
+  heronry plan big_blue --json >plan.json && heronry render big_blue --plan plan.json -o running.svg
+  heronry render my.dg.yaml --format mermaid                            for Markdown on a forge
+  heronry render my.dg.yaml --format dot | dot -Tpdf -o graph.pdf       for Graphviz
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry render`."""
+    parser = subparsers.add_parser(
+        "render",
+        help="draw a spec's dependency graph",
+        description="Draw the dependency graph of a spec: as SVG, or as text for Mermaid or Graphviz.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    parser.add_argument("--format", choices=("svg", "mermaid", "dot"), default="svg", help="default: svg")
+    parser.add_argument("--function", metavar="NAME", help="only what may contribute to this function")
+    parser.add_argument(
+        "--plan", metavar="PLAN.json", help="mark what a plan runs and wires; what is down in it is down (- for stdin)"
+    )
+    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Draw the graph; returns the exit code."""
+    from heronry_tools.reports.render.svg import svg  # noqa: PLC0415 - `--help` needs none of it
+    from heronry_tools.reports.render.text import dot, mermaid  # noqa: PLC0415
+
+    text = {"svg": svg, "mermaid": mermaid, "dot": dot}[arguments.format](_graph(arguments))
+    if arguments.output is None:
+        sys.stdout.write(text)
+    else:
+        arguments.output.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _graph(arguments: argparse.Namespace) -> "Graph":
+    from heronry_dg.plan import read_plan  # noqa: PLC0415
+    from heronry_dg.situation import situation  # noqa: PLC0415
+    from heronry_tools.commands.plan import errors_name, read_text  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.reports.render.build import build  # noqa: PLC0415
+    from heronry_tools.reports.render.marks import marks  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    with errors_name(arguments.plan):
+        plan = read_plan(read_text(arguments.plan), spec) if arguments.plan else None
+    now = plan.now if plan is not None and arguments.down is None else situation(spec, arguments.down or ())
+    name = arguments.function
+    if name is not None and name not in spec.functions:
+        raise UserError(f"{spec.name} has no function '{name}'; it has {', '.join(spec.functions)}")
+    marked = marks(spec, now, plan.configuration if plan is not None else None)
+    return build(spec, marked, spec.functions[name] if name is not None else None)

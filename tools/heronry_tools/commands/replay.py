@@ -1,0 +1,175 @@
+"""`heronry replay`: a recorded bus runs through the manager's core again, and its decisions are compared.
+
+Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.analysis.made_ahead import Ahead, add_contingencies_argument, contingencies_of
+from heronry_tools.console.spec_argument import add_spec_argument
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.sim.replay.comparison import Compared, Comparison
+    from heronry_tools.sim.replay.rerun import Remark
+    from heronry_wire.frame import LoggedFrame
+
+_EPILOG = """\
+Each PREPARE and each step of ACTIVATE that the manager sent is a decision. The replay is given what the manager heard,
+when it heard it, and shows beside each decision what led to it, and whether it came out as recorded. A log of several
+buses (as 'heronry demo --record' writes it) is told apart by the names of its channels.
+
+Not on the bus, and so not replayed: the operator's words, and what this spec did not say then. A recording must begin
+before the manager does.
+
+Exit codes: 0 all as recorded; 1 something differs; 2 the input cannot be used.
+
+examples:
+  heronry demo big_blue --kill pe:nav@3 --for 8 --record flight.log
+  heronry replay flight.log big_blue
+  heronry replay flight.log big_blue --json | jq '.reigns[].entries[] | select(.differs)'
+  heronry replay can0.log my.dg.yaml --contingencies my.contingencies
+  heronry replay can0.log my.dg.yaml --key fleet.key
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry replay`."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="run a recorded bus through the manager again, and compare its decisions",
+        description="Run a recorded bus through the manager's core again, explain its decisions, and compare them.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("recording", metavar="FILE.log", type=Path, help="a candump log")
+    add_spec_argument(parser)
+    parser.add_argument(
+        "--channel", metavar="NAME", help="channel of the manager's bus in the log; A,B where it has two"
+    )
+    single = "those for every single fault, where it called one by its number"
+    add_contingencies_argument(parser, "with which the manager flew", single)
+    parser.add_argument("--key", type=Path, metavar="FILE", help="key with which the manager flew")
+    parser.add_argument("--json", action="store_true", help="write everything as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Replay every reign of the recording; returns the exit code."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415 - with all below slow to import, and no help to `--help`
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.sim.replay.another_spec import of_another_spec  # noqa: PLC0415
+    from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415
+    from heronry_tools.sim.replay.recording import on_the_managers_bus, read_recording, reigns  # noqa: PLC0415
+    from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
+    from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    frames, no_frames = read_recording(arguments.recording)
+    on_the_bus = _as_proven(spec, on_the_managers_bus(spec, frames, arguments.channel), arguments)
+    found = reigns(spec, on_the_bus)
+    if not found:
+        proof = "" if arguments.key is None else f" that {arguments.key} proves"
+        raise UserError(f"no manager speaks in {arguments.recording}: there is no LEASE to begin from{proof}")
+    if found[0].epoch:
+        raise UserError(
+            f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
+            "record from before the manager starts"
+        )
+    is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(reign.calls_by_number() for reign in found)
+    made = None if is_silent else contingencies_of(spec, arguments.contingencies)
+    planners = Planners(spec, prepared_with(spec, made))
+    comparisons = []
+    for reign in found:
+        rerun = Rerun(planners, reign)
+        rerun.run()
+        why = of_another_spec(spec, reign, planners.ahead.tables.values())
+        rerun.remarks += [] if why is None else [why]
+        comparisons.append(compared(reign, rerun))
+    if arguments.json:
+        print(json.dumps(_document(spec.name, no_frames, comparisons), indent=2))
+    else:
+        _print(comparisons, no_frames)
+    return 1 if any(comparison.differences() for comparison in comparisons) else 0
+
+
+def _as_proven(spec: "Spec", frames: "list[LoggedFrame]", arguments: argparse.Namespace) -> "list[LoggedFrame]":
+    """What was flown with a key, as the key proves it; raises UserError where there is one too many or too few."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+    from heronry_tools.sim.replay.proven import is_tagged, proven  # noqa: PLC0415
+    from heronry_wire.key_file import read_key  # noqa: PLC0415
+
+    if not is_tagged(frames):
+        if arguments.key is not None:
+            raise UserError(f"{arguments.recording} is of a flight without a key: leave --key out")
+        return frames
+    if arguments.key is None:
+        raise UserError(f"{arguments.recording} is of a flight with a key: name it with --key")
+    return proven(spec, read_key(arguments.key), frames)
+
+
+def _print(comparisons: "list[Comparison]", no_frames: int) -> None:
+    from heronry_tools.sim.replay.comparison import Compared  # noqa: PLC0415
+
+    if no_frames:
+        print(f"{no_frames} lines are no frames\n")
+    for comparison in comparisons:
+        reign = comparison.reign
+        print(f"manager {reign.node}, term {reign.term}: {len(reign.heard)} frames heard")
+        for entry in comparison.entries:
+            text = _decision(entry) if isinstance(entry, Compared) else _remark(entry)
+            print(f"{(entry.t_ns - reign.first_ns) / 1e9:10.3f} s  {text}")
+        print(f"{_verdict(comparison)}\n")
+
+
+def _decision(one: "Compared") -> str:
+    how = {"both": f"as recorded, {one.late_ns / 1e6:+.1f} ms", "recorded": "NOT REPLAYED", "replayed": "NOT RECORDED"}
+    return f"  {one.decision!s:32} {how[one.taken]}"
+
+
+def _remark(one: "Remark") -> str:
+    return f"DIFFERS: {one.text}" if one.differs else one.text
+
+
+def _verdict(comparison: "Comparison") -> str:
+    decisions, differences = comparison.decisions(), comparison.differences()
+    if not decisions and not differences:
+        return "nothing was decided: this says nothing"
+    return f"{decisions} decisions, {'all as recorded' if not differences else f'{differences} differences'}"
+
+
+def _document(spec: str, no_frames: int, comparisons: "list[Comparison]") -> dict[str, Any]:
+    return {
+        "spec": spec,
+        "lines_that_are_no_frames": no_frames,
+        "reigns": [
+            {
+                "manager": comparison.reign.node,
+                "term": comparison.reign.term,
+                "decisions": comparison.decisions(),
+                "differences": comparison.differences(),
+                "entries": [_entry(entry) for entry in comparison.entries],
+            }
+            for comparison in comparisons
+        ],
+    }
+
+
+def _entry(entry: "Compared | Remark") -> dict[str, Any]:
+    from heronry_tools.sim.replay.rerun import Remark  # noqa: PLC0415
+
+    if isinstance(entry, Remark):
+        return {"t_ns": entry.t_ns, "remark": entry.text, "differs": entry.differs}
+    decision = entry.decision
+    return {
+        "t_ns": entry.t_ns,
+        "decision": decision.what,
+        "epoch": decision.epoch,
+        "digest": f"{decision.digest:06X}",
+        "taken": entry.taken,
+        "late_ns": entry.late_ns,
+        "differs": entry.taken != "both",
+    }

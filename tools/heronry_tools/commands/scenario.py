@@ -1,0 +1,137 @@
+"""`heronry scenario`: fly scenario files and say whether what they expect is what is heard.
+
+Exit codes: 0 everything holds; 1 something does not, said with its time, what was expected and what was seen; 2 a file
+cannot be read, or what it does cannot be done there.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import show_line
+from heronry_tools.console.whole_file import expect_writable, write_whole
+
+if TYPE_CHECKING:
+    from heronry_tools.sim.scenario.flown import Flown
+    from heronry_tools.sim.scenario.script import Script
+
+_LONGEST_PATIENCE = 100
+_EPILOG = """\
+A scenario file:
+
+  # A processor dies; another one takes its work.    why it exists
+  spec elevator_and_chute                            shipped, or a file, from this one's folder
+  seed 7
+  at 2.0s kill pe:control_pe                         also restore, phase, fail, clear, and every fault of the simulator
+  expect function:elevator served within 200ms       judged from frames: what is heard on the bus
+  at 4.0s restore pe:control_pe
+  expect pe:control_pe active within 2s
+  end 8s
+
+In the simulator the decisions of the manager are held against FILE.golden, where there is one.
+
+examples:
+  heronry scenario tests/scenarios/*.scenario           in the simulator
+  heronry scenario new.scenario --rewrite               keep its decisions as the golden trace
+  heronry scenario kill.scenario -i softbus             real processes on software buses of its own
+  heronry scenario kill.scenario -i socketcan -c vcan0  real processes, the manager's bus is vcan0
+  heronry scenario kill.scenario -i softbus --patience 5  on a busy computer
+  heronry scenario *.scenario --junit results.xml
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry scenario`."""
+    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+
+    parser = subparsers.add_parser(
+        "scenario",
+        help="fly scenario files, in the simulator or for real, and judge what is heard",
+        description="Fly scenario files, in the simulator or with real processes, and judge what is heard on the bus.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="scenario files")
+    parser.add_argument("--json", action="store_true", help="one JSON object a file")
+    parser.add_argument("--junit", metavar="FILE", type=Path, help="write the results as JUnit XML, too")
+    parser.add_argument(
+        "--rewrite", action="store_true", help="make FILE.golden anew, where the flight holds (simulator only)"
+    )
+    parser.add_argument(
+        "--patience",
+        metavar="N",
+        type=_patience,
+        help="real processes on a busy computer: 'within 80ms' is within N times 80 ms (1 to 100; default 1)",
+    )
+    add_bus_arguments(parser, group_title="real processes, the manager's bus being (default: the simulator)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly every file; returns the exit code."""
+    from heronry_tools.sim.scenario.report import document, junit, text_report  # noqa: PLC0415 - loads the solver
+    from heronry_tools.sim.scenario.script import read_script  # noqa: PLC0415
+
+    if arguments.rewrite and _is_live(arguments):
+        raise UserError("--rewrite: only the simulator decides the same each time; leave -i and -c out")
+    if arguments.patience is not None and not _is_live(arguments):
+        raise UserError("--patience: the simulator has all the time it needs; add -i and -c, or leave it out")
+    if arguments.junit is not None:
+        expect_writable(arguments.junit)
+    scripts = [read_script(file) for file in arguments.files]
+    flights = []
+    for flown in _flown(arguments, scripts):
+        show_line("")
+        flights.append(flown)
+        print(json.dumps(document(flown)) if arguments.json else "\n".join(text_report(flown)), flush=True)
+    if arguments.junit is not None:
+        write_whole(arguments.junit, junit(flights).encode())
+    failed = sum(not flown.holds for flown in flights)
+    if len(flights) > 1 and not arguments.json:
+        print(f"{len(flights)} scenarios, {failed} failed")
+    return 1 if failed else 0
+
+
+def _flown(arguments: argparse.Namespace, scripts: list["Script"]) -> Iterator["Flown"]:
+    from dataclasses import replace  # noqa: PLC0415
+
+    from heronry_tools.sim.scenario import in_simulator, live  # noqa: PLC0415
+    from heronry_tools.sim.scenario.trace import golden_file, keep, kept  # noqa: PLC0415
+
+    for script in scripts:  # before the first one flies
+        if _is_live(arguments):
+            live.check(script)
+        elif not arguments.rewrite:
+            kept(script.file)
+    for script in scripts:
+        show_line(f"flying {script.file}")
+        if _is_live(arguments):
+            yield live.fly(script, arguments)
+            continue
+        flown = in_simulator.fly(script, is_compared=not arguments.rewrite)
+        if arguments.rewrite and flown.holds:
+            keep(script.file, flown.trace)
+            flown = replace(flown, differences=())
+        elif arguments.rewrite:
+            show_line("")
+            print(f"heronry: {golden_file(script.file)} is left as it was, since the flight fails", file=sys.stderr)
+        yield flown
+
+
+def _is_live(arguments: argparse.Namespace) -> bool:
+    return getattr(arguments, "interface", None) is not None or getattr(arguments, "channel", None) is not None
+
+
+def _patience(text: str) -> float:
+    """How many times as long; raises ArgumentTypeError."""
+    try:
+        times = float(text)
+    except ValueError:
+        times = 0.0
+    if not 1 <= times <= _LONGEST_PATIENCE:
+        raise argparse.ArgumentTypeError(f"{text} is no patience; write how many times as long, 1 to 100")
+    return times

@@ -1,0 +1,119 @@
+"""`heronry send-table`: give a PE that waits for it its table, over the bus.
+
+A PE with a key wants two things: to be unlocked, which the manager does when its operator says so, and a table that is
+sealed with the key. Both are done here, where the manager runs. UNLOCK may be lost, or may come before the PE believes
+the manager, and then the PE answers that it is locked: so both are tried again for a while.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.analysis.made_ahead import add_contingencies_argument, contingencies_of
+
+_ANSWER_WITHIN_S = 5.0
+_AGAIN_AFTER_S = 0.2
+_REMEDY = "it must wait for its table (pe-agent --node), this bus must be its uplink, and --key must name its key"
+_CHUNK = 7000  # whole segments: the client can send no other but the last
+_EPILOG = """\
+examples:
+  pe-agent --node 92 -i socketcan -c can0                        on the PE: it waits
+  heronry send-table big_blue flight -i socketcan -c can0        on any other node of that bus
+  heronry send-table big_blue flight -i socketcan -c can0 --key fleet.key    where both have a key: beside the manager
+
+The table goes by SDO block transfer into object 2020h. A PE that has its table takes no other: restart it first. With a
+key the manager, which must run on this computer, unlocks the PE first, as with 'heronry unlock'.
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry send-table`."""
+    from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
+
+    from heronry_tools.commands.table import CARRIED  # noqa: PLC0415
+
+    parser = subparsers.add_parser(
+        "send-table",
+        help="send a PE that waits for it its table, over the bus",
+        description="Compile the table of a PE and write it into the PE by SDO.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    parser.add_argument("pe", metavar="PE", help="name of the PE")
+    add_contingencies_argument(parser, CARRIED)
+    parser.add_argument("--key", type=Path, metavar="FILE", help="what 'heronry key' made, where the PE has it too")
+    parser.add_argument(
+        "--socket", type=Path, metavar="PATH", help="with --key: where the manager listens, if it was told to"
+    )
+    add_bus_arguments(parser, group_title="a bus that the PE has as its uplink; of a replicated one, either channel")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Send the table; returns the exit code."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+    from heronry_tools.runtime.table_files import table_texts  # noqa: PLC0415
+    from heronry_wire.bus_arguments import flagged_bus  # noqa: PLC0415
+    from heronry_wire.key_file import read_key  # noqa: PLC0415
+
+    spec, pe = load_spec(arguments.spec), arguments.pe
+    if pe not in spec.pes:
+        raise UserError(f"no pe is named '{pe}'; there is {', '.join(spec.pes)}")
+    key = None if arguments.key is None else read_key(arguments.key)
+    text = table_texts(spec, [pe], contingencies_of(spec, arguments.contingencies))[pe].encode()
+    flags = {name: value for name, value in flagged_bus(arguments).items() if value is not None}
+    node = spec.pes[pe].node_id
+    if key is None:
+        _send(flags, node, text)
+    else:
+        _send(flags, node, key.sealed(text), lambda: _unlock(arguments.socket, spec.name, pe))
+    print(f"{pe}, node {node}, has its table: {len(text)} bytes")
+    return 0
+
+
+def _unlock(socket: Path | None, spec: str, pe: str) -> None:
+    """Let the manager unlock a PE; raises UserError where it does not."""
+    from heronry_manager.core.vocabulary import UnlockPe  # noqa: PLC0415
+    from heronry_manager.shell.control_client import call, find_socket  # noqa: PLC0415
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+
+    answer = call(socket or find_socket(spec), UnlockPe(f"pe:{pe}"))
+    if not answer.done:
+        raise UserError(f"the manager does not unlock pe:{pe}: {answer.sentence}")
+
+
+def _send(flags: dict[str, Any], node: int, content: bytes, unlock: Callable[[], None] | None = None) -> None:
+    """Write a table, sealed or not, into a node; where it has to be unlocked, as often as that takes."""
+    import canopen  # noqa: PLC0415 - slow to import
+    from canopen.sdo.exceptions import SdoAbortedError, SdoError  # noqa: PLC0415
+
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415
+    from heronry_wire.bus_opening import open_bus  # noqa: PLC0415
+    from heronry_wire.sdo import Abort  # noqa: PLC0415
+
+    give_up_s = time.monotonic() + _ANSWER_WITHIN_S
+    with canopen.Network(open_bus(flags).bus) as network:
+        network.connect()
+        sdo: Any = network.add_node(node, canopen.ObjectDictionary()).sdo  # type: ignore[no-untyped-call]
+        sdo.RESPONSE_TIMEOUT = _ANSWER_WITHIN_S
+        while True:
+            if unlock is not None:
+                unlock()
+            try:
+                return _write(sdo, content)
+            except SdoError as error:
+                is_locked = isinstance(error, SdoAbortedError) and error.code == Abort.DEVICE_STATE.value
+                if unlock is None or not is_locked or time.monotonic() > give_up_s:
+                    raise UserError(f"node {node} did not take the table ({error}); {_REMEDY}") from error
+            time.sleep(_AGAIN_AFTER_S)
+
+
+def _write(sdo: Any, content: bytes) -> None:
+    from heronry_wire.canopen_objects import TABLE  # noqa: PLC0415
+
+    with sdo.open(TABLE, 0, "wb", size=len(content), block_transfer=True, buffering=_CHUNK) as stream:
+        stream.write(content)

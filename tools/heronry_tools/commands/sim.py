@@ -1,0 +1,370 @@
+"""`heronry sim`: fly a spec in the simulator, disturb it, and judge what came of it.
+
+Exit codes: 0 all is well; 1 something was violated, and the one command that replays it is printed, or an act that was
+given has not struck; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import math
+import os
+import shlex
+import sys
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.progress import show_line
+from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+from heronry_tools.sim.faults.bounds import LONGEST_S, read_share, written_share
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.sim.faults.fault import Act
+    from heronry_tools.sim.flight.outcome import Outcome, Scenario
+
+_DEFAULT_S = 5.0
+_KEYED_EVERY = 4  # of the pairs of seeds that draw, so that half of them have plans on board
+_EPILOG = """\
+Each seed draws its own acts (crashes, pauses, broken wires, noise, strangers on the bus, a manager that dies, an
+operator who errs, ...), of kinds that it draws first; --act, --acts, --kill and --restore give them instead. Seconds
+are virtual and count from the moment at which the first configuration runs. A seed replays a flight bit for bit. Where
+a seed draws the acts and is odd, every single fault has been planned for ahead, and PEs have on board what to do then
+(--foreseen 1). One pair of seeds in four flies with a key (--keyed), and then somebody forges commands.
+
+What is judged, and no core is asked: nothing exclusive ever has two drivers, one epoch is one configuration, and a
+legal one, nobody who is well is blamed, nothing old is taken for new, and the manager's silence stops nobody. Then
+everything is mended, and in the end every healthy PE is active, the plan is the best one, and it is heard to run.
+
+An act is written SECONDS KIND ELEMENT [for SECONDS] [in STATE] [level NUMBER]. It waits for its state for three
+seconds. One that is given and strikes nothing, or not in that state, fails the flight.
+
+With --standby there are two managers, each with a journal on a disk of its own, and besides drawn are: a manager whose
+power goes while it writes, that cannot hear or be heard, that is started twice, whose disk is full; a bus that breaks
+between them, with PEs on either side; a PE with an old table; and, in flights that have a key, somebody who has none
+and forges, replays, reorders and truncates commands. Then is judged, too: one manager reigns in a term, no PE goes back
+to an older one, every command obeyed was authentic and fresh, and the journal holds what is so.
+
+Exit codes: 0 all is well; 1 something was violated, or an act that was given has not struck; 2 the input cannot be
+used; 130 and 143 ended by Ctrl-C and by SIGTERM.
+
+examples:
+  heronry sim big_blue                              one flight, with what seed 0 draws
+  heronry sim big_blue --runs 100 --seconds 60      the seeds 0 to 99
+  heronry sim big_blue --act '1 pause pe:nav for 0.3' --act '1.1 manager_crash manager for 0.5 in planning'
+  heronry sim big_blue --kill pe:nav@1 --kill pe:flight@1.05 --restore pe:nav@2
+  heronry sim big_blue --runs 2000 --seconds 60 --jobs 0 --compiled      a serious campaign
+  heronry sim big_blue --standby --act '1 manager_power primary for 0.5' --act '2 manager_pause standby for 0.3'
+  heronry sim my.dg.yaml --runs 50 --loss 0.01      one frame in a hundred is destroyed, one in a thousand missed
+  heronry sim big_blue --keyed --kind attack        with a key, and somebody on the bus who does not have it
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry sim`."""
+    parser = subparsers.add_parser(
+        "sim",
+        help="fly a spec in the simulator and judge what comes of it",
+        description="Fly a spec in virtual time with the real cores and modules: same seed, same frames.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_spec_argument(parser)
+    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="first seed (default: 0)")
+    parser.add_argument("--runs", type=flights, default=1, metavar="N", help="how many seeds, one after the other")
+    parser.add_argument(
+        "--seconds",
+        type=seconds,
+        metavar="S",
+        help="length of the chaos (default: 5, or a second more than the acts given need; never less than they need)",
+    )
+    parser.add_argument(
+        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
+    )
+    parser.add_argument("--kind", action="append", default=[], metavar="KIND", help="draw acts of this kind alone")
+    parser.add_argument("--act", action="append", default=[], metavar="ACT", help="do this, and nothing that is drawn")
+    parser.add_argument("--acts", type=Path, metavar="FILE", help="the same from a file, one act a line")
+    parser.add_argument(
+        "--kill",
+        action="append",
+        default=[],
+        metavar="pe:NAME@S",
+        help="kill a PE then, or a manager: manager, primary or standby",
+    )
+    parser.add_argument("--restore", action="append", default=[], metavar="pe:NAME@S", help="start it again then")
+    parser.add_argument("--standby", action="store_true", help="two managers, and what can befall two: see below")
+    parser.add_argument("--loss", type=share, default=0.0, metavar="P", help="share of frames that are destroyed")
+    parser.add_argument(
+        "--foreseen",
+        choices=(0, 1, 2),
+        type=int,
+        metavar="N",
+        help="plans for up to N faults are made ahead, and on board",
+    )
+    parser.add_argument("--keyed", action="store_true", help="managers and PEs have a key")
+    parser.add_argument(
+        "--shrink", action="store_true", help="look for the fewest acts that fail; writes SPEC-seed-N.scenario"
+    )
+    add_compiled_argument(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object a run, and one for all of them")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly every seed; returns the exit code."""
+    go_on_compiled_if_asked(arguments)
+    from heronry_tools.sim.flight.campaign import Coverage, fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    check_images(spec)
+    scenarios = list(_scenarios(spec, arguments))
+    coverage, failed = Coverage(spec, of_two=arguments.standby), 0
+    for done, outcome in enumerate(fly_all(spec_path(arguments.spec), scenarios, arguments.jobs, play), start=1):
+        show_line("")
+        coverage.add(outcome)
+        failed += bool(outcome.violations)
+        shown = _shrink(spec, arguments, outcome) if arguments.shrink and _is_wrong(outcome) else outcome
+        lines = [json.dumps(_document(arguments, shown))] if arguments.json else _lines(arguments, shown)
+        print("\n".join(lines), flush=True)
+        if done < len(scenarios):
+            show_line(f"{done} of {len(scenarios)} flights, {failed} failed")
+    if len(scenarios) > 1:
+        summary = {"flights": len(scenarios), "failed": failed, "coverage": coverage.document()}
+        lines = [*coverage.table(), f"{len(scenarios)} flights, {failed} failed"]
+        print(json.dumps(summary) if arguments.json else "\n".join(lines))
+    return 1 if failed else 0
+
+
+def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
+    """Add the option of whatever flies often."""
+    parser.add_argument(
+        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast, made once"
+    )
+
+
+def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
+    """Go on in another process where that is asked for."""
+    if arguments.compiled:
+        from heronry_tools.sim.compiled.machine_code import go_on_compiled  # noqa: PLC0415 - slow to import
+
+        go_on_compiled(arguments.argv)
+
+
+def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
+    from heronry_tools.sim.faults.drawing import drawn_acts  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import KINDS, over_s, possible_targets  # noqa: PLC0415
+    from heronry_tools.sim.flight.outcome import Scenario  # noqa: PLC0415
+
+    unknown = [kind for kind in arguments.kind if kind not in KINDS]
+    if unknown:
+        raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
+    idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
+    if idle:
+        what = KINDS[idle[0]].strikes.replace("_", " ")
+        raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} that it could strike")
+    given = _given_acts(spec, arguments)
+    needed_s = over_s(given)
+    asked_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
+    for seed in range(arguments.seed, arguments.seed + arguments.runs):
+        keyed = arguments.keyed or (not given and seed // 2 % _KEYED_EVERY == 0)
+        acts = given or drawn_acts(spec, seed, asked_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
+        foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
+        yield Scenario(
+            seed,
+            max(asked_s, needed_s),
+            acts,
+            arguments.loss,
+            drawn=not given,
+            keyed=keyed,
+            standby=arguments.standby,
+            foreseen=foreseen,
+        )
+
+
+def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
+    from heronry_tools.runtime.demo.script import read_script  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import MANAGER, Act, is_one_of_two, read_act  # noqa: PLC0415
+
+    seats = {text: text.partition("@") for text in arguments.kill if is_one_of_two(text.partition("@")[0])}
+    texts = [*arguments.act, *(f"{at} manager_crash {seat}" for seat, _, at in seats.values())]
+    if arguments.acts is not None:
+        texts += _lines_of(arguments.acts)
+    acts = [read_act(spec, text) for text in texts]
+    absent = [act for act in acts if is_one_of_two(act.target)]
+    if absent and not arguments.standby:
+        raise UserError(f"'{absent[0]}': there is one manager; name it 'manager', or add --standby for two")
+    script = read_script(spec, [text for text in arguments.kill if text not in seats], arguments.restore)
+    for position, act in enumerate(script):
+        if act.what == "kill":
+            ends = [later.at_s for later in script[position + 1 :] if later.pe == act.pe][:1]
+            lasts_ms = max(1, round(1000 * (ends[0] - act.at_s))) if ends else 0
+            kind, target = ("manager_crash", MANAGER) if act.pe == MANAGER else ("crash", f"pe:{act.pe}")
+            acts.append(Act(round(1000 * act.at_s), kind, target, lasts_ms))
+    endless = [act for act in acts if act.over_ms > 1000 * LONGEST_S]
+    if endless:
+        raise UserError(f"'{endless[0]}' is longer than a flight may be; let it be over after {LONGEST_S} seconds")
+    return tuple(sorted(acts))
+
+
+def _lines_of(file: Path) -> list[str]:
+    """Acts of a file; raises UserError."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise UserError(f"--acts {file}: {error.strerror}; name a file with one act a line") from None
+    except UnicodeDecodeError:
+        raise UserError(f"--acts {file}: it is not text in UTF-8; name a file with one act a line") from None
+    told = [line for line in lines if line.strip() and not line.startswith("#")]
+    if not told:
+        raise UserError(f"--acts {file}: it has no act; write one a line, or leave it out")
+    return told
+
+
+def _is_wrong(outcome: "Outcome") -> bool:
+    """Tell whether anything was wrong with the aircraft, and not with what somebody has named."""
+    from heronry_tools.sim.oracles.violation import MISSED  # noqa: PLC0415
+
+    return any(violation.rule != MISSED for violation in outcome.violations)
+
+
+def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> "Outcome":
+    """Make a failing flight shorter, and keep it in a file."""
+    from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
+    from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
+
+    def fly(scenario: "Scenario") -> "Outcome":
+        show_line(f"seed {scenario.seed}: trying {len(scenario.acts)} acts")
+        return play(spec, scenario)
+
+    least = shrunk(outcome, fly)
+    show_line("")
+    scenario = least.scenario
+    why = [f"# {violation}" for violation in least.violations] + [f"# {_replay(arguments, scenario)}"]
+    named = spec_path(arguments.spec).resolve() if Path(arguments.spec).suffix else arguments.spec
+    lines = [
+        f"spec {named}",
+        f"seed {scenario.seed}",
+        *([f"loss {written_share(scenario.loss)}"] if scenario.loss else []),
+    ]
+    lines += ["keyed"] if scenario.keyed else []
+    lines += ["standby"] if scenario.standby else []
+    lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
+    lines += map(_line, scenario.acts)
+    end_ms = math.ceil(1000 * scenario.seconds)
+    text = "\n".join([*why, *lines, f"end {end_ms / 1000:.10g}s", ""])
+    file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
+    try:
+        file.write_text(text)
+    except OSError as error:
+        print(
+            f"heronry: {file} cannot be written ({error.strerror}); this is what belongs there:\n{text}",
+            file=sys.stderr,
+        )
+    return least
+
+
+def _line(act: "Act") -> str:
+    """An act as a scenario file has it."""
+    at, *words = str(act).split()
+    return " ".join(
+        [f"at {at}s", *(f"{word}s" if before == "for" else word for before, word in pairwise(["", *words]))]
+    )
+
+
+def check_images(spec: "Spec") -> None:
+    """Refuse a spec whose modules have no code; raises UserError."""
+    from heronry_agent.shell.image_catalogues import UnknownImageError, find_image  # noqa: PLC0415
+
+    for module in spec.modules.values():
+        try:
+            find_image(module.image)
+        except UnknownImageError as error:
+            raise UserError(f"module {module.name} cannot be simulated: {error}") from None
+
+
+def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
+    scenario = outcome.scenario
+    acts = ", ".join(map(str, scenario.acts))
+    end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
+    lines = [f"seed {scenario.seed}: {acts or 'nothing is done'} ({end})"]
+    for told in outcome.reconfigurations if arguments.runs == 1 else ():
+        times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
+        lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {told['causes'][-1]}")
+    if outcome.violations:
+        lines += [f"  VIOLATION {violation}" for violation in outcome.violations]
+        lines.append(f"  replay with: {_replay(arguments, scenario)}")
+    return lines
+
+
+def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, Any]:
+    return {
+        "seed": outcome.scenario.seed,
+        "acts": [str(act) for act in outcome.scenario.acts],
+        "virtual_ns": outcome.virtual_ns,
+        "frames": outcome.frames,
+        "digest": outcome.digest,
+        "hits": [{"kind": kind, "state": state, "count": n} for (kind, state), n in sorted(outcome.hits.items())],
+        "reconfigurations": [
+            {key: told[key] for key in ("t_ns", "epoch", "causes", "times_ns")} for told in outcome.reconfigurations
+        ],
+        "violations": [{"t_ns": v.t_ns, "rule": v.rule, "story": v.story} for v in outcome.violations],
+        "replay": _replay(arguments, outcome.scenario),
+    }
+
+
+def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
+    words = ["heronry", "sim", arguments.spec, "--seed", str(scenario.seed), "--seconds", f"{scenario.seconds:.10g}"]
+    if scenario.drawn:
+        words += [word for kind in arguments.kind for word in ("--kind", kind)]
+    else:
+        words += [word for act in scenario.acts for word in ("--act", str(act))]
+    words += ["--keyed"] if scenario.keyed else []
+    words += ["--standby"] if scenario.standby else []
+    words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
+    return shlex.join(words + (["--loss", written_share(scenario.loss)] if scenario.loss else []))
+
+
+def whole_number(text: str) -> int:
+    """Read a count."""
+    try:
+        number = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number; write 0 or more") from None
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
+    return number
+
+
+def flights(text: str) -> int:
+    """Read how many flights to fly: none would find nothing wrong."""
+    number = whole_number(text)
+    if number == 0:
+        raise argparse.ArgumentTypeError("0 flights show nothing; write 1 or more")
+    return number
+
+
+def processors(text: str) -> int:
+    """Read a number of processors; 0 stands for all there are."""
+    return whole_number(text) or os.cpu_count() or 1
+
+
+def seconds(text: str) -> float:
+    """Read a duration."""
+    try:
+        duration = float(text)
+    except ValueError:
+        duration = math.nan
+    if not 0 <= duration <= LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {LONGEST_S} seconds")
+    return duration
+
+
+def share(text: str) -> float:
+    """Read a probability."""
+    probability = read_share(text)
+    if probability is None:
+        raise argparse.ArgumentTypeError(f"{text} is no share that a bus survives; write 0 to 0.5")
+    return probability

@@ -1,0 +1,57 @@
+"""`heronry table`: the table that a PE's agent is given."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from heronry_tools.analysis.made_ahead import add_contingencies_argument, contingencies_of
+from heronry_tools.runtime.table_files import table_texts, write_tables
+
+CARRIED = "of which what fits is put on board, and with which the manager must fly too"
+_EPILOG = """\
+examples:
+  heronry table big_blue nav -o nav.table
+  pe-agent --table nav.table -i socketcan -c can0
+  heronry table big_blue --all tables/           one file per PE, named PE.table
+  heronry table big_blue --all tables/ --contingencies big_blue.contingencies     with plans made ahead on board
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry table`."""
+    parser = subparsers.add_parser(
+        "table",
+        help="compile the table that a PE's agent needs",
+        description="Compile what one PE needs to know of a spec: modules, modes, identifiers, ports.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    parser.add_argument("pe", metavar="PE", nargs="?", help="name of the PE")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="write here instead of to standard output")
+    parser.add_argument("--all", metavar="DIR", type=Path, help="write the tables of all PEs into this folder")
+    add_contingencies_argument(parser, CARRIED)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write one table, or all; returns the exit code."""
+    from heronry_tools.console.errors import UserError  # noqa: PLC0415 - keeps `--help` quick
+    from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    if (arguments.pe is None) == (arguments.all is None):
+        raise UserError("name one PE, or write --all DIR")
+    if arguments.pe is not None and arguments.pe not in spec.pes:
+        raise UserError(f"no pe is named '{arguments.pe}'; there is {', '.join(spec.pes)}")
+    made = contingencies_of(spec, arguments.contingencies)
+    if arguments.all is not None:
+        write_tables(spec, spec.pes, arguments.all, made)
+        return 0
+    text = table_texts(spec, [arguments.pe], made)[arguments.pe] + "\n"
+    if arguments.output is None:
+        sys.stdout.write(text)
+    else:
+        arguments.output.write_text(text)
+    return 0

@@ -1,0 +1,130 @@
+"""`heronry why`: why a function is not served, or not as well as it could be, and what would mend it.
+
+Exit codes: 0 whatever the answer is; 2 the input cannot be used.
+"""
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_tools.analysis.why.assumptions import Assumption
+    from heronry_tools.analysis.why.reasons import Explanation, Repair
+
+_EPILOG = """\
+The reasons are irreducible: without any one of them the function could be served beside all the others. Repairs are the
+smallest ones: an element that comes back, or so much more of a capacity.
+
+examples:
+  heronry why elevator_and_chute elevator --down pe:tail_pe
+  heronry why big_blue experiment --phase landing
+  heronry why big_blue imaging --down pe:nav --down pe:payload --phase glide
+  heronry why big_blue guidance --down device:gps --phase glide --json
+"""
+
+
+def add_parsers(subparsers: Any) -> None:
+    """Add the parser of `heronry why`."""
+    parser = subparsers.add_parser(
+        "why",
+        help="tell why a function is not served, and what would mend it",
+        description="Tell why a function is not served, or only in a worse mode, and the smallest repair.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC", help="a *.dg.yaml file, or a shipped spec")
+    parser.add_argument("function", metavar="FUNCTION", help="a function of the spec")
+    parser.add_argument("--down", metavar="ELEMENT", action="append", help="an element that is down; may be repeated")
+    parser.add_argument("--phase", metavar="NAME", help="the mission phase (default: the first one of the spec)")
+    parser.add_argument("--json", action="store_true", help="write the answer as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Explain; returns the exit code."""
+    from heronry_dg.situation import situation  # noqa: PLC0415 - slow to import, as are all here
+    from heronry_tools.analysis.why.reasons import explain  # noqa: PLC0415
+    from heronry_tools.console.spec_argument import load_spec, named_function  # noqa: PLC0415
+
+    spec = load_spec(arguments.spec)
+    function = named_function(spec, arguments.function)
+    now = situation(spec, arguments.down or (), (), arguments.phase)
+    found = explain(spec, now, function)
+    sys.stdout.write((_json if arguments.json else _text)(spec, found))
+    return 0
+
+
+def _text(spec: "Spec", found: "Explanation") -> str:
+    from heronry_tools.analysis.why.assumptions import in_words  # noqa: PLC0415
+
+    lines = [_headline(found)]
+    if found.reasons:
+        lines += ["because, all at once:", *(f"  {in_words(spec, one)}" for one in found.reasons)]
+    if found.repairs:
+        lines += ["mended by:" if len(found.repairs) == 1 else "mended by any one of these:"]
+        lines += [f"  {_repair(spec, one)}" for one in found.repairs]
+    elif found.reasons:
+        lines.append("no element that comes back, and no capacity, mends it")
+    return "\n".join(lines) + "\n"
+
+
+def _headline(found: "Explanation") -> str:
+    name, report = found.function.name, found.report
+    where = f" in {found.now.phase}" if found.now.phase is not None else ""
+    if not report.served:
+        return f"{name} is not served{where}: {report.why_not}"
+    if report.value >= found.best_value:
+        return f"{name} is served{where}, in its best mode: {report.mode}"
+    return (
+        f"{name} is served{where}, but only in mode {report.mode}: value {report.value} instead of {found.best_value}"
+    )
+
+
+def _repair(spec: "Spec", repair: "Repair") -> str:
+    parts = [f"{element} comes back" for element in repair.restore]
+    parts += [_more(spec, one, amount) for one, amount in repair.capacities]
+    return ", and ".join(parts)
+
+
+def _more(spec: "Spec", one: "Assumption", amount: int) -> str:
+    from heronry_tools.analysis.why.assumptions import capacity  # noqa: PLC0415
+
+    more = amount - capacity(spec, one)
+    match one.kind:
+        case "cpu":
+            return f"{more / 1000:g} cores more on pe {one.name} ({amount / 1000:g} in all)"
+        case "bandwidth":
+            return f"{more} bit/s more on bus {one.name} ({amount} in all)"
+        case kind:
+            return f"{more} bytes of {kind.replace('ram', 'RAM')} more on pe {one.name} ({amount} in all)"
+
+
+def _json(spec: "Spec", found: "Explanation") -> str:
+    from heronry_tools.analysis.why.assumptions import capacity, in_words  # noqa: PLC0415
+
+    document = {
+        "spec": spec.name,
+        "digest": spec.digest,
+        "function": found.function.name,
+        "phase": found.now.phase,
+        "down": sorted(found.now.down),
+        "served": found.report.served,
+        "mode": found.report.mode,
+        "value": found.report.value,
+        "best_value": found.best_value,
+        "why_not": found.report.why_not,
+        "reasons": [{"kind": one.kind, "name": one.name, "text": in_words(spec, one)} for one in found.reasons],
+        "repairs": [
+            {
+                "restore": list(repair.restore),
+                "add": [
+                    {"kind": one.kind, "name": one.name, "more": amount - capacity(spec, one)}
+                    for one, amount in repair.capacities
+                ],
+            }
+            for repair in found.repairs
+        ],
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"

@@ -1,0 +1,1 @@
+"""What every command shares: errors, progress, tables of text, files that are whole or absent, the SPEC argument."""

@@ -1,0 +1,39 @@
+"""Files that are there whole or not at all.
+
+What takes minutes to make is written in one go when it is done, so whether it can be is asked before: a folder, or a
+device (a draft would take the place of it), is refused.
+"""
+
+import os
+from pathlib import Path
+
+from heronry_tools.console.errors import UserError
+
+
+def expect_writable(file: Path) -> None:
+    """Raise UserError where `write_whole` could not put a file."""
+    if not file.parent.is_dir():
+        raise UserError(f"{file.parent} is no folder; make it first, or write elsewhere")
+    if file.exists() and not file.is_file():
+        raise UserError(f"{file} is {'a folder' if file.is_dir() else 'no ordinary file'}; name another file")
+    if not os.access(file.parent, os.W_OK):
+        raise UserError(f"{file.parent} is a folder that you may not write in; name another file")
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Write a file such that whoever reads it, even after a crash, finds all of it or what was there before.
+
+    Raises UserError where it cannot be written; then nothing of it is left behind.
+    """
+    expect_writable(file)
+    target = file.resolve()  # what a link leads to is written anew, and the link stays
+    draft = target.with_name(f"{target.name}.new")
+    try:
+        with draft.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(target)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise UserError(f"{file} cannot be written: {error.strerror}") from error

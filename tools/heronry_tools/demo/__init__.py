@@ -1,1 +1,0 @@
-"""The demo: a manager and every PE as processes of their own on a real bus, and the story of what happens to them."""

@@ -1,0 +1,121 @@
+"""What the buses carry, on paper: a line a message, with its worst case, and the totals of each bus."""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+
+from heronry_dg.bus_schedule import BusSchedule, ScheduledMessage
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_tools.console.text_tables import Bad, Bar, Cell, Table, bar, print_tables
+
+_COLUMNS = ("id", "message", "from", "bytes", "period", "at worst", "of its deadline", "slack", "load")
+
+
+def print_buses(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> None:
+    """Print the messages of these buses to standard output."""
+    tables = [table for schedule in schedules for table in _tables(schedule)]
+    print_tables(_headline(spec, now), tables)
+
+
+def document(spec: Spec, now: Situation, schedules: Sequence[BusSchedule]) -> dict[str, object]:
+    """Give the same as plain data; times in nanoseconds."""
+    return {
+        "spec": spec.digest,
+        "phase": now.phase,
+        "down": sorted(now.down),
+        "buses": {schedule.bus.name: _bus_document(schedule) for schedule in schedules},
+    }
+
+
+def _headline(spec: Spec, now: Situation) -> str:
+    phase = f", phase {now.phase}" if now.phase is not None else ""
+    down = f", down: {', '.join(sorted(now.down))}" if now.down else ", nothing down"
+    return f"{spec.name}{phase}{down}"
+
+
+def _tables(schedule: BusSchedule) -> Iterator[Table]:
+    bus = schedule.bus
+    yield Table((f"bus {bus.name}", f"{bus.bitrate} bit/s, {bus.kind}"), list(_totals(schedule)))
+    if schedule.is_up:
+        yield Table(_COLUMNS, [_row(schedule, message) for message in schedule.messages])
+
+
+def _totals(schedule: BusSchedule) -> Iterator[Sequence[Cell]]:
+    bus = schedule.bus
+    if not schedule.is_up:
+        yield "", Bad("is down")
+        return
+    yield "data", _share(schedule.data, schedule.data_limit)
+    yield "management", _share(schedule.management, bus.reserve)
+    yield "", f"the reserve has room for {schedule.reserve_left_frames_per_s} frames/s more"
+    yield "together", _share(schedule.data + schedule.management, bus.max_load)
+    if bus.kind == "wired":
+        yield "blocking", f"{_ms(schedule.blocking_ns)}, by a frame of lower priority that has just started"
+    else:
+        yield "", "response times are worked out for wired buses alone"
+
+
+def _row(schedule: BusSchedule, message: ScheduledMessage) -> Sequence[Cell]:
+    name = message.name if message.producer is None else f"{message.name} of {message.producer}"
+    return (
+        str(message.identifier),
+        name,
+        message.node,
+        str(message.data_bytes),
+        _ms(message.period_ns),
+        *_worst(schedule, message),
+        f"{float(schedule.share(message)):.2%}",
+    )
+
+
+def _worst(schedule: BusSchedule, message: ScheduledMessage) -> tuple[Cell, Cell, Cell]:
+    if schedule.bus.kind != "wired":
+        return "-", "-", "-"
+    if message.response_ns is None or message.slack_ns is None:
+        return Bad("no bound"), f"of {_ms(message.deadline_ns)}", Bad("late")
+    share = bar(message.response_ns, message.deadline_ns, _ms(message.deadline_ns))
+    slack = _ms(message.slack_ns)
+    return _ms(message.response_ns), share, slack if message.slack_ns >= 0 else Bad(slack)
+
+
+def _share(used: Fraction, limit: Fraction) -> Bar | Bad:
+    text = f"{float(used):.2%} of {float(limit):.2%}"
+    return Bad(f"{text}: TOO MUCH") if used > limit else Bar(float(used / limit) if limit else 0.0, text)
+
+
+def _ms(time_ns: int) -> str:
+    return f"{time_ns / 1_000_000:.3f} ms"
+
+
+def _bus_document(schedule: BusSchedule) -> dict[str, object]:
+    bus = schedule.bus
+    return {
+        "bitrate": bus.bitrate,
+        "kind": bus.kind,
+        "up": schedule.is_up,
+        "data_load": float(schedule.data),
+        "data_limit": float(schedule.data_limit),
+        "management_load": float(schedule.management),
+        "reserve": float(bus.reserve),
+        "max_load": float(bus.max_load),
+        "reserve_left_frames_per_s": schedule.reserve_left_frames_per_s,
+        "blocking_ns": schedule.blocking_ns,
+        "messages": [_message_document(schedule, message) for message in schedule.messages],
+    }
+
+
+def _message_document(schedule: BusSchedule, message: ScheduledMessage) -> dict[str, object]:
+    return {
+        "identifier": message.identifier,
+        "kind": message.kind,
+        "name": message.name,
+        "producer": message.producer,
+        "node": message.node,
+        "data_bytes": message.data_bytes,
+        "bits": message.bits,
+        "period_ns": message.period_ns,
+        "response_ns": message.response_ns,
+        "deadline_ns": message.deadline_ns,
+        "slack_ns": message.slack_ns,
+        "load": float(schedule.share(message)),
+    }

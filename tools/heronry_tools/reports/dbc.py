@@ -1,0 +1,227 @@
+"""A DBC for one spec: what cantools, SavvyCAN and the like need to read the bus by name and unit.
+
+Data frames come out by variable and producer with their unit and CANaerospace header; management, state, EMCY,
+heartbeat and actuator echo by field. The fields are those of the tables the codecs use (`heronry_wire.management`,
+`heronry_wire.canaerospace`), so the DBC cannot say anything else than the codec does.
+
+What a DBC cannot say: that SLICE frames with index 0 have other fields than the rest (both are multiplexed here by the
+index), that a state frame is one of four pages (multiplexed by the page), or an echo one of two kinds (by the type).
+"""
+
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+
+from cantools.database import Database, Message, Signal
+from cantools.database.can import Node
+from cantools.database.conversion import BaseConversion
+from cantools.database.namedsignalvalue import NamedSignalValue
+
+from heronry_dg.model import Spec
+from heronry_dg.traffic import identifiers
+from heronry_manager.core.topology import radios
+from heronry_wire.canaerospace import HEADER_BYTES, DataType, Validity
+from heronry_wire.gateway_report import LINK, link_id
+from heronry_wire.identifiers import (
+    GATEWAY_IDS,
+    MANAGER_NODES,
+    PE_NODES,
+    Command,
+    actuator_echo_id,
+    emcy_id,
+    emergency_event_id,
+    heartbeat_id,
+    management_id,
+    state_id,
+)
+from heronry_wire.layout import Layout
+from heronry_wire.management import (
+    ACTIVATE,
+    ALIVE,
+    CONTROL,
+    EMCY,
+    LEASE,
+    PING,
+    PREPARE,
+    SLICE_BODY,
+    SLICE_HEAD,
+    STATE_0,
+    STATE_1,
+    STATE_2,
+    STATE_3,
+    TAG,
+    ElementKind,
+)
+
+_TYPE_NAMES = {data_type.value: data_type.name for data_type in DataType}
+_COMMANDS: Mapping[Command, Layout] = {
+    Command.LEASE: LEASE,
+    Command.ALIVE: ALIVE,
+    Command.PREPARE: PREPARE,
+    Command.ACTIVATE: ACTIVATE,
+    Command.PING: PING,
+    Command.CONTROL: CONTROL,
+    Command.TAG: TAG,
+}
+
+
+def dbc_text(spec: Spec | None) -> str:
+    """DBC of the management protocol and, with a spec, of its PEs' names and all its data."""
+    nodes = {node: f"node_{node}" for node in PE_NODES} if spec is None else _nodes_of(spec)
+    messages = [*_management(), *_per_node(nodes, spec), *_links(spec)]
+    if spec is not None:
+        messages += _data(spec)
+    senders = [*nodes.values(), *(f"manager_{node}" for node in MANAGER_NODES)]
+    database = Database(messages=messages, nodes=[Node(name) for name in senders], version="")
+    text: str = database.as_dbc_string()
+    return text.replace("\r\n", "\n")
+
+
+def _nodes_of(spec: Spec) -> dict[int, str]:
+    return {pe.node_id: pe.name for pe in spec.pes.values()}
+
+
+def _signal(
+    name: str,
+    start: int,
+    bits: int,
+    labels: Mapping[int, str] | None = None,
+    *,
+    signed: bool = False,
+    is_float: bool = False,
+    unit: str | None = None,
+) -> Signal:
+    """A big-endian signal that starts `start` bits after the first bit of the payload."""
+    choices: OrderedDict[int, str | NamedSignalValue] | None = OrderedDict(labels) if labels else None
+    conversion = BaseConversion.factory(scale=1, offset=0, choices=choices, is_float=is_float)
+    first_bit = start // 8 * 8 + 7 - start % 8  # a DBC counts from the least significant bit of each byte
+    return Signal(name, first_bit, bits, byte_order="big_endian", is_signed=signed, conversion=conversion, unit=unit)
+
+
+def _signals(layout: Layout) -> Iterator[Signal]:
+    start = 0
+    for field in layout.fields:
+        yield _signal(field.name, start, field.bits, field.labels, unit=field.unit or None)
+        start += field.bits
+
+
+def _message(frame_id: int, name: str, length: int, signals: list[Signal], sender: str) -> Message:
+    return Message(frame_id, name, length, signals, senders=[sender] if sender else [], strict=False)
+
+
+def _management() -> Iterator[Message]:
+    for node in MANAGER_NODES:
+        for command, layout in _COMMANDS.items():
+            name = f"{command.name}_{node}"
+            yield _message(management_id(node, command), name, layout.length, list(_signals(layout)), f"manager_{node}")
+        yield _message(management_id(node, Command.SLICE), f"SLICE_{node}", 8, list(_slice()), f"manager_{node}")
+        yield _heartbeat(node, f"manager_{node}")
+
+
+def _slice() -> Iterator[Signal]:
+    head, body = list(_signals(SLICE_HEAD)), list(_signals(SLICE_BODY))
+    for signal in head[:3]:
+        signal.is_multiplexer = signal.name == "index"
+        yield signal
+    for signal, indices in [*((s, [0]) for s in head[3:]), (body[3], list(range(1, 256)))]:
+        signal.multiplexer_ids, signal.multiplexer_signal = indices, "index"
+        yield signal
+
+
+def _per_node(nodes: Mapping[int, str], spec: Spec | None) -> Iterator[Message]:
+    for node, name in nodes.items():
+        yield _message(state_id(node), f"STATE_{name}", 8, list(_state()), name)
+        yield _message(emcy_id(node), f"EMCY_{name}", EMCY.length, list(_signals(EMCY)), name)
+        yield _message(emergency_event_id(node), f"EMERGENCY_{name}", 8, list(_emergency_event()), name)
+        yield _heartbeat(node, name)
+        yield _message(actuator_echo_id(node), f"ECHO_{name}", 8, list(_echo(spec)), name)
+
+
+def _links(spec: Spec | None) -> Iterator[Message]:
+    """Reports on radios: by name where a spec says which there are."""
+    if spec is None:
+        for number in range(len(GATEWAY_IDS)):
+            yield _message(link_id(number), f"LINK_{number}", LINK.length, list(_signals(LINK)), "")
+        return
+    for radio in radios(spec).values():
+        yield _message(radio.link_id, f"LINK_{radio.bus}", LINK.length, list(_signals(LINK)), radio.gateway)
+
+
+def _heartbeat(node: int, name: str) -> Message:
+    return _message(heartbeat_id(node), f"HEARTBEAT_{name}", 1, [_signal("canopen_state", 0, 8, _CANOPEN)], name)
+
+
+_CANOPEN = {0x00: "BOOT_UP", 0x04: "STOPPED", 0x05: "OPERATIONAL", 0x7F: "PRE_OPERATIONAL"}
+
+
+def _state() -> Iterator[Signal]:
+    for page, layout in enumerate((STATE_0, STATE_1, STATE_2, STATE_3)):
+        for signal in _signals(layout):
+            if signal.name in ("page", "state", "flags"):
+                signal.is_multiplexer = signal.name == "page"
+                if page == 0:
+                    yield signal
+            else:
+                signal.multiplexer_ids, signal.multiplexer_signal = [page], "page"
+                yield signal
+
+
+def _header(service: tuple[Signal, ...]) -> Iterator[Signal]:
+    """The CANaerospace header: node-ID, data type, service code, message code."""
+    yield _signal("node_id", 0, 8)
+    yield _signal("data_type", 8, 8, _TYPE_NAMES)
+    yield from service
+    yield _signal("message_code", 24, 8)
+
+
+def _emergency_event() -> Iterator[Signal]:
+    """CANaerospace emergency event of a fault: what EMCY says, in CANaerospace's words."""
+    yield from _header((_signal("service_code", 16, 8),))
+    yield _signal("error_code", 32, 16, signed=True)
+    yield _signal("operation_id", 48, 8, _ELEMENT_KINDS, signed=True)
+    yield _signal("location_id", 56, 8, signed=True)
+
+
+_ELEMENT_KINDS = {kind.value: kind.name for kind in ElementKind}
+
+
+def _echo(spec: Spec | None) -> Iterator[Signal]:
+    """Both echoes: of a device that was driven (FLOAT), of a module that ran (ULONG); by name where there is a spec."""
+    devices = dict(enumerate(spec.devices)) if spec is not None else None
+    modules = dict(enumerate(spec.modules)) if spec is not None else None
+    kinds = {
+        DataType.FLOAT: (_signal("device", 16, 8, devices), _signal("value", 32, 32, is_float=True)),
+        DataType.ULONG: (_signal("mode", 16, 8), _signal("module", 32, 32, modules)),
+    }
+    for signal in _header(()):
+        signal.is_multiplexer = signal.name == "data_type"
+        yield signal
+    for kind, signals in kinds.items():
+        for signal in signals:
+            signal.multiplexer_ids, signal.multiplexer_signal = [kind.value], "data_type"
+            yield signal
+
+
+def _data(spec: Spec) -> Iterator[Message]:
+    validity = {v.value: v.name for v in Validity}
+    for (producer, variable), identifier in identifiers(spec).items():
+        entry = spec.variables[variable]
+        kind = DataType[entry.type]
+        service = (_signal("validity", 16, 4, validity), _signal("version", 20, 4))
+        values = _values(variable, kind, entry.unit)
+        name = f"{variable}__{producer}"
+        length = HEADER_BYTES + kind.payload_bytes
+        yield Message(identifier, name, length, [*_header(service), *values], senders=[], strict=False)
+
+
+def _values(variable: str, kind: DataType, unit: str | None) -> Iterator[Signal]:
+    """One signal named like the variable, or one per element (`variable_0`, `variable_1`) of an array type."""
+    if kind.payload_bytes == 0:
+        return
+    digits = "".join(c for c in kind.name if c.isdigit())
+    count = int(digits) if digits else 1
+    bits = 8 * kind.payload_bytes // count
+    signed = kind.name.rstrip("1234") in ("LONG", "SHORT", "CHAR")
+    for i in range(count):
+        name = variable if count == 1 else f"{variable}_{i}"
+        start = 8 * HEADER_BYTES + i * bits
+        yield _signal(name, start, bits, signed=signed, unit=unit, is_float=kind is DataType.FLOAT)

@@ -1,0 +1,39 @@
+"""The event stream on standard output, one JSON line each, flushed at once so that a pipe follows live.
+
+Who flies does not depend on who reads: where a line cannot be written (a full disk, a reader that went away) it is
+dropped, that is said once on standard error, and the next one is tried again.
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from heronry_manager.core.events import to_line
+
+Teller = Callable[[Mapping[str, Any]], None]
+
+
+def print_event(event: Mapping[str, Any]) -> None:
+    """Print one event."""
+    sys.stdout.write(to_line(event) + "\n")
+    sys.stdout.flush()
+
+
+def surviving(tell: Teller) -> Teller:
+    """Let nothing that cannot be written end who tells it."""
+    is_said = False
+
+    def tell_if_possible(event: Mapping[str, Any]) -> None:
+        nonlocal is_said
+        try:
+            tell(event)
+        except OSError as error:
+            if not is_said:
+                with suppress(OSError):
+                    print(f"heronry: events are dropped until they can be written: {error.strerror}", file=sys.stderr)
+            is_said = True
+        else:
+            is_said = False
+
+    return tell_if_possible

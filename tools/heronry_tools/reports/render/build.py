@@ -1,0 +1,170 @@
+"""From a spec to its graph: every symbol once, and every edge that data can take.
+
+An input that stands alone needs no gate: its variable goes straight to the mode. The leaf of a DEMUX's branch comes
+out of the DEMUX. With a function given, the graph holds what may contribute to it in whatever mode, and nothing else.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_dg.model import Function, Mode, Module, Spec
+from heronry_tools.reports.render.graph import Cell, Edge, Graph, Kind, Node
+from heronry_tools.reports.render.marks import Marks
+
+
+def build(spec: Spec, marks: Marks, function: Function | None = None) -> Graph:
+    """Make the graph of a spec, or of what contributes to one of its functions."""
+    modules = list(spec.modules.values()) if function is None else _contributors(spec, function)
+    return _Builder(spec, marks).graph(modules, whole=function is None)
+
+
+def _contributors(spec: Spec, function: Function) -> list[Module]:
+    """Modules whose data may reach a function, in the spec's order."""
+    found, frontier = set(function.outputs), list(function.outputs)
+    while frontier:
+        module = spec.modules[frontier.pop()]
+        read = {leaf.variable for mode in module.modes.values() for _, leaf in mode.leaves()}
+        givers = {giver.name for variable in read for giver, _ in spec.producers(variable)}
+        frontier += sorted(givers - found)
+        found |= givers
+    return [module for module in spec.modules.values() if module.name in found]
+
+
+@dataclass(slots=True)
+class _Builder:
+    spec: Spec
+    marks: Marks
+    nodes: dict[str, Node] = field(default_factory=dict)
+    edges: list[Edge] = field(default_factory=list)
+
+    def graph(self, modules: list[Module], *, whole: bool) -> Graph:
+        read = {leaf.variable for module in modules for mode in module.modes.values() for _, leaf in mode.leaves()}
+        for variable in self.spec.variables:
+            if whole or variable in read:
+                self._add_variable(variable)
+        for demux in self.spec.demuxes:
+            if whole or any(module.name in self.spec.demuxes[demux].branches for module in modules):
+                self._add_demux(demux)
+        for device in self.spec.devices:
+            if whole or any(module.device == device for module in modules):
+                self._add_device(device)
+        for module in modules:
+            self._add_module(module)
+        return Graph(self.spec.name, self.nodes, tuple(self.edges))
+
+    def _add(self, node: Node) -> None:
+        self.nodes[node.key] = node
+
+    def _add_variable(self, name: str) -> None:
+        variable = self.spec.variables[name]
+        self._add(
+            Node(
+                f"variable:{name}",
+                "variable",
+                name,
+                str(variable.versions),
+                initial=variable.initial is not None,
+                dead=self.marks.variable_dead(name),
+                chosen=self.marks.given(name),
+            )
+        )
+
+    def _add_demux(self, name: str) -> None:
+        demux = self.spec.demuxes[name]
+        branches = [self.spec.modules[branch] for branch in demux.branches]
+        dead, chosen = self.marks.demux_dead(demux), any(self.marks.running(branch) for branch in branches)
+        self._add(Node(f"demux:{name}", "demux", name, self._serves(name), dead=dead, chosen=chosen))
+        source = f"variable:{demux.variable}"
+        self.edges.append(Edge(source, f"demux:{name}", dead=dead, chosen=chosen))
+
+    def _add_device(self, name: str) -> None:
+        device = self.spec.devices[name]
+        drivers = [module for module in self.spec.modules.values() if module.device == name]
+        chosen = any(self.marks.running(module) for module in drivers)
+        dead = self.marks.device_dead(name)
+        self._add(Node(f"device:{name}", device.kind, name, f"on {device.pe}", dead=dead, chosen=chosen))
+
+    def _serves(self, output: str) -> str:
+        names = [function.name for function in self.spec.functions.values() if function.output == output]
+        return f"serves {', '.join(names)}" if names else ""
+
+    def _add_module(self, module: Module) -> None:
+        key, running = f"module:{module.name}", self.marks.running(module)
+        notes = [f"on {running.pe}" if running else "", self._serves(module.name)]
+        modes = list(module.modes.values())
+        cells = tuple(
+            Cell(f"V{number} {mode.name}", self.marks.mode_dead(module, mode), self.marks.runs(module, mode))
+            for number, mode in enumerate(modes, 1)
+        )
+        self._add(
+            Node(
+                key,
+                "module",
+                module.name,
+                "\n".join(note for note in notes if note),
+                cells if len(modes) > 1 else (),
+                dead=self.marks.module_dead(module),
+                chosen=running is not None,
+            )
+        )
+        for number, mode in enumerate(modes):
+            cell = number if len(modes) > 1 else None
+            self._add_inputs(module, mode, key, cell)
+            self.edges += self._outputs(module, mode, cell)
+        self._add_device_edge(module, key)
+
+    def _add_device_edge(self, module: Module, key: str) -> None:
+        if module.device is None:
+            return
+        device = f"device:{module.device}"
+        forth = self.spec.devices[module.device].kind == "sensor"
+        source, target = (device, key) if forth else (key, device)
+        dead = self.marks.module_dead(module) or self.marks.device_dead(module.device)
+        self.edges.append(Edge(source, target, dead=dead, chosen=self.marks.running(module) is not None))
+
+    def _outputs(self, module: Module, mode: Mode, cell: int | None) -> Iterator[Edge]:
+        for variable, version in mode.gives.items():
+            if f"variable:{variable}" not in self.nodes:
+                continue
+            label = str(version) if self.spec.variables[variable].versions > 1 else ""
+            dead, chosen = self.marks.mode_dead(module, mode), self.marks.runs(module, mode)
+            yield Edge(f"module:{module.name}", f"variable:{variable}", label, cell, None, dead, chosen)
+
+    def _add_inputs(self, module: Module, mode: Mode, key: str, cell: int | None) -> None:
+        if mode.needs is not None:
+            self._add_input(module, mode, mode.needs, "", target=key, cell=cell)
+
+    def _add_input(
+        self, module: Module, mode: Mode, needs: Expression, path: str, *, target: str, cell: int | None
+    ) -> None:
+        dead = self.marks.gate_dead(needs) or self.marks.mode_dead(module, mode)
+        if isinstance(needs, Leaf):
+            source = f"demux:{needs.demux}" if needs.demux else f"variable:{needs.variable}"
+            chosen = self.marks.wired(module, mode, path)
+            self.edges.append(Edge(source, target, accepted_versions(self.spec, needs), None, cell, dead, chosen))
+            return
+        key = f"gate:{module.name}/{mode.name}/{path}"
+        kind, label = _symbol(needs)
+        chosen = self.marks.gate_chosen(module, mode, needs, path)
+        self._add(Node(key, kind, label, dead=self.marks.gate_dead(needs), chosen=chosen))
+        for index, one in enumerate(needs.inputs):
+            self._add_input(module, mode, one, child_path(path, index), target=key, cell=None)
+        self.edges.append(Edge(key, target, "", None, cell, dead, chosen))
+
+
+def accepted_versions(spec: Spec, leaf: Leaf) -> str:
+    """Versions that an input accepts, as a spec writes them; nothing where it takes all."""
+    if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
+        return ""
+    return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"
+
+
+def _symbol(gate: And | Or | Xor) -> tuple[Kind, str]:
+    match gate:
+        case And():
+            return "and", "AND"
+        case Or(k, inputs):
+            return "or", f"{k}/{len(inputs)}"
+        case Xor():
+            return "xor", "XOR"

@@ -1,0 +1,264 @@
+"""Where everything stands, in pixels: boxes that do not overlap, and edges that run between them.
+
+Within a column every symbol wants to stand level with what it is joined to, and no two may come closer than a gap:
+the least squares of that have an exact answer (pool adjacent violators), worked out column by column, to and fro.
+Between two columns an edge is one curve; across a column it is straight, at a height that is its own. Feedback runs
+below the graph and back.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import isqrt
+
+from heronry_tools.reports.render.graph import Graph
+from heronry_tools.reports.render.ordering import Layers, Segment, ordered
+from heronry_tools.reports.render.ranks import ranked
+from heronry_tools.reports.render.shapes import PORT_STEP, ROUND, Shape, shape_of
+
+MARGIN = 24
+_ROW_GAP = 14
+_WAY_POINT = Shape(0, 2, 0, 2, (), ())
+_LANE = 12  # between feedback edges
+_SWEEPS = 80
+_FINE = 64  # heights are settled in so many parts of a pixel, or rounding would hold them up
+
+Point = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A symbol's place: its upper left corner, and its shape."""
+
+    x: int
+    y: int
+    shape: Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A piece of edges: straight, from `start` to `leave`, then a curve to `enter`, then straight to `end`."""
+
+    edges: tuple[int, ...]
+    start: Point
+    leave: Point
+    enter: Point
+    end: Point
+    last: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A feedback edge: a line through right angles."""
+
+    edge: int
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """A graph with places."""
+
+    width: int
+    height: int
+    boxes: Mapping[str, Box]
+    curves: tuple[Curve, ...]
+    loops: tuple[Loop, ...]
+
+
+def laid_out(graph: Graph) -> Layout:
+    """Give a graph its places; the same graph gets the same ones."""
+    ranks = ranked(graph)
+    layers = ordered(graph, ranks)
+    feedback = sorted(ranks.feedback)
+    inputs = dict.fromkeys(graph.nodes, 0)
+    for edge in graph.edges:
+        inputs[edge.target] += 1
+    shapes = {key: shape_of(node, inputs[key]) for key, node in graph.nodes.items()}
+    shapes |= {key: _WAY_POINT for column in layers.columns for key in column if key not in shapes}
+    return _Placing(graph, layers, shapes, feedback).layout()
+
+
+class _Placing:
+    """The working state of one layout."""
+
+    def __init__(self, graph: Graph, layers: Layers, shapes: dict[str, Shape], feedback: list[int]) -> None:
+        self._graph = graph
+        self._layers = layers
+        self._shapes = shapes
+        self._feedback = feedback
+        self._column_of = {key: number for number, column in enumerate(layers.columns) for key in column}
+        self._ports = self._in_ports()
+        self._y = self._stacked()
+
+    def layout(self) -> Layout:
+        self._settle()
+        self._straighten()
+        top = min(self._y.values(), default=0)
+        y = {key: MARGIN + (at - top) // _FINE for key, at in self._y.items()}
+        bottom = max((y[key] + self._shapes[key].height for key in y), default=MARGIN)
+        left, right = self._columns_x(y)
+        boxes = {}
+        for key in self._shapes:
+            column = self._column_of[key]
+            x = left[column] + (right[column] - left[column] - self._shapes[key].width) // 2
+            boxes[key] = Box(x, y[key], self._shapes[key])
+        curves = tuple(self._curve(number, boxes, left, right) for number in range(len(self._layers.segments)))
+        loops = tuple(self._loops(boxes, left, right, bottom))
+        return Layout(
+            width=max(right, default=MARGIN) + MARGIN + _LANE * len(loops),
+            height=bottom + MARGIN + _LANE * (len(loops) + 1 if loops else 0),
+            boxes={key: boxes[key] for key in self._graph.nodes},
+            curves=curves,
+            loops=loops,
+        )
+
+    def _in_ports(self) -> dict[int, int]:
+        """Heights, in the target's box, at which edges end: side by side, in the order in which they come."""
+        place = {key: number for column in self._layers.columns for number, key in enumerate(column)}
+        comers: dict[tuple[str, int | None], list[tuple[int, int]]] = {}
+        for segment in self._layers.segments:
+            if segment.last:
+                comers.setdefault((segment.target, segment.in_cell), []).append(
+                    (place[segment.source], segment.edges[0])
+                )
+        for number in self._feedback:
+            edge = self._graph.edges[number]
+            comers.setdefault((edge.target, edge.in_cell), []).append((len(place), number))
+        ports = {}
+        for (target, cell), edges in comers.items():
+            step = PORT_STEP if self._graph.nodes[target].kind in ("and", "or", "xor") else min(10, 28 // len(edges))
+            middle = self._shapes[target].port(cell)
+            for order, (_, edge_number) in enumerate(sorted(edges)):
+                ports[edge_number] = middle + (2 * order - len(edges) + 1) * step // 2
+        return ports
+
+    def _stacked(self) -> dict[str, int]:
+        found = {}
+        for column in self._layers.columns:
+            y = 0
+            for key in column:
+                found[key] = y
+                y += (self._shapes[key].height + _ROW_GAP) * _FINE
+        return found
+
+    def _settle(self) -> None:
+        """Let every column stand where its edges are most nearly level."""
+        near: dict[str, list[tuple[str, int, int]]] = {key: [] for key in self._shapes}
+        for segment in self._layers.segments:
+            out, into = self._ends(segment)
+            near[segment.source].append((segment.target, out - into, self._weight(segment)))
+            near[segment.target].append((segment.source, into - out, self._weight(segment)))
+        for sweep in range(_SWEEPS):
+            for column in self._layers.columns if sweep % 2 == 0 else reversed(self._layers.columns):
+                wanted = []
+                for key in column:
+                    weight = sum(one[2] for one in near[key])
+                    pull = sum((self._y[other] - offset * _FINE) * heavy for other, offset, heavy in near[key])
+                    wanted.append((pull // weight, weight) if weight else (self._y[key], 1))
+                self._y.update(zip(column, self._apart(column, wanted), strict=True))
+
+    def _straighten(self) -> None:
+        """Keep long edges at their height as far as there is room, so that they step once and not in every column."""
+        before = {segment.target: segment for segment in self._layers.segments if segment.target.startswith("~")}
+        for column in self._layers.columns:
+            for places in (range(len(column)), reversed(range(len(column)))):
+                for place in places:
+                    if (segment := before.get(column[place])) is not None:
+                        level = self._y[segment.source] + (self._ends(segment)[0] - self._ends(segment)[1]) * _FINE
+                        self._move(column, place, level)
+
+    def _move(self, column: tuple[str, ...], place: int, level: int) -> None:
+        """Move a way-point to a level, or as near to it as its neighbours leave room."""
+        if place > 0:
+            above = column[place - 1]
+            level = max(level, self._y[above] + (self._shapes[above].height + _ROW_GAP) * _FINE)
+        if place + 1 < len(column):
+            height = self._shapes[column[place]].height
+            level = min(level, self._y[column[place + 1]] - (height + _ROW_GAP) * _FINE)
+        self._y[column[place]] = level
+
+    def _ends(self, segment: Segment) -> tuple[int, int]:
+        """Heights of a segment's ends in their boxes."""
+        out = self._shapes[segment.source].port(segment.out_cell)
+        into = self._ports[segment.edges[0]] if segment.last else self._shapes[segment.target].port(None)
+        return out, into
+
+    def _weight(self, segment: Segment) -> int:
+        """Straightness: long edges first."""
+        points = (segment.source.startswith("~")) + (segment.target.startswith("~"))
+        return (2, 3, 8)[points]
+
+    def _apart(self, column: tuple[str, ...], wanted: list[tuple[int, int]]) -> list[int]:
+        """Heights nearest to the wanted ones, with weights, so that nobody overlaps the next (rounded down)."""
+        blocks: list[list[int]] = []  # sum of weighted heights, sum of weights, members
+        offsets = [0]
+        for key in column[:-1]:
+            offsets.append(offsets[-1] + (self._shapes[key].height + _ROW_GAP) * _FINE)
+        for (height, weight), offset in zip(wanted, offsets, strict=True):
+            blocks.append([(height - offset) * weight, weight, 1])
+            while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:
+                last = blocks.pop()
+                blocks[-1] = [a + b for a, b in zip(blocks[-1], last, strict=True)]
+        starts = [total // weight for total, weight, members in blocks for _ in range(members)]
+        return [start + offset for start, offset in zip(starts, offsets, strict=True)]
+
+    def _columns_x(self, y: Mapping[str, int]) -> tuple[list[int], list[int]]:
+        """Left and right sides of the columns: the steeper the edges between two, the wider the gap."""
+        steepest = [0] * len(self._layers.columns)
+        for segment in self._layers.segments:
+            out, into = self._ends(segment)
+            column = self._column_of[segment.source]
+            steepest[column] = max(steepest[column], abs(y[segment.source] + out - y[segment.target] - into))
+        left, right, x = [], [], MARGIN
+        for column, keys in enumerate(self._layers.columns):
+            left.append(x)
+            right.append(x + max(self._shapes[key].width for key in keys))
+            x = right[-1] + 56 + min(80, steepest[column] // 8) + 2 * len(self._feedback)
+        return left, right
+
+    def _curve(self, number: int, boxes: Mapping[str, Box], left: list[int], right: list[int]) -> Curve:
+        segment = self._layers.segments[number]
+        source, target = boxes[segment.source], boxes[segment.target]
+        out, into = self._ends(segment)
+        y_out, y_in = source.y + out, target.y + into
+        is_point = segment.source.startswith("~")
+        start = left[self._column_of[segment.source]] if is_point else _right_side(source)
+        return Curve(
+            segment.edges,
+            (start, y_out),
+            (right[self._column_of[segment.source]], y_out),
+            (left[self._column_of[segment.target]], y_in),
+            (self._entry(segment, target, into, left[self._column_of[segment.target]]), y_in),
+            segment.last,
+        )
+
+    def _entry(self, segment: Segment, target: Box, into: int, left: int) -> int:
+        """Where an edge meets its target: a circle gives way above and below its middle."""
+        if not segment.last:
+            return left
+        round_ = self._graph.nodes[segment.target].kind == "variable"
+        return _left_side(target) + (_sagitta(ROUND // 2, into - ROUND // 2) if round_ else 0)
+
+    def _loops(self, boxes: Mapping[str, Box], left: list[int], right: list[int], bottom: int) -> Iterator[Loop]:
+        for order, number in enumerate(self._feedback):
+            edge = self._graph.edges[number]
+            source, target = boxes[edge.source], boxes[edge.target]
+            y_out, y_in = source.y + source.shape.port(edge.out_cell), target.y + self._ports[number]
+            x_out = right[self._column_of[edge.source]] + 6 + 3 * order
+            x_in = left[self._column_of[edge.target]] - 10 - 3 * order
+            lane = bottom + _LANE * (order + 1)
+            corners = ((x_out, y_out), (x_out, lane), (x_in, lane), (x_in, y_in))
+            yield Loop(number, ((_right_side(source), y_out), *corners, (_left_side(target), y_in)))
+
+
+def _sagitta(radius: int, offset: int) -> int:
+    """How far the edge of a circle lies inside its box at a height off its middle."""
+    return radius - isqrt(radius * radius - offset * offset)
+
+
+def _left_side(box: Box) -> int:
+    return box.x + (box.shape.width - box.shape.body_width) // 2
+
+
+def _right_side(box: Box) -> int:
+    return box.x + (box.shape.width + box.shape.body_width) // 2

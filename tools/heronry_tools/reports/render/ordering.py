@@ -1,0 +1,136 @@
+"""Who stands above whom in a column: layers with way-points, ordered so that few edges cross.
+
+An edge over several columns passes each of them at a way-point, so that it runs around the symbols there; all edges
+out of one symbol share their way-points, as one trunk. The order is found by barycentres, left to right and back
+(Sugiyama, Tagawa and Toda 1981); the best of all sweeps is taken.
+"""
+
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from heronry_tools.reports.render.graph import Graph
+from heronry_tools.reports.render.ranks import Ranks
+
+_SWEEPS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A piece of edges between neighbouring columns; its ends are symbols or way-points."""
+
+    source: str
+    target: str
+    out_cell: int | None
+    in_cell: int | None
+    edges: tuple[int, ...]  # numbers of the edges that share it
+    last: bool  # it ends at the target of its only edge
+
+
+@dataclass(frozen=True, slots=True)
+class Layers:
+    """Columns from left to right, each from top to bottom."""
+
+    columns: tuple[tuple[str, ...], ...]
+    segments: tuple[Segment, ...]
+
+
+def ordered(graph: Graph, ranks: Ranks) -> Layers:
+    """Put symbols and way-points into columns, and the columns into order."""
+    segments = _segments(graph, ranks)
+    columns = _first_order(graph, ranks, segments)
+    best, fewest = [list(column) for column in columns], _crossings(graph, columns, segments)
+    for sweep in range(_SWEEPS):
+        forth = sweep % 2 == 0
+        _sweep(graph, columns, segments, forth=forth)
+        crossings = _crossings(graph, columns, segments)
+        if crossings < fewest:
+            best, fewest = [list(column) for column in columns], crossings
+    return Layers(tuple(map(tuple, best)), segments)
+
+
+def _segments(graph: Graph, ranks: Ranks) -> tuple[Segment, ...]:
+    shared: dict[tuple[str, str, int | None], list[int]] = {}
+    ends: list[Segment] = []
+    for number, edge in enumerate(graph.edges):
+        if number in ranks.feedback:
+            continue
+        here, cell = edge.source, edge.out_cell
+        for column in range(ranks.of[edge.source] + 1, ranks.of[edge.target]):
+            point = f"~{edge.source}#{edge.out_cell}@{column}"
+            shared.setdefault((here, point, cell), []).append(number)
+            here, cell = point, None
+        ends.append(Segment(here, edge.target, cell, edge.in_cell, (number,), last=True))
+    trunks = [Segment(a, b, cell, None, tuple(edges), last=False) for (a, b, cell), edges in shared.items()]
+    return (*trunks, *ends)
+
+
+def _first_order(graph: Graph, ranks: Ranks, segments: tuple[Segment, ...]) -> list[list[str]]:
+    """Columns in the order of a walk along the edges: what belongs together begins together."""
+    neighbours: dict[str, list[str]] = {key: [] for key in graph.nodes}
+    column_of = dict(ranks.of)
+    for segment in segments:
+        for here, there in ((segment.source, segment.target), (segment.target, segment.source)):
+            neighbours.setdefault(here, []).append(there)
+            if here not in column_of:
+                column_of[here] = int(here.rpartition("@")[2])
+    columns: list[list[str]] = [[] for _ in range(max(column_of.values(), default=-1) + 1)]
+    seen: set[str] = set()
+    for root in graph.nodes:
+        stack = [root]
+        while stack:
+            key = stack.pop()
+            if key not in seen:
+                seen.add(key)
+                columns[column_of[key]].append(key)
+                stack += reversed(neighbours[key])
+    return columns
+
+
+def _positions(graph: Graph, columns: list[list[str]]) -> dict[tuple[str, int | None], float]:
+    """Heights of symbols and of their cells, in places from the top."""
+    found: dict[tuple[str, int | None], float] = {}
+    for column in columns:
+        for place, key in enumerate(column):
+            found[key, None] = float(place)
+            cells = len(graph.nodes[key].cells) if key in graph.nodes else 0
+            for cell in range(cells):
+                found[key, cell] = place + (cell + 0.5) / cells - 0.5
+    return found
+
+
+def _sweep(graph: Graph, columns: list[list[str]], segments: tuple[Segment, ...], *, forth: bool) -> None:
+    near: dict[str, list[tuple[str, int | None]]] = {}
+    for segment in segments:
+        if forth:
+            near.setdefault(segment.target, []).append((segment.source, segment.out_cell))
+        else:
+            near.setdefault(segment.source, []).append((segment.target, segment.in_cell))
+    for column in columns if forth else reversed(columns):
+        at = _positions(graph, columns)
+
+        def centre(key: str, at: Mapping[tuple[str, int | None], float] = at) -> float:
+            ends = near.get(key)
+            return sum(at[end] for end in ends) / len(ends) if ends else at[key, None]
+
+        column.sort(key=centre)
+
+
+def _crossings(graph: Graph, columns: list[list[str]], segments: tuple[Segment, ...]) -> int:
+    at = _positions(graph, columns)
+    column_of = {key: number for number, column in enumerate(columns) for key in column}
+    between: dict[int, list[tuple[float, float]]] = {}
+    for segment in segments:
+        ends = at[segment.source, segment.out_cell], at[segment.target, segment.in_cell]
+        between.setdefault(column_of[segment.source], []).append(ends)
+    return sum(map(_inversions, between.values()))
+
+
+def _inversions(pairs: list[tuple[float, float]]) -> int:
+    """Count the pairs of which one begins above another and ends below it."""
+    count, ends = 0, list[float]()
+    for _, end in sorted(pairs):
+        place = bisect_right(ends, end)
+        count += len(ends) - place
+        ends.insert(place, end)
+    return count

@@ -1,0 +1,80 @@
+"""How large a symbol is, and where its edges end: in pixels from the upper left corner of its box.
+
+The box holds everything that belongs to a symbol, its name included. A module's name and cells stand in its square;
+the names of variables, devices and DEMUXes stand below them.
+"""
+
+from dataclasses import dataclass
+
+from heronry_tools.reports.render.graph import Node
+
+NAME_PX, NOTE_PX = 11, 9  # sizes of type
+NAME_LINE, NOTE_LINE, CELL_ROW = 14, 12, 20  # heights of lines
+ROUND = 36  # diameter of a variable, and side of a device
+GATE_WIDTH = 42
+PORT_STEP = 11  # between the inputs of a gate
+_LONGEST_LINE = 17  # characters
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A symbol's box, the body in it, and its lines of text."""
+
+    width: int
+    height: int
+    body_width: int
+    body_height: int
+    name: tuple[str, ...]
+    note: tuple[str, ...]
+    head: int = 0  # of a module: height above its cells
+
+    def port(self, cell: int | None) -> int:
+        """Height at which edges of a cell, or of the symbol itself, end."""
+        if cell is not None:
+            return self.head + CELL_ROW * cell + CELL_ROW // 2
+        return (self.head or self.body_height) // 2
+
+
+def shape_of(node: Node, inputs: int) -> Shape:
+    """Size of a symbol with so many inputs."""
+    if node.kind == "module":
+        return _module(node)
+    if node.kind in ("and", "or", "xor"):
+        height = max(30, PORT_STEP * inputs + 6)
+        return Shape(GATE_WIDTH, height, GATE_WIDTH, height, (), ())
+    name = wrapped(node.label, "_")
+    note = () if node.kind == "variable" else _note(node)
+    body = GATE_WIDTH if node.kind == "demux" else ROUND
+    width = max(body, _text_width(name, NAME_PX), _text_width(note, NOTE_PX))
+    return Shape(width, body + NAME_LINE * len(name) + NOTE_LINE * len(note) + 6, body, body, name, note)
+
+
+def _module(node: Node) -> Shape:
+    name, note = wrapped(node.label, "_"), _note(node)
+    text = NAME_LINE * len(name) + NOTE_LINE * len(note) + 10
+    cells = tuple(cell.label for cell in node.cells)
+    width = max(64, _text_width(name, NAME_PX), _text_width(note, NOTE_PX), _text_width(cells, NAME_PX)) + 14
+    height = text + CELL_ROW * len(cells) if cells else max(48, text)
+    return Shape(width, height, width, height, name, note, head=text if cells else 0)
+
+
+def _note(node: Node) -> tuple[str, ...]:
+    return tuple(line for note in node.note.splitlines() for line in wrapped(note, " "))
+
+
+def wrapped(text: str, separator: str) -> tuple[str, ...]:
+    """Break a text after separators into lines that are not too long, where it can be."""
+    lines: list[str] = []
+    words = [word + separator for word in text.split(separator)]
+    words[-1] = words[-1][: -len(separator)]
+    for word in words:
+        if lines and len(lines[-1] + word) <= _LONGEST_LINE:
+            lines[-1] += word
+        else:
+            lines.append(word)
+    return tuple(line.strip() for line in lines if line.strip())
+
+
+def _text_width(lines: tuple[str, ...], size_px: int) -> int:
+    """Width of the widest line in a wide sans-serif face, rather too large than too small."""
+    return max((len(line) * size_px * 66 // 100 for line in lines), default=0)

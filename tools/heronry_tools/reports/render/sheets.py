@@ -1,0 +1,93 @@
+"""A wide graph on several sheets, one below the other, as a text is broken into lines.
+
+A module stands on one sheet, and with it its gates and devices and the other branches of its DEMUX. From sheet to sheet
+data go by name: a variable stands on every sheet on which it is given or read, once as itself, where it is first given,
+and elsewhere again (dashed in the picture). Who is on which sheet follows from where it stands in the picture in one
+piece, so that data still flow from left to right, and then from top to bottom.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from heronry_tools.reports.render.graph import Graph
+from heronry_tools.reports.render.layout import Layout, laid_out
+
+_WIDEST = 2000  # pixels of a sheet, where it can be had
+_MOST = 16
+_VARIABLE = "variable:"
+
+_Middles = Mapping[str, int]  # symbol -> where its middle is, from the left, in the picture in one piece
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """A part of a graph with places."""
+
+    graph: Graph
+    layout: Layout
+
+
+def sheets(graph: Graph) -> tuple[Sheet, ...]:
+    """Lay a graph out on as few sheets as keep each of them from being too wide."""
+    whole = laid_out(graph)
+    middles = {key: box.x + box.shape.width // 2 for key, box in whole.boxes.items()}
+    found: tuple[Sheet, ...] = (Sheet(graph, whole),)
+    parts = whole.width // _WIDEST
+    while parts < _MOST and any(sheet.layout.width > _WIDEST for sheet in found):
+        parts += 1
+        found = tuple(Sheet(part, laid_out(part)) for part in _cut(graph, middles, whole.width, parts))
+    return found
+
+
+def _cut(graph: Graph, middles: _Middles, width: int, parts: int) -> Iterator[Graph]:
+    """Cut a graph by the places of its modules in the picture in one piece."""
+    of = {key: _middle(group, middles) * parts // width for group in _groups(graph) for key in group}
+    on = [of[edge.target if edge.source.startswith(_VARIABLE) else edge.source] for edge in graph.edges]
+    homes = _homes(graph, on)
+    of |= {key: middles[key] * parts // width for key in graph.nodes if key not in of and key not in homes}
+    for sheet in sorted({*of.values()}):
+        edges = tuple(edge for edge, there in zip(graph.edges, on, strict=True) if there == sheet)
+        here = {end for edge in edges for end in (edge.source, edge.target)}
+        here |= {key for key, there in of.items() if there == sheet}
+        nodes = {
+            key: replace(node, again=homes.get(key, sheet) != sheet) for key, node in graph.nodes.items() if key in here
+        }
+        yield Graph(graph.name, nodes, edges)
+
+
+def _groups(graph: Graph) -> list[set[str]]:
+    """All symbols but variables, in groups that edges join."""
+    joined: dict[str, list[str]] = {key: [] for key in graph.nodes if not key.startswith(_VARIABLE)}
+    for edge in graph.edges:
+        if edge.source in joined and edge.target in joined:
+            joined[edge.source].append(edge.target)
+            joined[edge.target].append(edge.source)
+    groups, seen = list[set[str]](), set[str]()
+    for root in joined:
+        group, waiting = set[str](), [root]
+        while waiting:
+            key = waiting.pop()
+            if key not in seen:
+                seen.add(key)
+                group.add(key)
+                waiting += joined[key]
+        if group:
+            groups.append(group)
+    return groups
+
+
+def _middle(group: Collection[str], middles: _Middles) -> int:
+    """Where a group stands: with its modules, however far its devices are."""
+    modules = [key for key in group if key.startswith("module:")]
+    return max(middles[key] for key in modules or group)
+
+
+def _homes(graph: Graph, on: list[int]) -> dict[str, int]:
+    """The sheet on which a variable is itself: where it is first given, or first read where nobody gives it."""
+    given: dict[str, int] = {}
+    read: dict[str, int] = {}
+    for edge, sheet in zip(graph.edges, on, strict=True):
+        for found, key in ((read, edge.source), (given, edge.target)):
+            if key.startswith(_VARIABLE):
+                found[key] = min(sheet, found.get(key, sheet))
+    return read | given

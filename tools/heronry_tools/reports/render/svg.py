@@ -1,0 +1,113 @@
+"""A graph as a picture: one SVG file that needs nothing else.
+
+Edges are drawn first, chosen ones over the others, then the symbols over them; sheet by sheet, where there are several.
+Every symbol carries its key, and every edge its ends, so that programs find their way in the picture as well.
+"""
+
+from collections.abc import Iterator
+from xml.sax.saxutils import escape, quoteattr
+
+from heronry_tools.reports.render.graph import Edge, Graph
+from heronry_tools.reports.render.layout import Curve, Layout, Loop
+from heronry_tools.reports.render.sheets import Sheet, sheets
+from heronry_tools.reports.render.symbols import symbol
+
+_STYLE = """
+text { font-family: "DejaVu Sans", Verdana, sans-serif; text-anchor: middle; fill: #1b1f24; }
+.name, .inside { font-size: 11px; } .small { font-size: 9px; }
+.note, .label { font-size: 9px; fill: #57606a; }
+.label { stroke: #fff; stroke-width: 3px; paint-order: stroke; text-anchor: end; }
+.body, .cell, .line, .edge, .strike { fill: none; stroke: #1b1f24; stroke-width: 1.2; }
+.body { fill: #fff; } .variable .body { fill: #eef4fb; } .sensor .body, .actuator .body { fill: #f3efe4; }
+.chosen > .body, .chosen > .line { stroke-width: 3; } .cell.chosen { fill: #bfe3c6; stroke-width: 2; }
+.edge { stroke: #57606a; } .edge.chosen { stroke: #1b1f24; stroke-width: 3; }
+.edge.dead { stroke: #b4b9bf; stroke-dasharray: 4 3; }
+.dead > .body, .dead > .line, .cell.dead { stroke: #a0a6ad; } .dead > text, text.dead { fill: #a0a6ad; }
+text.dead { text-decoration: line-through; } .strike { stroke: #c0392b; stroke-width: 2; }
+.again > .body { stroke-dasharray: 3 2; } .fold { stroke: #d0d7de; }
+"""
+_ARROW = (
+    '<marker id="arrow" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" '
+    'markerUnits="userSpaceOnUse" orient="auto"><path d="M0,1L8,4L0,7Z" fill="#1b1f24"/></marker>'
+)
+
+
+def svg(graph: Graph) -> str:
+    """Draw a graph; the same graph gives the same bytes."""
+    drawn = sheets(graph)
+    width, height = max(sheet.layout.width for sheet in drawn), sum(sheet.layout.height for sheet in drawn)
+    size = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img">',
+        f"<title>{escape(f'Dependency graph of {graph.name}')}</title>",
+        f"<style>{_STYLE}</style>",
+        _ARROW,
+        f'<rect width="{width}" height="{height}" fill="#fff"/>',
+    ]
+    top = 0
+    for sheet in drawn:
+        lines += _sheet(sheet, top, width)
+        top += sheet.layout.height
+    return "\n".join([*lines, "</svg>"]) + "\n"
+
+
+def _sheet(sheet: Sheet, top: int, width: int) -> Iterator[str]:
+    """One sheet, below those above it."""
+    if top:
+        yield f'<path class="fold" d="M0,{top}H{width}"/>'
+    yield f'<g transform="translate(0,{top})">'
+    yield from _edges(sheet.graph, sheet.layout)
+    for key, node in sheet.graph.nodes.items():
+        yield from symbol(node, sheet.layout.boxes[key])
+    yield from _labels(sheet.graph, sheet.layout)
+    yield "</g>"
+
+
+def _edges(graph: Graph, layout: Layout) -> Iterator[str]:
+    drawn: list[Curve | Loop] = [*layout.curves, *layout.loops]
+    for piece in sorted(drawn, key=lambda piece: _rank(graph, piece)):
+        yield _path(graph, piece)
+
+
+def _numbers(piece: Curve | Loop) -> tuple[int, ...]:
+    return (piece.edge,) if isinstance(piece, Loop) else piece.edges
+
+
+def _rank(graph: Graph, piece: Curve | Loop) -> int:
+    """Rank of the most lively edge on a piece: 0 dead, 1 as specified, 2 chosen."""
+    return max(_liveliness(graph.edges[number]) for number in _numbers(piece))
+
+
+def _liveliness(edge: Edge) -> int:
+    return 0 if edge.dead else 2 if edge.chosen else 1
+
+
+def _path(graph: Graph, piece: Curve | Loop) -> str:
+    kind = ("edge dead", "edge", "edge chosen")[_rank(graph, piece)]
+    first = graph.edges[_numbers(piece)[0]]
+    ends = f"data-from={quoteattr(first.source)}"
+    if isinstance(piece, Loop) or piece.last:
+        ends += f' data-to={quoteattr(first.target)} marker-end="url(#arrow)"'
+    way = _loop(piece) if isinstance(piece, Loop) else _curve(piece)
+    return f'<path class="{kind}" d="{way}" {ends}/>'
+
+
+def _curve(curve: Curve) -> str:
+    (x_out, y_out), (x_in, y_in) = curve.leave, curve.enter
+    middle = (x_out + x_in) // 2
+    return f"M{curve.start[0]},{curve.start[1]}H{x_out}C{middle},{y_out} {middle},{y_in} {x_in},{y_in}" + (
+        f"H{curve.end[0]}" if curve.end[0] != x_in else ""
+    )
+
+
+def _loop(loop: Loop) -> str:
+    return "M" + "L".join(f"{x},{y}" for x, y in loop.points)
+
+
+def _labels(graph: Graph, layout: Layout) -> Iterator[str]:
+    """Versions, where an edge arrives."""
+    ends = [(curve.edges[0], curve.end) for curve in layout.curves if curve.last]
+    ends += [(loop.edge, loop.points[-1]) for loop in layout.loops]
+    for number, (x, y) in ends:
+        if label := graph.edges[number].label:
+            yield f'<text class="label" x="{x - 9}" y="{y - 3}">{escape(label)}</text>'

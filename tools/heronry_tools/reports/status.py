@@ -1,0 +1,93 @@
+"""The status of a manager (`heronry_manager.core.status`), for people: what is wrong first, then what runs."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from heronry_manager.core.latched_faults import OPERATOR_CODE
+from heronry_manager.core.manager import Reign
+
+_NS_PER_S = 1_000_000_000
+
+
+def report(status: Mapping[str, Any]) -> Iterator[str]:
+    """Lines for a status document."""
+    yield from _head(status)
+    yield from _troubles(status)
+    yield from _pes(status["pes"])
+    if status["manager"]["state"] == Reign.STANDBY.value:
+        yield "what is served, the manager that reigns can tell"
+        return
+    yield from _functions(status["functions"])
+    yield from _buses(status["buses"])
+
+
+def _head(status: Mapping[str, Any]) -> Iterator[str]:
+    manager, phase = status["manager"], status["phase"]
+    does = "only advises" if manager["advises"] else f"is {manager['state']}"
+    proof = "no key: whoever can send on the bus can command it" if manager["key"] is None else f"key {manager['key']}"
+    yield f"{status['spec']}: manager {manager['node']} {does}, term {manager['term']}; {proof}"
+    unknown = status["unknown_epoch"]
+    none = "no epoch yet" if unknown is None else f"epoch {unknown} runs, which this manager does not know"
+    runs = none if status["epoch"] is None else f"epoch {status['epoch']} is {status['stage']}"
+    work = "; a plan is awaited" if manager["planning"] else ""
+    preparing = f"; epoch {status['next']} is being prepared" if status["next"] is not None else ""
+    yield f"{'no phases' if phase is None else f'phase {phase}'}; {runs}{work}{preparing}"
+
+
+def _troubles(status: Mapping[str, Any]) -> Iterator[str]:
+    if status["manager"]["journal"] is not None:
+        yield f"! the journal cannot be kept: {status['manager']['journal']}"
+    for fault in status["latched"]:
+        told = f"{fault['code']}, detail {fault['detail']}, " if fault["code"] != OPERATOR_CODE else ""
+        yield f"! {fault['element']} counts as failed, says {fault['by']} ({told}{fault['for_ns'] // _NS_PER_S} s ago)"
+    for bus, link in status["links"].items():
+        if link["state"] == "gone":
+            yield f"! bus:{bus} is gone: nothing is heard from beyond"
+        elif link["limit"] < 1000:
+            yield f"! bus:{bus} has {link['limit'] / 10:g} % of its bandwidth; {link['delivered']} % of its frames come"
+    for channel, lacking in status["channels"].items():
+        if lacking:
+            yield f"! channel:{channel} carries nothing, say {', '.join(lacking)}; its bus goes on with the other one"
+    for phase in status["unwatched"]:
+        yield f"! nobody watches for phase {phase}: no module that gives its variable runs"
+
+
+def _pes(pes: Mapping[str, Any]) -> Iterator[str]:
+    yield "PEs"
+    for name, pe in pes.items():
+        held = pe["held_down_for_ns"]
+        why = "" if pe["why"] is None else f": {pe['why']}"
+        waits = "" if held is None else f"; it joins in {held / _NS_PER_S:.1f} s"
+        runs = f"{pe['runs']} in epoch {pe['epoch']}" if pe["epoch"] is not None else pe["runs"]
+        yield f"  {name:<12} {pe['state']:<10} {runs}{why}{waits}{_unproven(pe['authentic'])}"
+
+
+def _unproven(authentic: Mapping[str, Any] | None) -> str:
+    """What was not believed of a PE, and by it."""
+    if authentic is None:
+        return ""
+    said = "" if authentic["is_believed"] else "; it is not believed"
+    states, commands = authentic["refused_states"], authentic["refused_commands"]
+    told = f"; {states} states of it refused" if states else ""
+    return f"{said}{told}" + (f"; it refused {commands} commands" if commands else "")
+
+
+def _functions(functions: Mapping[str, Any]) -> Iterator[str]:
+    yield "functions, as planned"
+    for name, function in functions.items():
+        if not function["wanted"]:
+            state = "not wanted in this phase"
+        elif function["served"] is None:
+            state = "not known"
+        elif function["served"]:
+            state = f"served, {function['mode']}, value {function['value']}"
+        else:
+            state = f"NOT SERVED: {function['why_not']}"
+        yield f"  {name:<16} {function['criticality']}  {state}"
+
+
+def _buses(buses: Mapping[str, Any]) -> Iterator[str]:
+    if buses:
+        yield "buses, as planned"
+    for name, bus in buses.items():
+        yield f"  {name:<12} {bus['bits_per_s']} bit/s, {100 * bus['load']:.1f} %"

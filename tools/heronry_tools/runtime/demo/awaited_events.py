@@ -1,0 +1,47 @@
+"""The events of one manager, as whoever measures waits for them, one after the other.
+
+What does not come in time, or a manager that has ended, ends the benchmark with one sentence.
+"""
+
+import time
+from collections import deque
+from typing import IO, Any
+
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet
+
+LONGEST_S = 60.0  # Python and the solver may take long to load; nothing else does
+
+
+class AwaitedEvents:
+    """The events of one manager, as they come."""
+
+    def __init__(self, fleet: Fleet, stream: IO[bytes]) -> None:
+        """Nobody else may read from the stream, which is of a manager of this fleet."""
+        self._fleet, self._stream = fleet, EventStream(stream)
+        self._come: deque[dict[str, Any]] = deque()
+
+    def wait(self, *kinds: str, pe: str | None = None) -> dict[str, Any]:
+        """Give the next event of these kinds, about this PE if one is named; raises SystemExit where none comes."""
+        last, until_s = "nothing", time.monotonic() + LONGEST_S
+        while True:
+            while self._come:
+                told = self._come.popleft()
+                last = told["event"]
+                if last in kinds and pe in (None, told.get("pe")):
+                    return told
+            if time.monotonic() > until_s:
+                raise SystemExit(f"the benchmark ends here: no {' or '.join(kinds)} in {LONGEST_S:g} s, after {last}")
+            self._read(max(0.0, until_s - time.monotonic()))
+
+    def take(self) -> list[dict[str, Any]]:
+        """Give all that has come; raises SystemExit where the manager has ended."""
+        self._read(0.0)
+        come = list(self._come)
+        self._come.clear()
+        return come
+
+    def _read(self, wait_s: float) -> None:
+        self._come += self._stream.take(wait_s)
+        if self._stream.has_ended:
+            raise SystemExit(f"the benchmark ends here: {self._fleet.ended() or 'a manager has closed its events'}")

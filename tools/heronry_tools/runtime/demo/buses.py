@@ -1,0 +1,90 @@
+"""Which bus each bus of a spec is, in this run.
+
+The manager's bus is what the user named with python-can's flags; else vcan0 where this machine has one; else a software
+bus. Every other bus of the spec is what `--bus NAME=[INTERFACE:]CHANNEL` says, else a software bus. Of a replicated bus
+there are two, named with a comma between them.
+"""
+
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from heronry_dg.model import Bus, Spec
+from heronry_tools.console.bus_flags import what_it_models
+from heronry_tools.console.errors import UserError
+from heronry_wire.bus_arguments import channel_configs
+
+
+@dataclass(frozen=True, slots=True)
+class BusChoice:
+    """One bus of the spec on one python-can bus."""
+
+    name: str
+    interface: str
+    channel: str  # of a replicated bus both, with a comma between them
+    bitrate: int | None  # None: the interface is set up elsewhere
+    is_ours: bool  # a software bus that this run has to start
+    channels: int = 1
+
+    def describe(self) -> str:
+        """One line for the user: which bus, and what it does not model."""
+        return f"{self.name}: {what_it_models(self.interface, self.channel)}"
+
+    def configs(self) -> list[dict[str, Any]]:
+        """Keyword arguments of `can.Bus` for each channel; raises BusArgumentError."""
+        config = {"interface": self.interface, "channel": self.channel}
+        rate = {} if self.bitrate is None else {"bitrate": self.bitrate}
+        return channel_configs({**config, **rate}, self.channels, f"bus {self.name}")
+
+    def port_argument(self) -> str:
+        """The value of `--bus` for this choice."""
+        return f"{self.name}={self.interface}:{self.channel}"
+
+
+def choose(
+    spec: Spec,
+    folder: Path,
+    named: Mapping[str, tuple[str | None, str]],
+    first: tuple[str, str, int | None] | None,
+    *,
+    prefer_vcan: bool = True,
+) -> dict[str, BusChoice]:
+    """Choose a bus for each bus of the spec; `first` is what python-can's flags said for the manager's bus.
+
+    A bus named without an interface is SocketCAN's. Raises UserError for a bus that is named in both ways.
+    """
+    if spec.manager.bus in named and first is not None:
+        raise UserError(f"--bus {spec.manager.bus}: -i and -c have named that bus already; give one of the two")
+    choices = {}
+    for name, bus in spec.buses.items():
+        if name == spec.manager.bus and first is not None:
+            choices[name] = BusChoice(name, *first, is_ours=False, channels=bus.channels)
+        elif name in named:
+            interface, channel = named[name]
+            choices[name] = BusChoice(
+                name, interface or "socketcan", channel, None, is_ours=False, channels=bus.channels
+            )
+        elif name == spec.manager.bus and prefer_vcan and all(map(has_interface, vcans := _vcans(bus))):
+            choices[name] = BusChoice(name, "socketcan", ",".join(vcans), None, is_ours=False, channels=bus.channels)
+        else:
+            places = ",".join(str(folder / f"{channel}.sock") for channel in _channels(bus))
+            choices[name] = BusChoice(name, "softbus", places, bus.bitrate, is_ours=True, channels=bus.channels)
+    for choice in choices.values():
+        choice.configs()  # so that what does not fit is refused before anything starts
+    return choices
+
+
+def _channels(bus: Bus) -> list[str]:
+    """Names of a bus's channels: its own where it is not replicated."""
+    return [bus.name] if bus.channels == 1 else [f"{bus.name}.{number}" for number in range(1, bus.channels + 1)]
+
+
+def _vcans(bus: Bus) -> list[str]:
+    return [f"vcan{number}" for number in range(bus.channels)]
+
+
+def has_interface(name: str) -> bool:
+    """Tell whether this machine has a network interface of that name."""
+    return any(found == name for _, found in socket.if_nameindex())

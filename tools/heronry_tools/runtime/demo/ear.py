@@ -1,0 +1,64 @@
+"""One bus of the spec as whoever watches a flight hears it: each frame once, of a replicated bus from either channel.
+
+Of a bus with one channel its end is an error of the flight. A replicated one is heard as the nodes hear it: a channel
+that fails is waited for.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import can
+
+from heronry_dg.model import Bus
+from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_wire.bus_opening import open_bus
+from heronry_wire.frame import Frame
+from heronry_wire.replicated_link import ReplicatedLink
+
+_NS_PER_S = 1_000_000_000
+
+
+class Ear:
+    """Listens to one bus; as a context manager it leaves it at the end."""
+
+    def __init__(self, choice: BusChoice, bus: Bus) -> None:
+        """Open it; raises LinkError."""
+        configs = choice.configs()
+        self._bus: can.BusABC | ReplicatedLink = (
+            open_bus(configs[0]).bus if len(configs) == 1 else ReplicatedLink(configs, bus.heartbeat_ns, bus.misses)
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(self._bus, ReplicatedLink):
+            self._bus.close()
+        else:
+            self._bus.shutdown()
+
+    @property
+    def readers(self) -> Sequence[Any]:
+        """What to wait on until something has come."""
+        return self._bus.readers if isinstance(self._bus, ReplicatedLink) else (self._bus,)
+
+    def hear(self) -> Iterator[tuple[float, Frame]]:
+        """Give what has come: the time in seconds of the wall clock, and the frame."""
+        if isinstance(self._bus, ReplicatedLink):
+            yield from _both(self._bus)
+            return
+        while (message := self._bus.recv(0)) is not None:
+            data, is_remote = bytes(message.data), message.is_remote_frame
+            yield message.timestamp, Frame(message.arbitration_id, data, message.is_extended_id, is_remote)
+
+
+def _both(link: ReplicatedLink) -> Iterator[tuple[float, Frame]]:
+    now_ns = time.monotonic_ns()
+    wall_ns = time.time_ns() - now_ns
+    link.pump(now_ns)
+    while arrivals := link.receive(time.monotonic_ns()):
+        yield from (((time_ns + wall_ns) / _NS_PER_S, frame) for time_ns, frame in arrivals)

@@ -1,0 +1,245 @@
+"""The processes of a demo: hubs, the manager, every PE; started, killed for real, restored, and all gone at the end.
+
+Each process stands for a computer of its own, and a hub for a wire, which waits for nobody. So where this user may,
+they go before everything else that this computer has to do, the hubs first.
+
+Every child holds the read end of a pipe from here as its standard input and ends when that ends, so a demo that is
+itself killed leaves no process behind (`--until-eof`). The folder of a run is named after its process and where that
+number means something (`_here`); folders whose process is gone are swept away at the next start there.
+"""
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.contingency.file_format import to_bytes
+from heronry_manager.core.vocabulary import AskStatus, Order
+from heronry_manager.shell.control_client import call
+from heronry_manager.shell.control_place import ControlError
+from heronry_tools.analysis.made_ahead import Ahead
+from heronry_tools.console.errors import UserError
+from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
+from heronry_tools.runtime.table_files import write_tables
+from heronry_wire.identifiers import FIRST_MANAGER
+
+_STOP_TIMEOUT_S = 5.0
+_HUB_PRIORITY, _NODE_PRIORITY = -10, -5  # "niceness": the kernel allows negative ones to privileged users alone
+_NAME = "heronry-demo-"
+
+
+def run_folder() -> Path:
+    """Make the folder of this run, and sweep away those of runs that are gone."""
+    home, here = Path(tempfile.gettempdir()), _here()
+    for old in home.glob(f"{_NAME}*-{here}"):
+        number = old.name.removeprefix(_NAME).removesuffix(f"-{here}")
+        if number.isdecimal() and not Path(f"/proc/{number}").exists():
+            shutil.rmtree(old, ignore_errors=True)
+    folder = home / f"{_NAME}{os.getpid()}-{here}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(mode=0o700)
+    return folder
+
+
+def _here() -> str:
+    """Which process numbers are meant: containers and user-mode Linuxes may share /tmp, and have their own."""
+    kernel = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    space = Path("/proc/self/ns/pid").stat().st_ino
+    return sha256(f"{kernel} {space}".encode()).hexdigest()[:8]
+
+
+class Fleet:
+    """All processes of one run; as a context manager it ends them all."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        spec_file: Path,
+        folder: Path,
+        made: Contingencies | None = None,
+        key: Path | None = None,
+        *,
+        aloft_s: float = 0.0,
+    ) -> None:
+        """Write what the manager and every PE are given: the plans made ahead and a key, where there are any.
+
+        aloft_s: the simulated flight took off so long ago.
+        """
+        self.folder = folder
+        self._contingency_flags = [
+            "--contingencies",
+            Ahead.NOTHING.value if made is None else str(folder / "contingencies"),
+        ]
+        if made is not None:
+            (folder / "contingencies").write_bytes(to_bytes(made, spec))
+        self._key_flags = [] if key is None else ["--key", str(key)]
+        self._spec, self._spec_file = spec, spec_file
+        self._hubs: list[HubProcess] = []
+        self._pes: dict[str, subprocess.Popen[bytes]] = {}
+        self._managers: dict[int, subprocess.Popen[bytes]] = {}  # by node
+        self._buses: Mapping[str, BusChoice] = {}
+        self._tables = write_tables(spec, spec.pes, folder / "tables", made)
+        self._bench_origin_ns = time.monotonic_ns() - round(aloft_s * 1e9)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start_buses(self, choices: Mapping[str, BusChoice]) -> None:
+        """Start the software buses among them."""
+        self._buses = choices
+        for choice in choices.values():
+            for config in choice.configs() if choice.is_ours else ():
+                hub = start_hub(config["channel"], choice.bitrate or self._spec.buses[choice.name].bitrate)
+                self._hubs.append(hub)
+                _prefer(hub.pid, _HUB_PRIORITY)
+
+    def start_manager(self, node: int = FIRST_MANAGER, *, standby: bool = False) -> IO[bytes]:
+        """Start a manager, one of two where there is a standby; gives the stream of its events."""
+        arguments = ["heronry_tools.cli", "manager", str(self._spec_file), "--json", "--until-eof"]
+        arguments += ["--node", str(node), *(["--standby"] if standby else [])]
+        arguments += ["--state-dir", str(self.folder), "--socket", str(self.control_socket(node))]
+        arguments += [*_bus_flags(self._buses[self._spec.manager.bus]), *self._key_flags, *self._contingency_flags]
+        name = "manager" if node == FIRST_MANAGER else "standby"
+        process = self._start(name, arguments, stdout=subprocess.PIPE)
+        self._managers[node] = process
+        assert process.stdout is not None
+        return process.stdout
+
+    def control_socket(self, node: int = FIRST_MANAGER) -> Path:
+        """Where a manager listens to its operator."""
+        return self.folder / f"manager-{node}.sock"
+
+    def reigning(self) -> int:
+        """Node of the manager that reigns, as it says itself: on a busy computer the standby may have taken over."""
+        if len(self._managers) > 1:
+            for node in self._managers:
+                with contextlib.suppress(ControlError):
+                    status = call(self.control_socket(node), AskStatus()).status
+                    if status is not None and status["manager"]["state"] in ("starting", "reigning"):
+                        return node
+        return min(self._managers)
+
+    def kill_manager(self, node: int | None = None) -> int:
+        """Kill a manager with SIGKILL, or the one that reigns; gives its process number."""
+        process = self._managers.pop(self.reigning() if node is None else node)
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout):
+            if stream is not None:
+                stream.close()
+        return process.pid
+
+    def order(self, order: Order, place: str) -> None:
+        """Give an order to the manager that reigns; raises UserError, which names the place, where it refuses."""
+        try:
+            answer = call(self.control_socket(self.reigning()), order)
+        except ControlError as error:
+            raise UserError(f"{place}: {error}") from None
+        if not answer.done:
+            raise UserError(f"{place}: {answer.sentence}")
+
+    def stop(self, who: str | int) -> None:
+        """Let a PE, or the manager with this node, stand still."""
+        self._process(who).send_signal(signal.SIGSTOP)
+
+    def go_on(self, who: str | int) -> None:
+        """Let it go on."""
+        self._process(who).send_signal(signal.SIGCONT)
+
+    def _process(self, who: str | int) -> subprocess.Popen[bytes]:
+        process = self._pes.get(who) if isinstance(who, str) else self._managers.get(who)
+        if process is None:
+            raise UserError(f"{f'pe:{who}' if isinstance(who, str) else f'manager {who}'} does not run")
+        return process
+
+    def start_pe(self, pe: str) -> int:
+        """Start a PE's agent; gives its process number."""
+        own = [self._buses[bus] for bus in self._spec.pes[pe].buses]
+        arguments = ["heronry_agent", "--table", str(self._tables[pe]), "--until-eof", "--state-dir", str(self.folder)]
+        arguments += [f"--bench-origin={self._bench_origin_ns}", *self._key_flags]
+        for choice in own:
+            arguments += ["--bus", choice.port_argument()]
+        self._pes[pe] = self._start(pe, arguments)
+        return self._pes[pe].pid
+
+    def kill_pe(self, pe: str) -> int:
+        """Kill a PE with SIGKILL; gives its process number."""
+        process = self._pes.pop(pe, None)
+        if process is None:
+            raise UserError(f"pe:{pe} does not run, so it cannot be killed")
+        process.kill()
+        process.wait()
+        return process.pid
+
+    def ended(self) -> str | None:
+        """Sentence about a process that has ended by itself; None while all run."""
+        managers = [("the manager", process) for process in self._managers.values()]
+        for name, process in [*managers, *self._pes.items()]:
+            if process.poll() is not None:
+                return f"{name} ended with exit code {process.returncode}: {self.last_words(name.removeprefix('the '))}"
+        return None
+
+    def last_words(self, name: str) -> str:
+        """Last line that a process wrote to its standard error."""
+        log = self.folder / f"{name}.log"
+        lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+        return lines[-1] if lines else "it said nothing"
+
+    def close(self) -> None:
+        """End everything: in order first, by force where that does not help."""
+        running = [*self._pes.values(), *self._managers.values()]
+        for process in running:
+            process.send_signal(signal.SIGTERM)
+            process.send_signal(signal.SIGCONT)
+        deadline = time.monotonic() + _STOP_TIMEOUT_S
+        for process in running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, deadline - time.monotonic()))
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    stream.close()
+        for hub in self._hubs:
+            hub.close()
+        self._pes, self._managers, self._hubs = {}, {}, []
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _start(self, name: str, arguments: list[str], stdout: int = subprocess.DEVNULL) -> subprocess.Popen[bytes]:
+        with (self.folder / f"{name}.log").open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=stdout,
+                stderr=log,
+                process_group=0,
+            )
+        _prefer(process.pid, _NODE_PRIORITY)
+        return process
+
+
+def _prefer(process: int, priority: int) -> None:
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, process, priority)
+
+
+def _bus_flags(choice: BusChoice) -> list[str]:
+    flags = ["-i", choice.interface, "-c", choice.channel]
+    return flags if choice.bitrate is None else [*flags, "-b", str(choice.bitrate)]

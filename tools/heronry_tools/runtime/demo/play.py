@@ -1,0 +1,79 @@
+"""From the arguments of `heronry demo` to a show, and everything cleaned up behind it."""
+
+import argparse
+import shutil
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+
+from heronry_tools.analysis.made_ahead import contingencies_of
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.reports.event_printer import print_event
+from heronry_tools.reports.screen import screen
+from heronry_tools.runtime.demo import DEFAULT_SECONDS
+from heronry_tools.runtime.demo.buses import BusChoice, choose
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+from heronry_tools.runtime.demo.run import Show
+from heronry_tools.runtime.demo.script import Act, PhaseAct, read_phases, read_script
+from heronry_wire.bus_arguments import named_buses
+from heronry_wire.key_file import read_key
+from heronry_wire.link import Link
+
+_AFTER_LAST_ACT_S = 5.0
+
+
+def play(arguments: argparse.Namespace) -> int:
+    """Run one demo; gives its exit code."""
+    spec = load_spec(arguments.spec)
+    acts: list[Act | PhaseAct] = [*read_script(spec, arguments.kill, arguments.restore)]
+    acts = sorted([*acts, *read_phases(spec, arguments.phase)], key=lambda act: act.at_s)
+    last_s = acts[-1].at_s + _AFTER_LAST_ACT_S if acts else DEFAULT_SECONDS
+    seconds = arguments.seconds if arguments.seconds is not None else max(DEFAULT_SECONDS, last_s)
+    if acts and acts[-1].at_s > seconds:
+        raise UserError(f"--for {seconds:g}: it would end before what happens at {acts[-1].at_s:g} s; give it longer")
+    if arguments.key is not None:
+        read_key(arguments.key)
+    with ExitStack() as stack:
+        record = stack.enter_context(arguments.record.open("w", encoding="ascii")) if arguments.record else None
+        stack.enter_context(_terminated_like_interrupted())
+        folder = run_folder()
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        choices = choose(spec, folder, named_buses(arguments.bus, "the spec", spec.buses), _first(arguments))
+        made = contingencies_of(spec, arguments.contingencies, lambda: _try_buses(choices))
+        file = spec_path(arguments.spec)
+        fleet = stack.enter_context(Fleet(spec, file, folder, made, arguments.key, aloft_s=arguments.aloft_s))
+        fleet.start_buses(choices)
+        return Show(spec, fleet, choices, print_event if arguments.json else screen(spec)).run(acts, seconds, record)
+
+
+def _first(arguments: argparse.Namespace) -> tuple[str, str, int | None] | None:
+    """What python-can's flags say of the manager's bus; None where they say nothing."""
+    interface, channel = getattr(arguments, "interface", None), getattr(arguments, "channel", None)
+    if interface is None and channel is None:
+        return None
+    if channel is None:
+        raise UserError(f"-i {interface} needs a channel; add -c, for example -c vcan0")
+    return interface or "socketcan", channel, getattr(arguments, "bitrate", None)
+
+
+def _try_buses(choices: Mapping[str, BusChoice]) -> None:
+    """Open and close those that are not ours; raises LinkError."""
+    for choice in choices.values():
+        for config in () if choice.is_ours else choice.configs():
+            Link(config).close()
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """SIGTERM ends a demo as Ctrl-C does: in order."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,188 @@
+"""The demo's loop: events of the manager, frames of the buses, acts of the script, in one select loop.
+
+The show starts when the first configuration runs; its clock is the monotonic one of this machine, which the manager's
+events and the bus timestamps share. Whatever way it ends (time up, Ctrl-C, a process that died), the fleet is taken
+down by the `with` that holds it.
+
+What the demo says of functions comes from the witness, that is from frames; what it says of plans from the manager.
+"""
+
+import select
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import IO, Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.events import event as make_event
+from heronry_manager.core.vocabulary import EnterPhase
+from heronry_tools.console.errors import UserError
+from heronry_tools.runtime.demo.buses import BusChoice
+from heronry_tools.runtime.demo.ear import Ear
+from heronry_tools.runtime.demo.event_stream import EventStream
+from heronry_tools.runtime.demo.fleet import Fleet
+from heronry_tools.runtime.demo.script import MANAGER, Act, PhaseAct, default_acts
+from heronry_tools.runtime.witness import Witness
+from heronry_wire.frame import LoggedFrame, format_log_line
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
+
+LONGEST_START_S = 120.0  # a small computer takes long to load the solver; whoever dies is seen at once
+GRACE_S = 15.0  # how long a show goes on for what was begun before its time was up
+LONG_SILENCE_NS = 1_000_000_000  # silence that is told before it is over
+_LOOK_S = 0.1  # how often the witness is asked for outages
+
+Tell = Callable[[Mapping[str, Any]], None]
+
+
+class Show:
+    """One run of the demo; `tell` gets every event in order."""
+
+    def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
+        self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
+        self._acts: list[Act | PhaseAct] = []
+        self._seconds = 0.0
+        self._witness = Witness(spec)
+        self._told: set[tuple[str, int, bool]] = set()
+        self._start_ns: int | None = None  # the first configuration runs
+        self._pending: str | None = "the first configuration"  # what is under way
+        self._plan: Mapping[str, Any] = {}
+        self._wall_to_monotonic_ns = time.monotonic_ns() - time.time_ns()
+        self._events: EventStream  # of the manager that is followed
+        self._managers: dict[int, EventStream] = {}  # by node
+        self._mute = False
+
+    def run(self, acts: Sequence[Act | PhaseAct], seconds: float, record: IO[str] | None) -> int:
+        """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
+        self._acts, self._seconds = list(acts), seconds
+        with ExitStack() as stack:
+            ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
+            for choice in self._choices.values():
+                self._emit(
+                    "bus",
+                    name=choice.name,
+                    interface=choice.interface,
+                    channel=choice.channel,
+                    models=choice.describe(),
+                )
+            has_standby = any(isinstance(act, Act) and act.pe == MANAGER for act in acts)
+            self._events = EventStream(self._fleet.start_manager(standby=has_standby))
+            self._managers[FIRST_MANAGER] = self._events
+            if has_standby:
+                self._managers[LAST_MANAGER] = EventStream(self._fleet.start_manager(LAST_MANAGER, standby=True))
+            for pe in self._spec.pes:
+                self._emit("process", pe=pe, pid=self._fleet.start_pe(pe), what="started")
+            self._loop(ears, record)
+        return self._summary()
+
+    def _loop(self, ears: Mapping[str, Ear], record: IO[str] | None) -> None:
+        begun = time.monotonic()
+        while not self._over():
+            readers: list[Any] = [self._events, *(reader for ear in ears.values() for reader in ear.readers)]
+            select.select(readers, [], [], self._wait_s())
+            for one in self._events.take():
+                self._follow(one)
+            for name, ear in ears.items():
+                self._watch(name, ear, record)
+            self._act()
+            self._look()
+            words = self._fleet.ended()
+            if words is not None:
+                raise UserError(words)
+            if self._start_ns is None and time.monotonic() - begun > LONGEST_START_S:
+                words = self._fleet.last_words("manager")
+                raise UserError(f"no configuration ran within {LONGEST_START_S:.0f} s; of the manager: {words}")
+
+    def _over(self) -> bool:
+        """Time is up, and what was begun is finished, or has had its grace."""
+        if self._start_ns is None or self._show_s() < self._seconds:
+            return False
+        well = self._pending is None and not self._unserved()
+        return well or self._show_s() >= self._seconds + GRACE_S
+
+    def _show_s(self) -> float:
+        return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
+
+    def _wait_s(self) -> float:
+        if self._start_ns is None or not self._acts:
+            return _LOOK_S
+        return max(0.0, min(_LOOK_S, self._acts[0].at_s - self._show_s()))
+
+    def _follow(self, one: dict[str, Any]) -> None:
+        self._mute = self._mute and one["event"] != "taken_over"  # a standby tells what the manager has told already
+        if self._mute:
+            return
+        if one["event"] != "bus":  # the demo has told it
+            self._tell(one)
+        match one["event"]:
+            case "plan_requested":
+                self._pending = "a plan"
+            case "plan_ready":
+                self._plan = one["plan"]
+            case "plan_unchanged" | "plan_kept":
+                self._pending = None
+            case "epoch_prepared":
+                self._pending = f"epoch {one['epoch']}"
+            case "reconfigured":
+                if self._pending == f"epoch {one['epoch']}":
+                    self._pending = None
+                if self._start_ns is None:
+                    self._start_ns = one["t_ns"]
+                    self._acts = self._acts or [*default_acts(self._plan)]
+            case _:
+                pass
+
+    def _watch(self, name: str, ear: Ear, record: IO[str] | None) -> None:
+        for seconds, frame in ear.hear():
+            if name == self._spec.manager.bus:
+                self._witness.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
+            if record is not None:
+                record.write(format_log_line(LoggedFrame(int(seconds * 1e6) * 1000, name, frame)) + "\n")
+
+    def _act(self) -> None:
+        while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
+            act = self._acts.pop(0)
+            if isinstance(act, PhaseAct):
+                self._fleet.order(EnterPhase(act.phase), f"--phase {act.phase}")
+            elif act.pe == MANAGER:
+                self._kill_manager()
+            elif act.what == "kill":
+                self._emit("process", pe=act.pe, pid=self._fleet.kill_pe(act.pe), what="killed")
+            else:
+                self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")
+
+    def _kill_manager(self) -> None:
+        """Kill the one that reigns, and follow the other one from where it takes over."""
+        victim = self._fleet.reigning()
+        self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
+        del self._managers[victim]
+        (self._events,), self._mute = self._managers.values(), True
+
+    def _look(self) -> None:
+        now_ns = time.monotonic_ns()
+        for outage in self._witness.outages(now_ns):
+            over = outage.to_ns is not None
+            lasts = now_ns - outage.from_ns >= LONG_SILENCE_NS
+            key = (outage.function, outage.from_ns, over)
+            if (over or lasts) and key not in self._told and self._start_ns is not None:
+                self._told.add(key)
+                self._emit("outage", function=outage.function, from_ns=outage.from_ns, to_ns=outage.to_ns)
+
+    def _unserved(self) -> list[str]:
+        """Functions that the plan serves and nobody hears."""
+        now_ns = time.monotonic_ns()
+        planned = (name for name, function in self._plan.get("functions", {}).items() if function["served"])
+        return [name for name in planned if not self._witness.served(name, now_ns)]
+
+    def _summary(self) -> int:
+        unserved = self._unserved()
+        self._emit(
+            "summary",
+            served=[n for n, f in self._plan.get("functions", {}).items() if f["served"] and n not in unserved],
+            unserved=unserved,
+            rivals=[f"{a.module} and {b.module}" for a, b in self._witness.rivals],
+            pending=self._pending,
+        )
+        return 1 if unserved or self._witness.rivals or self._pending is not None else 0
+
+    def _emit(self, kind: str, **data: Any) -> None:
+        self._tell(make_event(kind, time.monotonic_ns(), **data))

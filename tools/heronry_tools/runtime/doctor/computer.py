@@ -1,0 +1,38 @@
+"""Is this computer fit to be a node: what Python and which packages it has, and whether its kernel knows CAN."""
+
+import platform
+import socket
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+
+from heronry_tools.runtime.doctor.finding import Finding
+
+_PACKAGES = ("heronry", "python-can", "canopen")
+
+
+def judge_computer(*, needs_can: bool) -> Iterator[Finding]:
+    """Findings about software; `needs_can`: whether the bus asked for is SocketCAN."""
+    found = {name: _version(name) for name in _PACKAGES}
+    told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)
+    missing = [name for name, number in found.items() if number is None]
+    remedy = f"pip install {' '.join(missing)}" if missing else None
+    yield Finding("versions", f"Python {platform.python_version()}, {told or 'no package'}", remedy)
+    if needs_can and not knows_can():
+        remedy = "modprobe can-raw   (or use a software bus: -i softbus, or tools/with-vcan)"
+        yield Finding("kernel", "this kernel has no CAN", remedy)
+
+
+def knows_can() -> bool:
+    """Tell whether a CAN socket can be made."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return False
+    return True
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,165 @@
+"""Listen to a bus for a while and say what is wrong on it: nobody there, two managers, two nodes with one node-ID.
+
+Only what is heard is judged: `Hearing` takes frames and clock readings, `judge_hearing` turns it into findings.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from heronry_tools.runtime.doctor.finding import Finding
+from heronry_wire.controller import ControllerState, read_error_frame
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, management_id, state_id
+from heronry_wire.management import Lease, StatePage0, decode_command, decode_state
+
+CLOCK_STEP_NS = 10_000_000
+_LEASES = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
+_STATES = {state_id(node): node for node in PE_NODES}
+_PAGE_1 = 0x40
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What a spec, or a PE's table, says of the bus."""
+
+    spec: str
+    digest: str
+    bitrate: int
+    pes: dict[int, str]  # node-ID -> name, on this bus
+    channels: int = 1
+    heartbeat_ns: int = 20_000_000
+
+
+@dataclass(slots=True)
+class Hearing:
+    """What was heard so far."""
+
+    frames: int = 0
+    errors: Counter[str] = field(default_factory=Counter)
+    is_bus_off: bool = False
+    terms: dict[int, int] = field(default_factory=dict)  # manager -> term
+    incarnations: dict[int, list[int]] = field(default_factory=dict)  # PE -> each time another one than before
+    on_channel: dict[str, set[int]] = field(default_factory=dict)  # of a replicated bus: who is heard there
+    clock_step_ns: int = 0  # the largest step of the wall clock
+    _offset_ns: int | None = None
+
+    def take(self, frame: Frame) -> None:
+        """Take a frame from the bus, or an error frame of the controller."""
+        if frame.error:
+            report = read_error_frame(frame)
+            self.errors.update(report.kinds)
+            self.is_bus_off |= report.state is ControllerState.BUS_OFF
+            return
+        self.frames += 1
+        if frame.extended or frame.remote:
+            return
+        if frame.can_id in _LEASES:
+            lease = decode_command(Command.LEASE, frame.data)
+            if isinstance(lease, Lease):
+                self.terms[_LEASES[frame.can_id]] = lease.term
+        elif frame.can_id in _STATES and frame.data and frame.data[0] < _PAGE_1:
+            page = decode_state(frame.data)
+            if not isinstance(page, Malformed) and isinstance(page, StatePage0):
+                seen = self.incarnations.setdefault(_STATES[frame.can_id], [])
+                if seen[-1:] != [page.incarnation]:
+                    seen.append(page.incarnation)
+
+    def take_copy(self, channel: str, frame: Frame) -> None:
+        """Take note of who is heard on a channel of a replicated bus; what is said is taken once, by `take`."""
+        speaker = _STATES.get(frame.can_id, _LEASES.get(frame.can_id))
+        if speaker is not None and not (frame.extended or frame.remote or frame.error):
+            self.on_channel[channel].add(speaker)
+
+    def clocks(self, wall_ns: int, monotonic_ns: int) -> None:
+        """Take a reading of both clocks, made at one moment."""
+        offset_ns = wall_ns - monotonic_ns
+        if self._offset_ns is not None:
+            self.clock_step_ns = max(self.clock_step_ns, abs(offset_ns - self._offset_ns))
+        self._offset_ns = offset_ns
+
+
+def judge_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
+    """Findings about what was heard in so many seconds."""
+    yield _judge_traffic(heard, seconds)
+    yield _judge_managers(heard)
+    yield from _judge_nodes(heard, expected)
+    if heard.clock_step_ns > CLOCK_STEP_NS:
+        says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: frames seem older or newer"
+        yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
+    else:
+        yield Finding("clock", "the clock of this computer was not set meanwhile")
+
+
+def judge_channels(heard: Hearing, expected: Expected | None) -> Finding:
+    """Finding about a replicated bus: whether everybody who is heard is heard on both channels."""
+    names = {} if expected is None else expected.pes
+    everybody = set().union(*heard.on_channel.values())
+    lacking = [
+        f"{', '.join(names.get(node, str(node)) for node in sorted(everybody - there))} on {channel}"
+        for channel, there in heard.on_channel.items()
+        if everybody - there
+    ]
+    if lacking:
+        remedy = "look at the wire of that channel: everybody's, where nobody is heard on it, else that node's own"
+        return Finding("channels", f"not heard: {'; '.join(lacking)}", remedy)
+    return Finding("channels", f"everybody is heard on {' and on '.join(heard.on_channel)}")
+
+
+def _judge_traffic(heard: Hearing, seconds: float) -> Finding:
+    told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
+    if heard.is_bus_off or heard.errors:
+        remedy = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
+        return Finding("bus", f"{heard.frames} frames in {seconds:g} s, and errors{told}", remedy)
+    if not heard.frames:
+        return Finding(
+            "bus", f"nothing was heard in {seconds:g} s", "systemctl start heronry-agent@PE   (on the nodes)"
+        )
+    return Finding("bus", f"{heard.frames} frames in {seconds:g} s, without errors")
+
+
+def _judge_managers(heard: Hearing) -> Finding:
+    reigns = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
+    if not heard.terms:
+        return Finding("manager", "no manager is heard", "heronry manager SPEC -i socketcan -c can0")
+    if len(heard.terms) > 1:
+        return Finding(
+            "manager", f"two managers reign: {reigns}", "systemctl stop heronry-manager@SPEC   (on one of them)"
+        )
+    return Finding("manager", f"one manager reigns: {reigns}")
+
+
+def _judge_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]:
+    names = {} if expected is None else expected.pes
+    for node, seen in sorted(heard.incarnations.items()):
+        if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer does that
+            says = f"two nodes have node-ID {node}"
+            yield Finding("node-ID", says, "give one of them another node_id in the spec, and its new table")
+    missing = [f"{name} ({node})" for node, name in names.items() if node not in heard.incarnations]
+    if missing:
+        yield Finding(
+            "nodes", f"not heard: {', '.join(missing)}", "systemctl start heronry-agent@PE   (on each of them)"
+        )
+    strangers = [str(node) for node in heard.incarnations if expected is not None and node not in names]
+    if strangers:
+        says = f"not in {expected.spec if expected else 'the spec'}: node {', '.join(strangers)}"
+        yield Finding("nodes", says, "stop them, or give them the table of this spec")
+    if not missing and not strangers:
+        told = ", ".join(names.get(node, str(node)) for node in sorted(heard.incarnations)) or "none"
+        yield Finding("nodes", f"heard: {told}")
+
+
+def judge_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
+    """Findings about the spec that each PE says its table is of; None where it did not answer."""
+    silent = [str(node) for node, digest in digests.items() if digest is None]
+    if silent:
+        yield Finding("tables", f"no answer by SDO from node {', '.join(silent)}", "ask again on an idle bus")
+    told = {node: digest for node, digest in digests.items() if digest is not None}
+    wanted = expected.digest if expected is not None else next(iter(told.values()), "")
+    wrong = [str(node) for node, digest in told.items() if digest != wanted]
+    if wrong:
+        other = expected.spec if expected is not None else f"node {next(iter(told))}"
+        remedy = "heronry table SPEC PE -o PE.table   (on the manager's computer; copy it there and restart the agent)"
+        yield Finding("tables", f"node {', '.join(wrong)} has a table of another spec than {other}", remedy)
+    elif told:
+        yield Finding("tables", f"all {len(told)} PEs have tables of one spec (digest {wanted[:8]})")

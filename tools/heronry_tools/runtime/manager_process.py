@@ -1,0 +1,138 @@
+"""From the arguments of `heronry manager` to a reign: bus, operator's socket, planner, term, core and driver."""
+
+import argparse
+import os
+import signal
+import sys
+import time
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
+from heronry_manager.core.events import event
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import NOTHING
+from heronry_manager.planner.client import PlannerClient
+from heronry_manager.planner.foresight import Foresight
+from heronry_manager.shell.control_place import default_socket
+from heronry_manager.shell.control_socket import ControlSocket
+from heronry_manager.shell.driver import FILTERS, ManagerDriver
+from heronry_manager.shell.journal import Journal
+from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
+from heronry_tools.console.bus_flags import what_it_models
+from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.reports.event_printer import print_event, surviving
+from heronry_tools.reports.screen import screen
+from heronry_wire.bus_arguments import channel_configs, flagged_bus
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
+from heronry_wire.key_file import read_key
+from heronry_wire.replicated_link import AnyLink, open_link
+from heronry_wire.service_manager import ServiceManager
+
+THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
+
+
+def reign(arguments: argparse.Namespace) -> int:
+    """Run a manager; gives 0, or 1 where it had to end by itself."""
+    spec = load_spec(arguments.spec)
+    key = None if arguments.key is None else read_key(arguments.key)
+    has_solver = _has_solver()
+    bus = spec.buses[spec.manager.bus]
+    config = {"bitrate": bus.bitrate, **flagged_bus(arguments), "can_filters": FILTERS}
+    channels = channel_configs(config, bus.channels, f"bus {bus.name} of {spec.name}")
+
+    def open_bus() -> AnyLink:
+        return open_link(channels, bus.heartbeat_ns, bus.misses)
+
+    needs_solver = arguments.contingencies is Ahead.SINGLE_FAULTS
+    made = (
+        None
+        if needs_solver and not has_solver
+        else contingencies_of(spec, arguments.contingencies, lambda: open_bus().close())
+    )
+    table = None if made is None else ContingencyTable(spec, made)
+    numbers = None if made is None else ContingencyNumbers(spec, made, on_board(spec, made))
+    tell = surviving(print_event if arguments.json else screen(spec))
+    link = open_bus()
+    service = ServiceManager()
+    file = spec_path(arguments.spec)
+    try:
+        with ExitStack() as stack:
+            second = "-advisor" if arguments.advise else "" if _node(arguments) == FIRST_MANAGER else "-standby"
+            name = f"{spec.name}{second}"
+            control = stack.enter_context(ControlSocket(arguments.socket or default_socket(name)))
+            planner = stack.enter_context(PlannerClient(spec, file)) if has_solver else None
+            if planner is not None:
+                planner.wait_until_ready()
+
+            def start_thinker() -> PlannerClient:
+                return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
+
+            tell(_bus_event(spec.manager.bus, arguments))
+            journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
+            memory, now_ns = NOTHING if journal is None else journal.memory, time.monotonic_ns()
+            core = ManagerCore(
+                spec,
+                _node(arguments),
+                memory,
+                now_ns,
+                advise=arguments.advise,
+                on_board=numbers,
+                key=key,
+                standby=arguments.standby,
+                tells_departures=True,
+            )
+            foresight = Foresight(spec, planner, start_thinker, table)
+            driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, lambda *_: driver.stop())
+            reason = driver.run(until_eof=arguments.until_eof)
+            service.stopping()
+    finally:
+        link.close()
+        service.close()
+    if reason is not None:
+        print(f"heronry: {reason}", file=sys.stderr)
+    return 0 if reason is None else 1
+
+
+def _journal(spec: Spec, arguments: argparse.Namespace) -> Journal:
+    folder = arguments.state_dir or default_state_dir(spec.name)
+    return Journal(folder, _node(arguments), spec, accept_changed_spec=arguments.changed_spec)
+
+
+def _node(arguments: argparse.Namespace) -> int:
+    """Node-ID: what was said, or the second one for whoever stands by."""
+    if arguments.node is not None:
+        return int(arguments.node)
+    return LAST_MANAGER if arguments.standby else FIRST_MANAGER
+
+
+def _has_solver() -> bool:
+    """Tell whether plans can be proven; it is said here, since the planner's process has nobody to say it to."""
+    try:
+        import_module("ortools")
+    except ModuleNotFoundError:
+        how = 'pip install "heronry[manager]"'
+        said = f"heronry: ortools is not installed, so the greedy planner flies alone; add it with: {how}"
+        with suppress(OSError):  # a full disk is no reason not to fly
+            print(said, file=sys.stderr)
+        return False
+    return True
+
+
+def default_state_dir(spec_name: str) -> Path:
+    """Folder for what must outlive a restart: below XDG_STATE_HOME, one per spec."""
+    home = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(home) / "heronry" / spec_name
+
+
+def _bus_event(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    interface = getattr(arguments, "interface", None) or "can.conf's interface"
+    channel = str(getattr(arguments, "channel", None) or "")
+    models = f"{name}: {what_it_models(interface, channel)}"
+    return event("bus", time.monotonic_ns(), name=name, interface=interface, channel=channel, models=models)

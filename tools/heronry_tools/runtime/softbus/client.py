@@ -1,0 +1,169 @@
+"""The python-can interface `softbus`: `can.Bus(interface="softbus", channel=PATH)`.
+
+What it decides: nothing; it maps python-can's calls to the two sockets of `protocol.py`.
+
+Sending: the transmit mailbox holds one frame. `send` returns once its frame is in the mailbox, so it waits
+(up to its time-out) only while the frame before is still contending for the bus. A sender that keeps its own
+priority queue opens the bus with `receive_own_messages=True` and sends the next frame when the echo of the
+last one comes in, as on SocketCAN; the mailbox is empty by then. As on SocketCAN, acceptance filters hold
+back echoes too. Tell an echo by its identifier and data: `is_rx` is False for exactly the own frames here,
+but SocketCAN in python-can 4.6.1 says so of every frame from the same host.
+
+Receiving: filters act in the hub; timestamps are the end of the frame on the bus, in `time.time()` terms.
+`fileno()` is readable when a frame waits, and at the end of the hub. One thread may receive while others send.
+
+What if: no hub, another bit rate, a CAN FD request: CanInitializationError. The hub ends: CanOperationError
+from the next call, and from one that waits. Too slow a reader loses the newest frames: `statistics()` counts.
+"""
+
+import os
+import socket
+import struct
+from contextlib import ExitStack, suppress
+
+import can
+from can.typechecking import AutoDetectedConfig, CanFilters
+
+from heronry_tools.runtime.softbus.link import Link, deadline_after, how_to_start, read_record
+from heronry_tools.runtime.softbus.protocol import (
+    PROTOCOL_VERSION,
+    RECORD_BYTES,
+    BusStatistics,
+    decode_frame,
+    decode_statistics,
+)
+from heronry_wire.frame import EXTENDED_MASK, MAX_DATA_BYTES, STANDARD_MASK, Frame, Malformed
+
+_CONNECT_TIMEOUT_S = 5
+_LINGER_S = 1.0
+
+
+class SoftBus(can.BusABC):
+    """A python-can bus on the hub at `channel`, the path of its UNIX socket.
+
+    `bitrate` may be left out; given, it must be the hub's. Raises CanInitializationError with a remedy.
+    """
+
+    def __init__(
+        self,
+        channel: str | None = None,
+        can_filters: CanFilters | None = None,
+        bitrate: int | None = None,
+        receive_own_messages: bool = False,
+        fd: bool = False,
+        **kwargs: object,
+    ) -> None:
+        if not channel:
+            raise can.CanInitializationError("softbus needs a channel: the path of a hub's socket")
+        if fd:
+            raise can.CanInitializationError(f"{channel}: a software bus carries classical CAN, not CAN FD")
+        self._path = os.fspath(channel)
+        self.channel_info = f"softbus {self._path}"
+        self._link, self._receive = _connect(self._path, bitrate, wants_own=receive_own_messages)
+        try:
+            super().__init__(channel, can_filters, **kwargs)
+        except BaseException:
+            self._close()
+            raise
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Put a frame into the transmit mailbox; wait up to `timeout` (s, None: for ever) for it to be empty.
+
+        Raises CanOperationError when it stays full or the hub is gone, ValueError for what is no frame.
+        """
+        self._link.offer(_checked_frame(msg), msg.dlc, timeout)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        record = read_record(self._receive, RECORD_BYTES, self._path, deadline_after(timeout))
+        return None if record is None else self._from_bus(record), True
+
+    def _apply_filters(self, filters: CanFilters | None) -> None:
+        content = None if filters is None else [[f["can_id"], f["can_mask"], f.get("extended")] for f in filters]
+        self._link.ask({"do": "filters", "filters": content})
+
+    def statistics(self) -> BusStatistics:
+        """Ask the hub for its counters: bus load, frames, and what each client sent, received and lost."""
+        return decode_statistics(self._link.ask({"do": "statistics"}))
+
+    def disturb(self, *, slowdown: int = 1, loss_per_mille: int = 0) -> None:
+        """Make a bad radio of the bus, for everybody and until the next call; without arguments a good one again.
+
+        slowdown: how many times longer a frame takes (1 or more). loss_per_mille: how many frames each receiver misses.
+        """
+        self._link.ask({"do": "disturb", "slowdown": slowdown, "loss": loss_per_mille})
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when `recv` has something to return or to raise."""
+        return self._receive.fileno()
+
+    def shutdown(self) -> None:
+        """Let the frame in the mailbox go, for up to a second, and leave the bus."""
+        if self._is_shutdown:
+            return
+        super().shutdown()
+        with suppress(can.CanOperationError):
+            self._link.linger(_LINGER_S)
+        self._close()
+
+    def _close(self) -> None:
+        self._link.close()
+        self._receive.close()
+
+    def _from_bus(self, record: bytes) -> can.Message:
+        received = decode_frame(record)
+        if isinstance(received, Malformed):
+            raise can.CanOperationError(f"{self._path}: the hub sent what is no frame: {received.reason}")
+        frame = received.frame
+        return can.Message(
+            timestamp=received.time_ns / 1e9,
+            arbitration_id=frame.can_id,
+            is_extended_id=frame.extended,
+            is_remote_frame=frame.remote,
+            channel=self._path,
+            dlc=received.dlc,
+            data=frame.data,
+            is_rx=not received.own,
+        )
+
+    @staticmethod
+    def _detect_available_configs() -> list[AutoDetectedConfig]:
+        """Return nothing: a bus can be at any path, and is found by being told."""
+        return []
+
+
+def _checked_frame(msg: can.Message) -> Frame:
+    if msg.is_fd or msg.is_error_frame:
+        raise ValueError("a software bus carries data and remote frames, neither CAN FD nor error frames")
+    if not 0 <= msg.arbitration_id <= (EXTENDED_MASK if msg.is_extended_id else STANDARD_MASK):
+        bits = 29 if msg.is_extended_id else 11
+        raise ValueError(f"identifier {msg.arbitration_id:#x} does not fit into {bits} bits")
+    if not 0 <= msg.dlc <= MAX_DATA_BYTES or (not msg.is_remote_frame and msg.dlc != len(msg.data)):
+        raise ValueError(f"dlc {msg.dlc} is not the length of the data, at most {MAX_DATA_BYTES} bytes")
+    data = b"" if msg.is_remote_frame else bytes(msg.data)
+    return Frame(msg.arbitration_id, data, msg.is_extended_id, msg.is_remote_frame)
+
+
+def _connect(path: str, bitrate: int | None, *, wants_own: bool) -> tuple[Link, socket.socket]:
+    with ExitStack() as undo:
+        command = undo.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET))
+        receive, hub_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        undo.enter_context(receive)
+        with hub_end:
+            try:
+                # A socket with a time-out of Python's does not wait for its turn to be accepted; this one does.
+                command.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("@ll", _CONNECT_TIMEOUT_S, 0))
+                command.connect(path)
+                link = Link(command, path)
+                hello = {"do": "hello", "protocol": PROTOCOL_VERSION, "own": wants_own}
+                hub_bitrate = link.ask(hello, hub_end)["bitrate"]
+            except can.CanOperationError as error:
+                raise can.CanInitializationError(str(error)) from error
+            except OSError as error:
+                reason = f"{path}: no hub answers there ({error.strerror or error}); {how_to_start(path)}"
+                raise can.CanInitializationError(reason) from error
+        if bitrate not in {None, hub_bitrate}:
+            remedy = "leave the bit rate out, or give the same"
+            raise can.CanInitializationError(f"{path}: the bus runs at {hub_bitrate} bit/s, not at {bitrate}; {remedy}")
+        receive.setblocking(False)
+        undo.pop_all()
+    return link, receive

@@ -1,0 +1,94 @@
+"""The line: which of the offered frames is on the bus, and from when to when.
+
+What it decides: like CAN arbitration, the bus goes to the highest priority among the frames that are offered
+when it falls idle, and stays occupied for the exact length of that frame (stuff bits, intermission) at the
+bit rate.
+
+Time is that of the bus, not of the hub. A frame starts at max(end of the previous frame, time of its offer)
+and ends one frame time later; `advance` is merely told how late it is. A hub that wakes late therefore
+delivers late, and the lateness neither adds up nor steals bandwidth: the next frame has started in time.
+
+States: idle, or one frame on the air. A client has at most one frame offered or on the air.
+
+What if: a client leaves: its offered frame is withdrawn, its frame on the air completes, as that of a
+controller whose processor has died. Two clients with one identifier: an error on a real bus where their
+data differ; here the one that offered first wins.
+
+The caller's promise: when it calls `advance(now_ns)` it has handed in every offer made before `now_ns`.
+No frame is started later than `now_ns`, so no offer that comes afterwards could have won against it.
+"""
+
+from typing import NamedTuple
+
+from heronry_tools.runtime.softbus.protocol import BusFrame
+from heronry_wire.frame import arbitration_key
+from heronry_wire.timing import exact_bits
+
+NS_PER_S = 1_000_000_000
+
+
+class Transmission(NamedTuple):
+    """One frame on the air, of one client, from when to when (ns, CLOCK_MONOTONIC)."""
+
+    client: int
+    sent: BusFrame
+    start_ns: int
+    end_ns: int
+
+
+class Line:
+    """One bus at `bitrate` (bit/s). Clients are numbers, times are ns of CLOCK_MONOTONIC."""
+
+    def __init__(self, bitrate: int) -> None:
+        self.bitrate = bitrate
+        self.slowdown = 1  # how many times longer bits take: a radio far from home
+        self.frames = 0
+        self.busy_ns = 0
+        self._idle_since_ns = 0
+        self._on_air: Transmission | None = None
+        self._offers: dict[int, tuple[int, BusFrame]] = {}
+
+    def offer(self, client: int, offered: BusFrame) -> None:
+        """Let a client contend with a frame from `offered.time_ns` on; its mailbox must be empty."""
+        self._offers[client] = (arbitration_key(offered.frame), offered)
+
+    def withdraw(self, client: int) -> None:
+        """Take back the offer of a client that has left, if it has one."""
+        self._offers.pop(client, None)
+
+    def next_deadline_ns(self) -> int | None:
+        """Return when `advance` has something to do next; None while nothing is offered."""
+        if self._on_air is not None:
+            return self._on_air.end_ns
+        return self._next_start_ns() if self._offers else None
+
+    def advance(self, now_ns: int) -> Transmission | None:
+        """Return the next frame that has left the bus by `now_ns`, oldest first; None when there is none."""
+        if self._on_air is None and self._offers:
+            start_ns = self._next_start_ns()
+            if start_ns <= now_ns:
+                self._on_air = self._arbitrate(start_ns)
+        gone = self._on_air
+        if gone is None or gone.end_ns > now_ns:
+            return None
+        self._on_air = None
+        self._idle_since_ns = gone.end_ns
+        self.frames += 1
+        self.busy_ns += gone.end_ns - gone.start_ns
+        return gone
+
+    def frame_ns(self, sent: BusFrame) -> int:
+        """Return how long a frame occupies the bus, rounded up to whole ns."""
+        return -(-exact_bits(sent.frame) * self.slowdown * NS_PER_S // self.bitrate)
+
+    def _next_start_ns(self) -> int:
+        return max(self._idle_since_ns, min(offered.time_ns for _, offered in self._offers.values()))
+
+    def _arbitrate(self, start_ns: int) -> Transmission:
+        _, _, winner = min(
+            (key, offered.time_ns, client)
+            for client, (key, offered) in self._offers.items()
+            if offered.time_ns <= start_ns
+        )
+        _, sent = self._offers.pop(winner)
+        return Transmission(winner, sent, start_ns, start_ns + self.frame_ns(sent))

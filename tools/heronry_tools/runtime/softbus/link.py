@@ -1,0 +1,152 @@
+"""The command socket of a client: one frame in the mailbox, and one answer to each command.
+
+What it decides: whether the next frame may be offered. The mailbox is full from the offer until the hub's
+`DONE` has been read, which happens when somebody sends, asks, or waits for the mailbox.
+
+Threads may share a link: a lock makes one send or ask at a time, and the time spent waiting for it counts
+towards the caller's time-out. The time-out None waits for ever, 0 not at all.
+
+What if: the hub is gone (the socket ends) or refuses this client: CanOperationError with a sentence. The hub
+is stopped: offers time out, and a command does after some seconds.
+"""
+
+import errno
+import select
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from can import CanOperationError
+
+from heronry_tools.runtime.softbus.protocol import (
+    DONE,
+    MAX_COMMAND_BYTES,
+    BusFrame,
+    decode_command,
+    encode_command,
+    encode_frame,
+)
+from heronry_wire.frame import Frame, Malformed
+
+_ANSWER_TIMEOUT_S = 5.0
+
+
+class Link:
+    """A connected command socket; `path` is named in messages."""
+
+    def __init__(self, command: socket.socket, path: str) -> None:
+        command.setblocking(False)
+        self._command = command
+        self._path = path
+        self._lock = threading.Lock()
+        self._mailbox_full = False
+        self._asked = 0
+        self._answered = 0
+        self._answer: dict[str, Any] = {}
+
+    def offer(self, frame: Frame, dlc: int, timeout_s: float | None) -> None:
+        """Put a frame into the mailbox as soon as it is empty; CanOperationError when it stays full."""
+        deadline_s = deadline_after(timeout_s)
+        with self._locked(timeout_s):
+            if not self._wait_for_mailbox(deadline_s):
+                raise CanOperationError(f"{self._path}: the last frame is still waiting for the bus", errno.ENOBUFS)
+            self._send(encode_frame(BusFrame(frame, dlc, time.monotonic_ns())))
+            self._mailbox_full = True
+
+    def linger(self, timeout_s: float) -> bool:
+        """Wait until the mailbox is empty, and say whether it is."""
+        deadline_s = deadline_after(timeout_s)
+        with self._locked(timeout_s):
+            return self._wait_for_mailbox(deadline_s)
+
+    def ask(self, command: dict[str, Any], *passed: socket.socket) -> dict[str, Any]:
+        """Send a command, with sockets to pass on, and return its answer; CanOperationError when none comes."""
+        deadline_s = deadline_after(_ANSWER_TIMEOUT_S)
+        with self._locked(_ANSWER_TIMEOUT_S):
+            self._send(encode_command(command), passed)
+            self._asked += 1
+            while self._answered < self._asked:
+                if not self._take_in(deadline_s):
+                    raise CanOperationError(f"{self._path}: the hub does not answer")
+            return self._answer
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._command.close()
+
+    @contextmanager
+    def _locked(self, timeout_s: float | None) -> Iterator[None]:
+        if not self._lock.acquire(timeout=-1 if timeout_s is None else max(timeout_s, 0)):
+            raise CanOperationError(f"{self._path}: another thread is still waiting to send")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _wait_for_mailbox(self, deadline_s: float | None) -> bool:
+        while self._mailbox_full:
+            if not self._take_in(deadline_s):
+                return False
+        return True
+
+    def _take_in(self, deadline_s: float | None) -> bool:
+        record = read_record(self._command, MAX_COMMAND_BYTES, self._path, deadline_s)
+        if record == DONE:
+            self._mailbox_full = False
+        elif record is not None:
+            self._answer = self._checked(record)
+            self._answered += 1
+        return record is not None
+
+    def _send(self, record: bytes, passed: tuple[socket.socket, ...] = ()) -> None:
+        try:
+            if passed:
+                socket.send_fds(self._command, [record], [each.fileno() for each in passed])
+            else:
+                self._command.send(record)
+        except OSError as error:
+            raise hub_is_gone(self._path) from error
+
+    def _checked(self, record: bytes) -> dict[str, Any]:
+        answer = decode_command(record)
+        if isinstance(answer, Malformed):
+            raise CanOperationError(f"{self._path}: the hub's answer is not understood: {answer.reason}")
+        if "refused" in answer:
+            raise CanOperationError(f"{self._path}: the hub refuses this client: {answer['refused']}")
+        return answer
+
+
+def read_record(source: socket.socket, max_bytes: int, path: str, deadline_s: float | None) -> bytes | None:
+    """Read one record from a non-blocking socket, or return None at the deadline (time.monotonic)."""
+    try:
+        while True:
+            with suppress(BlockingIOError):
+                record = source.recv(max_bytes)
+                break
+            left_s = None if deadline_s is None else deadline_s - time.monotonic()
+            if left_s is not None and left_s <= 0:
+                return None
+            select.select([source], [], [], left_s)
+    except (OSError, ValueError) as error:  # ValueError: another thread has closed it
+        raise hub_is_gone(path) from error
+    if not record:
+        raise hub_is_gone(path)
+    return record
+
+
+def deadline_after(timeout_s: float | None) -> float | None:
+    """Return when a time-out that starts now is over, in terms of time.monotonic."""
+    return None if timeout_s is None else time.monotonic() + timeout_s
+
+
+def hub_is_gone(path: str) -> CanOperationError:
+    """Return the error for a hub that has ended, or a bus that was shut down here."""
+    return CanOperationError(f"{path}: the hub is gone; {how_to_start(path)} and open the bus again")
+
+
+def how_to_start(path: str) -> str:
+    """Return the remedy for a bus without a hub."""
+    return f"start one with: python -m heronry_tools.runtime.softbus {path} -b 1000000"

@@ -1,0 +1,151 @@
+"""One client as the hub sees it: its two sockets, its acceptance filters, its bounded receive queue.
+
+What it decides: which frames a client gets, and that a client which does not read costs nobody anything. The
+kernel buffers a few hundred frames for it, the port some thousands more; after that the newest are dropped
+and counted, as a controller overruns.
+
+States: a stranger until its hello has brought the receive socket; deaf until it has set its filters for the
+first time, so that nothing slips past them; then joined; gone once any call on its sockets has failed. A
+gone port does nothing more and waits for the hub to remove it.
+"""
+
+import socket
+import struct
+from collections import deque
+
+from heronry_tools.runtime.softbus.protocol import (
+    DONE,
+    MAX_COMMAND_BYTES,
+    AcceptanceFilter,
+    BusFrame,
+    ClientStatistics,
+    encode_command,
+    encode_frame,
+)
+
+RECEIVE_QUEUE_FRAMES = 4096
+"""Half a second at 1 Mbit/s and full load: longer than a busy machine keeps a willing reader waiting."""
+
+_MAX_REMEMBERED_VERDICTS = 4096
+_CREDENTIALS = struct.Struct("3i")  # struct ucred of unix(7): pid, uid, gid
+
+
+class Port:
+    """The hub's side of one client. `number` is never used twice in the life of a hub."""
+
+    def __init__(self, number: int, command: socket.socket) -> None:
+        command.setblocking(False)
+        self.number = number
+        self.command = command
+        self.receive: socket.socket | None = None
+        self.mailbox_full = False
+        self.gone = False
+        self.queue: deque[bytes] = deque()
+        self._wants_own = False
+        self._filters: tuple[AcceptanceFilter, ...] | None = ()
+        self._verdicts: dict[tuple[int, bool], bool] = {}
+        credentials = command.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        self._pid = _CREDENTIALS.unpack(credentials)[0]
+        self._sent = 0
+        self._received = 0
+        self._overruns = 0
+
+    def fileno(self) -> int:
+        """Return what `select` waits on until a full receive socket takes frames again."""
+        return -1 if self.receive is None else self.receive.fileno()
+
+    def read(self) -> tuple[bytes, list[int]]:
+        """Read one record and the descriptors that came with it; nothing when there is none."""
+        record = b""
+        descriptors: list[int] = []
+        try:
+            if self.receive is not None:
+                record = self.command.recv(MAX_COMMAND_BYTES)
+            else:
+                record, descriptors, _, _ = socket.recv_fds(self.command, MAX_COMMAND_BYTES, 1)
+        except BlockingIOError:
+            return b"", []
+        except OSError:
+            pass
+        self.gone = self.gone or not record
+        return record, descriptors
+
+    def answer(self, record: bytes) -> None:
+        """Send a record on the command socket; a client that lets its answers pile up is gone."""
+        try:
+            self.command.send(record)
+        except OSError:
+            self.gone = True
+
+    def refuse(self, reason: str) -> None:
+        """Tell the client why it is being removed."""
+        self.answer(encode_command({"refused": reason}))
+        self.gone = True
+
+    def join(self, receive_fd: int, *, wants_own: bool) -> bool:
+        """Take the receive socket that came with the hello, or say False if it is none."""
+        try:
+            self.receive = socket.socket(fileno=receive_fd)
+        except OSError:
+            return False
+        self.receive.setblocking(False)
+        self._wants_own = wants_own
+        return True
+
+    def set_filters(self, filters: tuple[AcceptanceFilter, ...] | None) -> None:
+        """Accept from now on what passes at least one filter; None accepts everything."""
+        self._filters = filters
+        self._verdicts.clear()
+
+    def accepts(self, can_id: int, *, extended: bool) -> bool:
+        """Say whether this client wants an identifier; verdicts are remembered, as filters can be many."""
+        verdict = self._verdicts.get((can_id, extended))
+        if verdict is None:
+            if len(self._verdicts) >= _MAX_REMEMBERED_VERDICTS:
+                self._verdicts.clear()
+            verdict = self._filters is None or any(f.accepts(can_id, extended=extended) for f in self._filters)
+            self._verdicts[can_id, extended] = verdict
+        return verdict
+
+    def confirm(self, sent: BusFrame) -> None:
+        """Empty the mailbox, as its frame has left the bus; then echo the frame to a client that asked."""
+        self.mailbox_full = False
+        self._sent += 1
+        self.answer(DONE)
+        if self._wants_own and self.accepts(sent.frame.can_id, extended=sent.frame.extended):
+            self.deliver(encode_frame(sent._replace(own=True)))
+
+    def deliver(self, record: bytes) -> None:
+        """Hand over a received frame: now, when the client reads again, or never if its queue is full."""
+        if len(self.queue) >= RECEIVE_QUEUE_FRAMES:
+            self._overruns += 1
+        elif self.queue or not self._hand_over(record):
+            self.queue.append(record)
+
+    def flush(self) -> None:
+        """Hand over what waits in the queue, as far as the client's socket takes it."""
+        while self.queue and self._hand_over(self.queue[0]):
+            self.queue.popleft()
+
+    def _hand_over(self, record: bytes) -> bool:
+        if self.receive is None:
+            return True
+        try:
+            self.receive.send(record)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self.gone = True
+            return True
+        self._received += 1
+        return True
+
+    def statistics(self) -> ClientStatistics:
+        """Return what was counted for this client."""
+        return ClientStatistics(self.number, self._pid, self._sent, self._received, self._overruns)
+
+    def close(self) -> None:
+        """Close both sockets."""
+        self.command.close()
+        if self.receive is not None:
+            self.receive.close()

@@ -1,0 +1,89 @@
+"""Start a hub as a process of its own, and be sure that it never outlives whoever started it.
+
+The hub holds the read end of a pipe whose write end is here: when this process ends, in whatever way, the
+pipe ends, and the hub with it. (The kernel's own "signal when my parent dies" is tied to the thread that
+started the hub, and is cleared by some execs; a pipe has neither trap.) A child that is forked here without
+exec inherits the write end and keeps the hub alive: use the "spawn" start method of multiprocessing.
+
+States: running from the moment that the constructor returns; then killed or closed.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from heronry_tools.runtime.softbus.address import HubError
+
+_STOP_TIMEOUT_S = 5.0
+
+
+class HubProcess:
+    """A running hub; as a context manager it is closed at the end."""
+
+    def __init__(self, path: Path, bitrate: int) -> None:
+        self.path = path
+        self.bitrate = bitrate
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "heronry_tools.runtime.softbus",
+                os.fspath(path),
+                f"--bitrate={bitrate}",
+                "--until-eof",
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            process_group=0,  # a Ctrl-C in the terminal is for the starter, which then closes the hub in order
+        )
+        assert self._process.stdout is not None
+        if not self._process.stdout.readline():
+            _, reason = self._process.communicate()
+            raise HubError(reason.strip().rpartition("\n")[2] or "the hub ended without saying why")
+
+    @property
+    def pid(self) -> int:
+        """The hub's process number."""
+        return self._process.pid
+
+    def kill(self) -> None:
+        """Kill the hub, as a crash would: its socket stays behind."""
+        self._process.kill()
+        self._process.communicate()
+
+    def close(self) -> None:
+        """Stop the hub and wait until its socket is gone. Raises HubError with its story if it failed."""
+        self._process.send_signal(signal.SIGCONT)
+        self._process.terminate()
+        try:
+            _, complaint = self._process.communicate(timeout=_STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise HubError(f"the hub at {self.path} did not stop and was killed") from None
+        if self._process.returncode > 0:
+            raise HubError(f"the hub at {self.path} failed: {complaint.strip()}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def start_hub(path: str | Path, bitrate: int = 1_000_000) -> HubProcess:
+    """Start a hub of `bitrate` (bit/s) at `path` and return when clients can connect.
+
+    Raises HubError with a sentence when it cannot run, such as when another hub lives at that path.
+    """
+    return HubProcess(Path(path), bitrate)

@@ -1,0 +1,35 @@
+"""The tables of PEs as files: compiled from a spec, each with what it has room for of the plans made ahead."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_manager.contingency.contingencies import Contingencies
+
+
+def write_tables(
+    spec: "Spec", pes: Iterable[str], folder: Path, made: "Contingencies | None" = None
+) -> dict[str, Path]:
+    """Write one table per PE into a folder, which is made if need be; gives the files by PE."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = table_texts(spec, pes, made)
+    files = {pe: folder / f"{pe}.table" for pe in texts}
+    for pe, file in files.items():
+        file.write_text(texts[pe] + "\n")
+    return files
+
+
+def table_texts(spec: "Spec", pes: Iterable[str], made: "Contingencies | None") -> dict[str, str]:
+    """Compile tables, with what each PE has room for of the plans made ahead."""
+    from heronry_manager.contingency.on_board import loaded, on_board  # noqa: PLC0415
+    from heronry_manager.core.compilation import Compiler  # noqa: PLC0415 - loads pydantic
+
+    compiler = Compiler(spec)
+    tables = {pe: compiler.table(pe) for pe in pes}
+    if made is not None:
+        for one in on_board(spec, made):
+            if one.pe in tables:
+                tables[one.pe] = loaded(tables[one.pe], one)
+    return {pe: table.to_json() for pe, table in tables.items()}

@@ -1,0 +1,41 @@
+"""The command a user wants to run, found and described before anything is started."""
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from heronry_tools.runtime.vcan.errors import CannotRunError
+
+
+class ExpiredError(Exception):
+    """The time the user gave has run out."""
+
+
+class NotFoundError(CannotRunError):
+    """There is no such command."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command line with the place and the environment it runs in."""
+
+    executable: str  # absolute
+    argv: list[str]  # argv[0] as the user wrote it
+    env: dict[str, str]
+    cwd: str
+
+
+def described(argv: list[str], tools: Path | None) -> Command:
+    """Describe the command `argv` called from here; the programs in `tools` are on its PATH, after all others."""
+    env = dict(os.environ)
+    if tools is not None:
+        env["PATH"] = os.pathsep.join(filter(None, (env.get("PATH", os.defpath), str(tools))))
+    try:
+        cwd = str(Path.cwd())
+    except FileNotFoundError:
+        raise CannotRunError("the folder you are in no longer exists: change into another") from None
+    executable = shutil.which(argv[0], path=env.get("PATH", os.defpath))
+    if executable is None:
+        raise NotFoundError(f"{argv[0]} was not found, or is not executable")
+    return Command(os.path.abspath(executable), argv, env, cwd)  # noqa: PTH100 - resolve() would leave a virtual environment

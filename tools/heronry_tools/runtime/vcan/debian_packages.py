@@ -1,0 +1,116 @@
+"""Debian packages unpacked into the user's cache, without root and without installing anything.
+
+`unpacked("user-mode-linux")` returns the folder that holds the package's files as they would lie under ``/``. A
+package is fetched once per distribution release and processor and then stays, so every later call costs one `stat`.
+
+States of a package's folder: absent, or complete. It is unpacked under a fixed staging name and renamed in one step,
+by one process at a time (a lock file, which the kernel releases when its holder dies): nobody ever sees half a
+package, two callers that start together fetch it once, and what a killed fetch left is cleared by the next.
+
+The system's own package lists are tried first. If they are missing or too old (a fresh container), lists are fetched
+into the staging folder and used from there: the system's own state is never changed.
+"""
+
+import fcntl
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from heronry_tools.console.user_cache import user_cache
+from heronry_tools.runtime.vcan.errors import CannotRunError
+
+
+def cache_folder() -> Path:
+    """Where packages are kept: ``heronry/uml/<release>-<processor>`` in ``$XDG_CACHE_HOME``, else in ``~/.cache``."""
+    return user_cache("uml") / f"{_release()}-{platform.machine()}"
+
+
+def _release() -> str:
+    try:
+        facts = platform.freedesktop_os_release()
+    except OSError:
+        return "unknown"
+    return f"{facts.get('ID', 'unknown')}-{facts.get('VERSION_ID', 'rolling')}"
+
+
+def unpacked(package: str) -> Path:
+    """Return the folder with `package`'s files, fetched now if need be; raises CannotRunError with apt's reason."""
+    cache = cache_folder()
+    folder = cache / package
+    if folder.is_dir():
+        return folder
+    missing = [tool for tool in ("apt-get", "dpkg") if shutil.which(tool) is None]
+    if missing:
+        raise CannotRunError(
+            f"Debian's package {package} is needed, and there is no {missing[0]} here to fetch it: use Debian 12 or "
+            "newer (a container will do), or load vcan into this kernel (as root: modprobe vcan)"
+        )
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        with (cache / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not folder.is_dir():  # else another process fetched it while we waited
+                _fetch(package, staging=cache / "staging", folder=folder)
+    except OSError as error:
+        raise CannotRunError(
+            f"{cache} cannot be written ({error.strerror}): set XDG_CACHE_HOME to a folder of yours"
+        ) from error
+    return folder
+
+
+def _fetch(package: str, staging: Path, folder: Path) -> None:
+    print(f"with-vcan: fetching Debian's {package} into {folder} (this once)", file=sys.stderr, flush=True)
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir()
+    try:
+        archive = _downloaded(package, staging)
+        unpack = _run(["dpkg", "-x", str(archive), str(staging / "files")], staging)
+        if unpack.returncode != 0:
+            raise CannotRunError(f"dpkg could not unpack {archive.name}: {_reason(unpack)}")
+        (staging / "files").rename(folder)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _downloaded(package: str, staging: Path) -> Path:
+    """Download with the system's package lists, else with lists of our own, into `staging`."""
+    as_we_are = ["-o", "APT::Sandbox::User="]  # root would hand the download to a user who may not write here
+    lists = staging / "lists"
+    own_lists = ["-o", f"Dir::State::Lists={lists}", "-o", f"Dir::Cache={staging / 'cache'}"]
+    attempt = _run(["apt-get", *as_we_are, "download", package], staging)
+    if attempt.returncode != 0:
+        (lists / "partial").mkdir(parents=True)
+        (staging / "cache" / "archives" / "partial").mkdir(parents=True)
+        # One dead source among several fails this command; whether it matters, the download tells.
+        _run(["apt-get", *as_we_are, *own_lists, "update"], staging)
+        attempt = _run(["apt-get", *as_we_are, *own_lists, "download", package], staging)
+    archives = sorted(staging.glob("*.deb"))
+    if attempt.returncode != 0 or not archives:
+        raise CannotRunError(
+            f"apt-get could not download {package} ({_reason(attempt)}): check the network and apt's sources, then "
+            "try again"
+        )
+    return archives[0]
+
+
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        env={**os.environ, "LC_ALL": "C"},
+        check=False,
+    )
+
+
+def _reason(finished: subprocess.CompletedProcess[str]) -> str:
+    """What the tool complained of, on one line."""
+    lines = [line for line in finished.stderr.splitlines() if line.strip()]
+    errors = [line.removeprefix("E:").strip() for line in lines if line.startswith("E:")]
+    return "; ".join(errors or lines[-1:]) or f"exit code {finished.returncode}"

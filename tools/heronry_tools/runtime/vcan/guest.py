@@ -1,0 +1,141 @@
+"""The first process inside a user-mode Linux: makes the CAN interfaces, runs a command, says how it ended, powers off.
+
+The guest's kernel starts it as `python -I -S guest.py JOB`, over the host's own file system. Only json, and
+what it and a starting Python hold already, are imported (no pathlib, no subprocess, nothing of this package): an
+import costs up to 0.1 s here.
+
+States: set up -> command runs -> power off; it never goes back. Whatever fails before the command runs becomes the
+`failure` of the result. If this process itself dies, the guest's kernel panics, and the outer program finds no
+result. The command runs as the user who called, so that files belong to whom they should; only this process is guest
+root.
+"""
+# ruff: noqa: PTH103, PTH104, PTH123, PTH211 - without pathlib, see above
+
+import json
+import os
+import signal
+import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from heronry_tools.runtime.vcan.job import Job, Result
+
+SHARED_MEMORY = "/dev/shm"  # noqa: S108 - the guest's own, and empty
+MOUNTS = (("proc", "/proc"), ("sysfs", "/sys"), ("tmpfs", "/run"), ("devpts", "/dev/pts"), ("tmpfs", SHARED_MEMORY))
+DEVICE_LINKS = (("fd", ""), ("stdin", "/0"), ("stdout", "/1"), ("stderr", "/2"))
+TERMINAL = "/dev/tty1"
+CANNOT_EXECUTE = 126  # the shells' exit code for it
+
+
+class SetupError(Exception):
+    """A step of the set-up failed; the message names it."""
+
+
+def busybox(job: "Job", *words: str) -> None:
+    """Run one of busybox' tools; its own message is on the kernel's console."""
+    pid = os.posix_spawn(job["busybox"], ["busybox", *words], {})  # much faster here than a fork of all of Python
+    if os.waitpid(pid, 0)[1] != 0:
+        raise SetupError(f"{' '.join(words)} failed")
+
+
+def mount_system(job: "Job") -> None:
+    """Give the guest a system of its own over the host's files. The kernel has mounted /dev already."""
+    for kind, place in MOUNTS:
+        os.makedirs(place, exist_ok=True)
+        busybox(job, "mount", "-t", kind, kind, place)
+    os.makedirs("/run/lock", exist_ok=True)
+    for name, number in DEVICE_LINKS:
+        os.symlink(f"/proc/self/fd{number}", f"/dev/{name}")
+    with open("/proc/sys/kernel/hostname", "w", encoding="utf-8") as hostname:
+        hostname.write(job["hostname"])
+
+
+def make_interfaces(job: "Job") -> None:
+    """Load the CAN modules, make and raise the interfaces, and raise the loopback interface."""
+    for module in job["modules"]:
+        busybox(job, "insmod", module)
+    for name in job["interfaces"]:
+        busybox(job, "ip", "link", "add", name, "type", "vcan")
+        busybox(job, "ip", "link", "set", name, "up")
+    busybox(job, "ip", "link", "set", "lo", "up")
+
+
+def prepare_terminal(job: "Job") -> None:
+    """Make the guest's terminal as wide as the user's, hand it to the user, and let bytes pass unchanged."""
+    rows, columns = job["rows_columns"]
+    os.open(TERMINAL, os.O_RDWR | os.O_NOCTTY)  # never closed: a terminal that nobody holds forgets its size
+    busybox(job, "stty", "-F", TERMINAL, "-opost", "rows", str(rows), "cols", str(columns))
+    os.chown(TERMINAL, job["user"], job["group"])
+
+
+def become_command(job: "Job") -> None:
+    """In the child: take the caller's place and identity, then the command's program. Returns only by an OSError."""
+    os.setsid()
+    write = os.O_WRONLY | os.O_APPEND | os.O_NOCTTY
+    streams = (os.open("/dev/null", os.O_RDONLY), os.open(job["stdout"], write), os.open(job["stderr"], write))
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+    os.closerange(3, 256)
+    for ignored_by_python in (signal.SIGPIPE, signal.SIGXFSZ):
+        signal.signal(ignored_by_python, signal.SIG_DFL)
+    os.umask(job["umask"])
+    os.setgroups(job["groups"])
+    os.setgid(job["group"])
+    os.setuid(job["user"])
+    os.chdir(job["cwd"])
+    os.execve(job["executable"], job["argv"], job["env"])  # noqa: S606 - that is what we are for
+
+
+def run_command(job: "Job") -> int:
+    """Run the command to its end and return its exit code; orphans it leaves are reaped on the way, as init must."""
+    child = os.fork()
+    if child == 0:
+        try:
+            become_command(job)
+        except OSError as error:
+            os.write(2, f"with-vcan: cannot run {job['argv'][0]}: {error.strerror}\n".encode(errors="replace"))
+        finally:
+            os._exit(CANNOT_EXECUTE)
+    while True:
+        pid, status = os.wait()
+        if pid == child:
+            code = os.waitstatus_to_exitcode(status)
+            return code if code >= 0 else 128 - code
+
+
+def drain_terminal(job: "Job") -> None:
+    """Wait until what the command wrote has left the guest, as setting a terminal's modes does."""
+    busybox(job, "stty", "-F", TERMINAL, "-opost")
+
+
+def carry_out(job: "Job") -> "Result":
+    """Everything between boot and power-off."""
+    uses_terminal = TERMINAL in (job["stdout"], job["stderr"])
+    try:
+        mount_system(job)
+        make_interfaces(job)
+        if uses_terminal:
+            prepare_terminal(job)
+        exit_code = run_command(job)
+        if uses_terminal:
+            drain_terminal(job)
+    except (OSError, SetupError) as error:
+        return {"failure": str(error)}
+    return {"exit_code": exit_code}
+
+
+def main() -> None:
+    """Do the job named by the one argument, then power off. The result is complete before it has its name."""
+    with open(sys.argv[1], encoding="utf-8") as file:
+        job: Job = json.load(file)
+    result = carry_out(job)
+    partial = job["result"] + ".partial"
+    with open(partial, "w", encoding="utf-8") as file:
+        json.dump(result, file)
+    os.rename(partial, job["result"])
+    os.sync()
+    busybox(job, "poweroff", "-f")
+
+
+if __name__ == "__main__":
+    main()

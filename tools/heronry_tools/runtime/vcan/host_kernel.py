@@ -1,0 +1,84 @@
+"""Run one command on this kernel, with the CAN interfaces it has already or can make.
+
+`interfaces_up` makes what is missing and removes, afterwards, exactly what it made. Interfaces that were there stay
+as they were; one that is down is reported, not changed. Making one needs root and the kernel's vcan module; without
+either, UnavailableError is raised and nothing is left behind.
+"""
+
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from heronry_tools.runtime.vcan.command import Command, ExpiredError
+from heronry_tools.runtime.vcan.errors import CannotRunError
+
+IFF_UP = 0x1  # netdevice(7)
+POLL_S = 0.02
+GRACE_S = 5.0  # between asking the command to end and ending it
+
+
+class UnavailableError(Exception):
+    """This kernel has no such interface and cannot be given one by us."""
+
+
+@contextmanager
+def interfaces_up(names: list[str]) -> Iterator[None]:
+    """Hold the interfaces `names` up while the block runs."""
+    with ExitStack() as made:
+        for name in names:
+            flags = Path("/sys/class/net", name, "flags")
+            if not flags.exists():
+                _make(name)
+                made.callback(_ip, "link", "delete", name)
+                if not _ip("link", "set", name, "up"):
+                    raise UnavailableError(name)
+            elif not int(flags.read_text(), 16) & IFF_UP:
+                raise CannotRunError(f"{name} exists but is down: raise it (as root: ip link set {name} up)")
+        yield
+
+
+def _make(name: str) -> None:
+    if not _ip("link", "add", name, "type", "vcan"):
+        raise UnavailableError(name)
+
+
+def _ip(*words: str) -> bool:
+    """Run ip(8); tells whether it did what it was told."""
+    try:
+        done = subprocess.run(["ip", *words], stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    except FileNotFoundError:
+        return False
+    return done.returncode == 0
+
+
+def run(command: Command, expired: Callable[[], bool]) -> int:
+    """Run `command`; returns its exit code, 128 + n if signal n ended it.
+
+    Raises CannotRunError, ExpiredError, or what a signal handler raises.
+    """
+    try:
+        process = subprocess.Popen(
+            command.argv, executable=command.executable, env=command.env, cwd=command.cwd, stdin=subprocess.DEVNULL
+        )
+    except OSError as error:
+        raise CannotRunError(f"cannot run {command.argv[0]}: {error.strerror}") from error
+    try:
+        while process.poll() is None:
+            if expired():
+                raise ExpiredError
+            time.sleep(POLL_S)
+    finally:
+        _end(process)
+    return process.returncode if process.returncode >= 0 else 128 - process.returncode
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

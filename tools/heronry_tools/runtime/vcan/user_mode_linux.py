@@ -1,0 +1,221 @@
+"""Run one command inside a user-mode Linux: a kernel that is a process, with vcan, over the host's own file system.
+
+What it does: boots Debian's user-mode-linux with `guest.py` as its first process, carries the command's output out
+while it is written, and returns the exit code that the guest left. No privilege is used: to the host's files the
+guest can do what its caller can.
+
+What can go wrong: the guest's kernel stops early (no result file: its last words are shown), the command runs too
+long (ExpiredError), we are told to stop (an exception from a signal handler). In each case the guest's process group
+is killed; if we are killed ourselves, the host's kernel kills it. All traces are in one temporary folder; the guest's
+memory is an unlinked file.
+"""
+
+import ctypes
+import json
+import os
+import platform
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from heronry_tools.runtime.vcan import debian_packages, guest
+from heronry_tools.runtime.vcan.command import Command, ExpiredError
+from heronry_tools.runtime.vcan.errors import CannotRunError
+from heronry_tools.runtime.vcan.job import Job, Result
+from heronry_tools.runtime.vcan.streams import Streams
+
+MEMORY_MIB = 2048  # a sparse file: only what the guest touches is taken
+MEMORY_LEAST_FREE_BYTES = 1 << 30
+POLL_S = 0.02
+MODULES = ("can-dev", "can", "can-raw", "can-bcm", "can-gw", "vcan")  # each after those it needs
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+TAIL_LINES = 12
+
+
+def run(command: Command, interfaces: list[str], expired: Callable[[], bool]) -> int:
+    """Run `command` where `interfaces` exist; returns its exit code, 128 + n if signal n ended it.
+
+    Raises CannotRunError, ExpiredError, or what a signal handler raises.
+    """
+    kernel = debian_packages.unpacked("user-mode-linux")
+    busybox = debian_packages.unpacked("busybox-static") / "bin" / "busybox"
+    with _job_folder() as folder:
+        _build_xstate(folder / "xstate.so")
+        streams = Streams(folder)
+        job = _job(command, interfaces, streams, folder, busybox=busybox, modules=_modules(kernel))
+        (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        try:
+            with _booted(kernel / "usr" / "bin" / "linux.uml", folder, streams) as process:
+                while process.poll() is None:
+                    if expired():
+                        raise ExpiredError
+                    if not streams.pump():
+                        time.sleep(POLL_S)
+            streams.pump()
+        finally:
+            streams.close()
+        return _exit_code(folder)
+
+
+def _job(
+    command: Command, interfaces: list[str], streams: Streams, folder: Path, *, busybox: Path, modules: list[str]
+) -> Job:
+    umask = os.umask(0o77)
+    os.umask(umask)
+    columns, rows = shutil.get_terminal_size()
+    return {
+        "executable": command.executable,
+        "argv": command.argv,
+        "env": command.env,
+        "cwd": command.cwd,
+        "umask": umask,
+        "user": os.geteuid(),
+        "group": os.getegid(),
+        "groups": os.getgroups(),
+        "stdout": streams.places[0],
+        "stderr": streams.places[1],
+        "rows_columns": (rows, columns),
+        "hostname": socket.gethostname(),
+        "busybox": str(busybox),
+        "modules": modules,
+        "interfaces": interfaces,
+        "result": str(folder / "result.json"),
+    }
+
+
+def _modules(kernel: Path) -> list[str]:
+    found = {file.name.split(".")[0]: file for file in kernel.glob("usr/lib/uml/modules/*/kernel/**/*.ko*")}
+    missing = [name for name in MODULES if name not in found]
+    if missing:
+        raise CannotRunError(
+            f"Debian's user-mode-linux of this release has no module {missing[0]}: use another release"
+        )
+    return [str(found[name]) for name in MODULES]
+
+
+def _build_xstate(library: Path) -> None:
+    """Compile xstate.c, whose head says what it is for; it takes milliseconds, so it is made anew each time."""
+    tcc = debian_packages.unpacked("tcc")
+    runtime = tcc / "usr" / "lib" / f"{platform.machine()}-linux-gnu" / "tcc"
+    source = Path(__file__).with_name("xstate.c")
+    built = subprocess.run(
+        [tcc / "usr/bin/tcc", f"-B{runtime}", "-nostdlib", "-shared", "-o", library, source],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
+    if built.returncode != 0:
+        raise CannotRunError(f"Debian's tcc could not compile {source}: {built.stderr.strip()}")
+
+
+@contextmanager
+def _job_folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="with-vcan-", dir=_roomy_folder(hidden_in_guest=False)) as name:
+        yield Path(name)
+
+
+def _roomy_folder(*, hidden_in_guest: bool) -> str:
+    """A folder for the guest's memory (or for the job, which the guest must see) from which programs may be mapped."""
+    candidates = [os.environ.get("TMPDIR", ""), "/dev/shm" if hidden_in_guest else "", "/tmp", "/var/tmp"]  # noqa: S108 - asked, not assumed
+    for folder in candidates:
+        if not folder.startswith("/") or len(folder.split()) != 1 or ":" in folder:
+            continue  # such a name would fall apart on the kernel's command line and in LD_PRELOAD
+        if not hidden_in_guest and folder.startswith(("/dev/", "/run/", "/proc/", "/sys/")):
+            continue
+        try:
+            facts = os.statvfs(folder)
+        except OSError:
+            continue
+        roomy = facts.f_bavail * facts.f_frsize >= (MEMORY_LEAST_FREE_BYTES if hidden_in_guest else 0)
+        if roomy and not facts.f_flag & os.ST_NOEXEC and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    raise CannotRunError(
+        "a user-mode Linux needs a folder with 1 GiB free that is not mounted noexec: set TMPDIR to one, "
+        "without spaces or colons in its name"
+    )
+
+
+@contextmanager
+def _booted(linux: Path, folder: Path, streams: Streams) -> Iterator["subprocess.Popen[bytes]"]:
+    console = [] if streams.console is None else [f"con1=null,fd:{streams.console}"]
+    arguments = [
+        f"mem={MEMORY_MIB}M",
+        "rootfstype=hostfs",
+        "rootflags=/",
+        "rw",
+        "con=null",
+        "con0=null,fd:1",
+        *console,
+        # Measures RAID checksums for 0.8 s of a 1.3 s boot; nothing here has RAID 6.
+        "initcall_blacklist=raid6_select_algo",
+        "umid=guest",
+        f"uml_dir={folder}/",
+        f'init="{sys.executable}"',
+        "--",
+        "-I",
+        "-S",
+        f'"{guest.__file__}"',
+        f"{folder}/job.json",
+    ]
+    _adopt_orphans()
+    with (folder / "console").open("wb") as log:
+        process = subprocess.Popen(
+            [linux, *arguments],
+            cwd=folder,
+            env={"LD_PRELOAD": "./xstate.so", "TMPDIR": _roomy_folder(hidden_in_guest=True)},
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            pass_fds=[] if streams.console is None else [streams.console],
+            start_new_session=True,
+            preexec_fn=_die_with_parent,  # noqa: PLW1509 - this program has one thread
+        )
+    try:
+        yield process
+    finally:
+        _kill_group(process)
+
+
+def _die_with_parent() -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+def _adopt_orphans() -> None:
+    """Be the one who reaps what the guest leaves; a container's first process may not."""
+    ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def _kill_group(process: "subprocess.Popen[bytes]") -> None:
+    """End the guest with all of its processes, which are the host's processes too; it may have ended by itself."""
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    with suppress(ChildProcessError):
+        while True:
+            os.waitpid(-process.pid, 0)  # its orphans, which are ours: see _adopt_orphans
+
+
+def _exit_code(folder: Path) -> int:
+    try:
+        result: Result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CannotRunError(
+            f"the user-mode Linux stopped before the command had ended; its last words:\n{_tail(folder)}"
+        ) from None
+    if "exit_code" in result:
+        return result["exit_code"]
+    raise CannotRunError(f"inside the user-mode Linux, {result['failure']}; its last words:\n{_tail(folder)}")
+
+
+def _tail(folder: Path) -> str:
+    lines = (folder / "console").read_text(errors="replace").splitlines()
+    return "\n".join(f"    {line}" for line in lines[-TAIL_LINES:])

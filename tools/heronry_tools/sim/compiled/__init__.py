@@ -1,0 +1,1 @@
+"""The simulator as machine code, for campaigns."""

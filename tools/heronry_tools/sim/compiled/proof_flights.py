@@ -1,0 +1,40 @@
+"""Flights that a compiled simulator must fly just as Python does: every spec that comes with the package, with faults.
+
+Prints one line a flight: spec, seed, number of frames, their digest, what was violated. Acts of every kind are among
+them, since each seed draws its own; so are buses that lose frames, two managers, and a key.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+from heronry_dg.loader import load
+from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
+from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.flight.outcome import Scenario, play
+
+_SECONDS = 2.0
+_LOSS = 0.001
+
+
+def main() -> None:
+    """Fly, and tell of each flight."""
+    for file, seeds in _flights():
+        spec = load(file)
+        for seed, of_two in product(range(seeds), (False, True)):
+            acts = drawn_acts(spec, seed, _SECONDS, of_two=of_two, keyed=of_two)
+            loss = _LOSS if seed % 2 else 0.0
+            scenario = Scenario(seed, _SECONDS, acts, loss, drawn=True, keyed=of_two, standby=of_two)
+            outcome = play(spec, scenario)
+            print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
+
+
+def _flights() -> Iterator[tuple[Path, int]]:
+    for name in shipped_spec_names():
+        yield shipped_spec_path(name), 4
+    for file in example_specs():
+        yield file, 1
+
+
+if __name__ == "__main__":
+    main()

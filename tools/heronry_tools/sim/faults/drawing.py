@@ -1,0 +1,156 @@
+"""Acts drawn from a seed: swarm testing, aimed at the states of the protocol that are hard to hit.
+
+A run does not draw from all kinds of faults alike: each seed first draws which kinds there are at all, about half of
+them, and how often each comes. So some runs are all restarts and others all noise, and what one kind would hide another
+run shows.
+
+Most acts wait for a state of the protocol, since a reconfiguration lasts for milliseconds and the time between two of
+them for seconds. How often each state is drawn (`_AIM`) makes up for how seldom it is hit: the shorter it lasts, the
+more; idle is hit by all that waits for nothing. These numbers were read off the tables of campaigns
+(`campaign.Coverage`) and are the same for every seed, so that a seed flies alone as it did in its campaign.
+
+An act that waits for anything but rest brings along what leads there: a PE is lost and comes back, so that the protocol
+goes through all of its states; another one than the act strikes, or there would be nothing left to strike. Where a
+reign must end (`orphaned`) it is the manager that reigns. Where something exclusive must be given up (`activating`) it
+is both: a PE is cut off, and when it is lost the reign ends; the next one finds it in an epoch that it does not know,
+and with whatever that may have given it. Where a DEMUX can be driven from several PEs, the loss of one does as well.
+
+Where there are two managers they are struck more often than anything else, either of them or whichever reigns, and with
+what needs two of them (`Kind.of_two`). There is more to strike then, so there are more acts. What is drawn in flights
+with a key alone is in the swarm of each of these, and comes more often.
+"""
+
+from collections.abc import Sequence
+from random import Random
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.faults.fault import KINDS, MANAGER, Act, drawn_kinds, possible_targets
+
+_ACTS_PER_S = 0.4
+_FEWEST_ACTS = 3
+_MOST_FOR_GOOD = 4
+_KIND_THERE = 0.5
+_WAITS_FOR_STATE = 0.92
+_AIM = {
+    "suspect": 5,
+    "planning": 5,
+    "preparing": 8,
+    "activating": 12,
+    "going": 9,
+    "rejoining": 2,
+    "orphaned": 5,
+    "idle": 1,
+}
+_WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
+_MANAGERS_MORE = 2  # times as often as anything else
+_LATCHED_MORE = 3  # since mostly there is nothing to clear
+_KEYED_MORE = 4  # since few flights have a key
+_END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
+_SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
+_LEADS = (*_SILENCES, ("reboot", (1, 60)))  # which is over before anybody waits for it
+_LEADS_APART_MS = 1200  # before a second one, where the first has not led there
+_BY_DEMUX = 0.7  # of what leads to "activating", where a DEMUX can
+_LOST_AFTER_MS = 200  # who is cut off, by then
+_CUT_ACROSS_REIGNS_MS = (300, 900)
+_BETWEEN_REIGNS_MS = (100, 300)
+_MANAGERS_ALONE = 0.05  # of the seeds: their silence must stop nobody
+_LAST = 0.9  # of the chaos: what strikes later would be healed at once
+
+
+def drawn_acts(
+    spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
+) -> tuple[Act, ...]:
+    """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds.
+
+    of_two: there are two managers. keyed: they and the PEs have a key.
+    """
+    random = Random(f"acts of {seed}")
+    there = _kinds_there(spec, kinds or drawn_kinds(spec, of_two=of_two, keyed=keyed), of_two=of_two)
+    swarm = [
+        name for name in there if kinds or _is_for_keyed(name, of_two=of_two) or random.random() < _KIND_THERE
+    ] or ["crash"]
+    alone = not kinds and random.random() < _MANAGERS_ALONE
+    if alone:
+        swarm = [name for name in there if KINDS[name].strikes == MANAGER]
+    weights = [random.choice((1, 1, 2, 5)) * _more_often(name, of_two=of_two) for name in swarm]
+    acts: set[Act] = set()
+    for_good = 0
+    count = max(_FEWEST_ACTS, round(_ACTS_PER_S * seconds))
+    for name in random.choices(swarm, weights, k=count):
+        act = _drawn_act(random, name, there[name], seconds)
+        if not act.lasts_ms and KINDS[name].for_good:
+            for_good += 1
+            if for_good > _MOST_FOR_GOOD:
+                continue
+        acts.add(act)
+        if act.during == "orphaned":
+            acts.add(_ending_reign(random, act.at_ms, of_two=of_two))
+        elif act.during not in ("", "idle") and not alone:
+            acts.update(_leading_there(random, spec, act))
+    return tuple(sorted(acts))
+
+
+def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
+    """Kinds of faults that may be drawn, and what they may strike."""
+    there = {name: targets for name in kinds if (targets := possible_targets(spec, name))}
+    return {name: list(_WHICH_MANAGER) if of_two and t == [MANAGER] else t for name, t in there.items()}
+
+
+def _more_often(name: str, *, of_two: bool) -> int:
+    kind = KINDS[name]
+    if _is_for_keyed(name, of_two=of_two):
+        return _KEYED_MORE
+    return _LATCHED_MORE if kind.strikes == "latched" else _MANAGERS_MORE if of_two and kind.strikes == MANAGER else 1
+
+
+def _is_for_keyed(name: str, *, of_two: bool) -> bool:
+    """Tell whether a kind is drawn in flights with a key alone."""
+    return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
+
+
+def _ending_reign(random: Random, at_ms: int, *, of_two: bool) -> Act:
+    """Draw what leaves the PEs without a manager, until the other one takes over or this one is back."""
+    kind, lasts_ms = random.choice([end for end in _END_OF_REIGN if of_two or KINDS[end[0]].drawn])
+    return Act(at_ms, kind, MANAGER, random.randint(*lasts_ms))
+
+
+def _leading_there(random: Random, spec: Spec, act: Act) -> list[Act]:
+    """Draw losses, and returns, that make the protocol work while an act waits."""
+    others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != act.target] or [f"pe:{pe}" for pe in spec.pes]
+    if act.during != "activating":
+        return [_loss(random, act.at_ms, others, _SILENCES if act.during == "suspect" else _LEADS)]
+    rivals = [pe for pe in others if pe in _rivals(spec)]
+    if rivals and random.random() < _BY_DEMUX:
+        return [_loss(random, act.at_ms + later_ms, rivals, _LEADS) for later_ms in (0, _LEADS_APART_MS)]
+    lost_ms = act.at_ms + _LOST_AFTER_MS
+    return [
+        Act(act.at_ms, "cut", random.choice(others), random.randint(*_CUT_ACROSS_REIGNS_MS)),
+        Act(lost_ms, "manager_crash", MANAGER, random.randint(*_BETWEEN_REIGNS_MS)),
+    ]
+
+
+def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Act:
+    """Draw which of these PEs is lost, and how."""
+    kind, lasts_ms = random.choice(leads)
+    return Act(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
+
+
+def _rivals(spec: Spec) -> set[str]:
+    """PEs of DEMUXes that can be driven from several."""
+    rivals: set[str] = set()
+    for demux in spec.demuxes.values():
+        devices = (spec.modules[branch].device for branch in demux.branches)
+        homes = {f"pe:{spec.devices[device].pe}" for device in devices if device is not None}
+        rivals |= homes if len(homes) > 1 else set()
+    return rivals
+
+
+def _drawn_act(random: Random, name: str, targets: list[str], seconds: float) -> Act:
+    kind = KINDS[name]
+    shortest, longest = kind.lasts_ms
+    at_ms = random.randrange(max(1, round(1000 * _LAST * seconds)))
+    lasts_ms = random.randint(shortest, random.randint(shortest, longest))  # the short ones more often
+    if random.random() < kind.for_good:
+        lasts_ms = 0
+    during = random.choices(list(_AIM), list(_AIM.values()))[0] if random.random() < _WAITS_FOR_STATE else ""
+    return Act(at_ms, name, random.choice(targets), lasts_ms, during, random.choice(kind.levels))

@@ -1,0 +1,179 @@
+"""A station that would like to be believed, and does not have the key: it listens, and says what it heard, or the like.
+
+    forged      a command of its own making, with 48 bits of its own making
+    replayed    a command and its TAG that it has heard, as old as they may be
+    reordered   the same, a few milliseconds after they were said
+    truncated   a command that it has heard, cut short, and its TAG
+    foreign     a command of a manager of a higher term, tagged with another key
+    slander     an EMCY of a PE against anything, or a page 1 in which it cannot stage what runs
+
+Its name begins as a stranger's does, so nobody takes what it says for commanded: whoever judges a run holds every PE to
+what the true managers have said.
+
+It keeps out of the way of whom it imitates: where two send under one identifier at the same time both are destroyed,
+down to bus-off, as on a wire. No tag helps against that; it is what the fault `rogue` is for.
+"""
+
+from random import Random
+
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.stranger import STRANGER
+from heronry_wire.authentication import KEY_BYTES, Key
+from heronry_wire.command_tags import CommandSigner
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import (
+    FIRST_MANAGER,
+    LAST_MANAGER,
+    PE_NODES,
+    Command,
+    emcy_id,
+    management_id,
+    state_id,
+)
+from heronry_wire.management import (
+    MAX_TERM,
+    NO_EPOCH,
+    Activate,
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    FaultCode,
+    Lease,
+    ManagementMessage,
+    Operation,
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    Step,
+    decode_state,
+)
+from heronry_wire.sansio import Received
+
+_TAG_IDS = {management_id(manager, Command.TAG) for manager in (FIRST_MANAGER, LAST_MANAGER)}
+_COMMAND_IDS = {management_id(m, command) for m in (FIRST_MANAGER, LAST_MANAGER) for command in Command} - _TAG_IDS
+_STATE_IDS = {state_id(node) for node in PE_NODES}
+_ACCUSERS = PE_NODES[:4]  # most specs have these
+_REMEMBERED = 512
+_LEASE_IDS = {management_id(manager, Command.LEASE) for manager in (FIRST_MANAGER, LAST_MANAGER)}
+_EVERY_NS = (500_000, 4_000_000)
+_TAG_AFTER_NS = 200_000  # when the command before it has been sent
+_PAUSE_NS = 2_000_000  # after which a manager has said what it had to say
+_DUE_NS = (14_000_000, 40_000_000)  # after a LEASE the next one is about to come, on a bus that beats every 20 ms
+
+
+class Forger:
+    """Attacks from now on until it leaves; `attacks` counts them."""
+
+    def __init__(self, clock: Clock, bus: SimulatedBus, random: Random) -> None:
+        self.attacks = 0
+        self._clock, self._bus, self._random = clock, bus, random
+        self._command: Frame | None = None  # heard last
+        self._heard: list[tuple[Frame, Frame]] = []
+        self._epochs: dict[int, int] = {}  # that PEs run, by the identifier of their states
+        self._spoke, self._spoke_ns = 0, clock.now_ns  # who has said its state last, and when
+        self._leased_ns = self._heard_ns = clock.now_ns  # when a manager said LEASE, and anything
+        key = Key(random.randbytes(KEY_BYTES))
+        self._signers = [CommandSigner(key, manager, MAX_TERM) for manager in (FIRST_MANAGER, LAST_MANAGER)]
+        self._station = bus.join(f"{STRANGER}forger", 0, self._hear, _COMMAND_IDS | _TAG_IDS | _STATE_IDS)
+        self._attack()
+
+    def leave(self) -> None:
+        """Leave the bus."""
+        if self._station.present:
+            self._bus.leave(self._station)
+
+    def _hear(self, event: Received) -> None:
+        frame = event.frame
+        if frame.can_id in _STATE_IDS:
+            page = decode_state(frame.data)
+            if isinstance(page, StatePage0) and page.epoch != NO_EPOCH:
+                self._epochs[frame.can_id] = page.epoch
+                self._spoke, self._spoke_ns = frame.can_id, self._clock.now_ns
+            elif isinstance(page, StatePage2):
+                self._heard_ns = self._clock.now_ns  # which a manager is about to answer
+            return
+        self._heard_ns = self._clock.now_ns
+        if frame.can_id in _COMMAND_IDS:
+            self._command = frame
+            if frame.can_id in _LEASE_IDS:
+                self._leased_ns = self._clock.now_ns
+        elif self._command is not None:
+            self._heard = [*self._heard[-_REMEMBERED:], (self._command, frame)]
+
+    def _attack(self) -> None:
+        if not self._station.present:
+            return
+        if not self._is_quiet():
+            self._clock.at(self._clock.now_ns + _EVERY_NS[0], self._attack)
+            return
+        attacks = [self._forged, self._foreign, *([self._replayed, self._reordered, self._cut] if self._heard else [])]
+        is_silent = self._clock.now_ns - self._spoke_ns < _DUE_NS[0]
+        attacks += [self._emergency, *([self._refusal] if self._epochs and is_silent else [])]
+        first, *tag = self._random.choice(attacks)()
+        self._bus.offer(self._station, first)
+        for frame in tag:
+            self._clock.at(self._clock.now_ns + _TAG_AFTER_NS, lambda frame=frame: self._say_tag(frame))  # type: ignore[misc]
+        self.attacks += 1
+        self._clock.at(self._clock.now_ns + self._random.randint(*_EVERY_NS), self._attack)
+
+    def _say_tag(self, frame: Frame) -> None:
+        """Say the second frame of a pair, unless somebody has begun to speak."""
+        if self._station.present and self._is_quiet():
+            self._bus.offer(self._station, frame)
+
+    def _is_quiet(self) -> bool:
+        """Tell whether no manager is likely to speak: it has done so not long ago, or not for long."""
+        now_ns = self._clock.now_ns
+        has_ended = now_ns - self._heard_ns >= _PAUSE_NS
+        return has_ended and not _DUE_NS[0] < now_ns - self._leased_ns < _DUE_NS[1]
+
+    def _made_up(self, manager: int, term: int) -> Frame:
+        """A command that would hurt."""
+        draw = self._random.randrange
+        step, node, epoch = Step.GO_ALL, self._random.choice(PE_NODES), 1 + draw(0xFFFF)
+        said: list[tuple[Command, ManagementMessage]] = [
+            (Command.LEASE, Lease(term, epoch, step, draw(1 << 24))),
+            (Command.ALIVE, Alive(term, draw(256), frozenset(PE_NODES))),
+            (Command.ALIVE, Alive(term, draw(256), frozenset())),
+            (Command.ACTIVATE, Activate(term, epoch, step, draw(1 << 24))),
+            (Command.CONTROL, Control(term, node, Operation.UNLOCK, 60)),
+            (Command.CONTROL, Control(term, node, Operation.RENEW)),
+            (Command.CONTROL, Control(term, node, Operation.WELCOME, draw(1 << 16), draw(1 << 16))),
+        ]
+        command, message = self._random.choice(said)
+        return Frame(management_id(manager, command), message.encode())
+
+    def _forged(self) -> tuple[Frame, ...]:
+        manager = self._random.choice((FIRST_MANAGER, LAST_MANAGER))
+        tag = Frame(management_id(manager, Command.TAG), self._random.randbytes(8))
+        return self._made_up(manager, 1 + self._random.randrange(MAX_TERM)), tag
+
+    def _foreign(self) -> tuple[Frame, ...]:
+        signer = self._random.randrange(2)
+        frame = self._made_up(FIRST_MANAGER + signer, MAX_TERM)
+        return frame, self._signers[signer].tag(frame) or frame
+
+    def _replayed(self) -> tuple[Frame, ...]:
+        return self._random.choice(self._heard)
+
+    def _reordered(self) -> tuple[Frame, ...]:
+        return self._random.choice(self._heard[-8:])
+
+    def _cut(self) -> tuple[Frame, ...]:
+        frame, tag = self._random.choice(self._heard[-8:])
+        return frame._replace(data=frame.data[: self._random.randrange(1 + len(frame.data))]), tag
+
+    def _emergency(self) -> tuple[Frame, ...]:
+        draw, node = self._random.randrange, self._random.choice(_ACCUSERS)
+        kind = self._random.choice((ElementKind.PE, ElementKind.DEVICE, ElementKind.MODULE))
+        return (Frame(emcy_id(node), Emergency(FaultCode.REPORTED, 0x81, kind, draw(4), draw(8)).encode()),)
+
+    def _refusal(self) -> tuple[Frame, ...]:
+        epoch, digest = self._epochs[self._spoke], self._random.randrange(1 << 24)
+        page = StatePage1(PeState.ACTIVE, PeFlags.HEARS_LEASE, epoch, digest, Reason.IMAGE, 0)
+        return (Frame(self._spoke, page.encode()),)

@@ -1,0 +1,109 @@
+"""Where the protocol stands, as the manager's events tell: for faults that are to strike at a certain moment.
+
+    planning    a plan has been asked for and has not come
+    preparing   an epoch's slices are out, and some PE has not staged
+    activating  the first ACTIVATE is out, and something exclusive is still held
+    going       the last step is out, and some PE is not active
+    suspect     none of these, and a PE has missed a heartbeat
+    rejoining   none of these, and a PE that was down is heard again and held down
+    orphaned    no manager reigns that can be heard, whatever was under way before
+    idle        none of these
+
+Whoever waits for a state is called at the moment at which it begins.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from heronry_tools.sim.world.clock import Clock
+
+ORPHANED = "orphaned"
+STATES = ("idle", "suspect", "planning", "preparing", "activating", "going", "rejoining", ORPHANED)
+
+_FOLLOWS = {
+    "manager_started": "idle",
+    "taken_over": "idle",
+    "plan_requested": "planning",
+    "plan_unchanged": "idle",
+    "plan_kept": "idle",
+    "plan_failed": "idle",
+    "epoch_prepared": "preparing",
+    "epoch_abandoned": "planning",
+    "reconfigured": "idle",
+}
+_FORGOTTEN_AFTER_NS = 2_000_000_000  # who was heard again and fell silent before the end of its hold-down
+
+
+class ProtocolState:
+    """Follows the events of one run."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.entered: Counter[str] = Counter()  # how often each state has begun
+        self._clock = clock
+        self._before = "idle"
+        self._reconfiguring = "idle"
+        self._suspects: set[str] = set()
+        self._returning: dict[str, int] = {}
+        self._is_orphaned = False
+        self._waiting: list[tuple[str, int, Callable[[], None]]] = []  # state, not before, what
+
+    @property
+    def now(self) -> str:
+        """One of STATES."""
+        if self._is_orphaned:
+            return ORPHANED
+        if self._reconfiguring != "idle":
+            return self._reconfiguring
+        if self._suspects:
+            return "suspect"
+        since_ns = self._clock.now_ns - _FORGOTTEN_AFTER_NS
+        return "rejoining" if any(at_ns > since_ns for at_ns in self._returning.values()) else "idle"
+
+    def take(self, event: dict[str, Any]) -> None:
+        """Follow an event of a manager."""
+        kind = event["event"]
+        if kind in _FOLLOWS:
+            self._reconfiguring = _FOLLOWS[kind]
+        elif kind == "epoch_step":
+            self._reconfiguring = "going" if event["step"] == "GO_ALL" else "activating"
+        elif kind == "pe_suspected":
+            self._suspects.add(event["pe"])
+        elif kind in ("pe_answered", "pe_lost"):
+            self._suspects.discard(event["pe"])
+        if kind == "pe_heard_again":
+            self._returning[event["pe"]] = self._clock.now_ns
+        elif kind in ("pe_joined", "pe_lost"):
+            self._returning.pop(event["pe"], None)
+        if kind in ("manager_started", "taken_over"):
+            self._suspects.clear()
+            self._returning.clear()
+        self._moved()
+
+    def reigned(self, *, by_somebody: bool) -> None:
+        """Some manager reigns now, or nobody does."""
+        if self._is_orphaned is by_somebody:
+            self._is_orphaned = not by_somebody
+            self._moved()
+
+    def _moved(self) -> None:
+        """It may be in another state than before."""
+        if self.now != self._before:
+            self._before = self.now
+            self.entered[self._before] += 1
+        self._call_who_waits()
+
+    def when(self, state: str, not_before_ns: int, what: Callable[[], None]) -> None:
+        """Call when the protocol is in a state, once, at `not_before_ns` or as soon after that as it comes to be."""
+        self._waiting.append((state, not_before_ns, what))
+        self._clock.at(not_before_ns, self._call_who_waits)
+
+    def _call_who_waits(self) -> None:
+        if not self._waiting:
+            return
+        state, now_ns = self.now, self._clock.now_ns
+        called = [one for one in self._waiting if one[0] == state and one[1] <= now_ns]
+        if called:
+            self._waiting = [one for one in self._waiting if one not in called]
+            for _, _, what in called:
+                what()

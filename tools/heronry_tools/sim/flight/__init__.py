@@ -1,0 +1,1 @@
+"""One simulated flight and many: the aircraft, the injection of faults, the outcome, campaigns, shrinking."""

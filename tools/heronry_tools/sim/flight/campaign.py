@@ -1,0 +1,140 @@
+"""Many flights: in parallel, in the order of their seeds, and what they have reached all together.
+
+Hours alone say little. What counts is which faults have struck in which state of the protocol (`Coverage`): a cell that
+was never hit was never tried, and one with fewer than `ENOUGH` strikes was hardly tried. All states are aimed at
+(`chaos`), with one manager and with two, and whether or not the spec has a DEMUX.
+
+Processes share nothing: each loads the spec once, and keeps the plans it has made for the flights that follow.
+"""
+
+import gc
+import os
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from heronry_dg.loader import load
+from heronry_dg.model import Spec
+from heronry_tools.console.processes import held_back, in_order, processes
+from heronry_tools.sim.faults.fault import KINDS, drawn_kinds
+from heronry_tools.sim.faults.protocol_state import ORPHANED, STATES
+from heronry_tools.sim.flight.outcome import Outcome
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+ENOUGH = 30
+_HEAD_WIDTH = max(map(len, KINDS))
+_POLITENESS = 10
+_COLLECTED_AFTER = 100_000  # objects that were made and are still there
+_SPECS: list[Spec] = []  # the one of a worker process
+
+
+def fly_all(spec_file: Path, flights: Sequence[T], jobs: int, fly: Callable[[Spec, T], R]) -> Iterator[R]:
+    """Fly on that many processors, at most one a flight, each by `fly`; what is not waited for any more is stopped.
+
+    SIGTERM then ends the program as Ctrl-C does, with 143. Raises UserError where a process of ours has died.
+    """
+    jobs = min(jobs, len(flights))
+    if jobs <= 1:
+        spec = load(spec_file)
+        collect_seldom()
+        yield from (fly(spec, flight) for flight in flights)
+        return
+    with processes(jobs, _begin, spec_file) as executor:
+        with held_back():
+            flown = in_order(deque(executor.submit(_Flier(fly), flight) for flight in flights))
+        yield from flown
+
+
+def collect_seldom() -> None:
+    """Let the garbage collector leave alone what is there, and look at the rest seldom: flights make little garbage."""
+    gc.freeze()
+    gc.set_threshold(_COLLECTED_AFTER)
+
+
+class Coverage:
+    """Which kinds of faults have struck in which states, of those that there are for a spec."""
+
+    def __init__(self, spec: Spec, *, of_two: bool = False) -> None:
+        """Expect whatever is drawn for a spec; of_two: in flights with two managers."""
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self.entered: Counter[str] = Counter()
+        self._unjudged_ns: Counter[str] = Counter()
+        self._flown_ns = 0
+        self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
+
+    def add(self, outcome: Outcome) -> None:
+        """Count one flight."""
+        self.hits += outcome.hits
+        self.entered += outcome.entered
+        self._unjudged_ns += outcome.unjudged
+        self._flown_ns += outcome.virtual_ns
+
+    def unjudged(self) -> dict[str, float]:
+        """Share of the time in which a rule was not judged, in per cent, the largest first."""
+        return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unjudged_ns.most_common()}
+
+    def cells(self) -> dict[tuple[str, str], int]:
+        """Hits of every cell that can be reached: the kind has something to strike, and the state was entered.
+
+        Nobody can give an order while no manager reigns.
+        """
+        struck = {kind for kind, _ in self.hits}
+        kinds = [*self._kinds, *(kind for kind in KINDS if kind in struck and kind not in self._kinds)]
+        cells = [(kind, state) for kind in kinds for state in self._states()]
+        orders = {kind for kind in kinds if KINDS[kind].is_order}
+        return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
+
+    def table(self) -> list[str]:
+        """Lines: kinds of faults by states, how often each state was entered, and how thin the table is."""
+        cells = self.cells()
+        kinds = list(dict.fromkeys(kind for kind, _ in cells))
+        lines = [_row("strikes in state", STATES)]
+        lines += [_row(kind, [cells.get((kind, state), "-") for state in STATES]) for kind in kinds]
+        lines.append(_row("entered", [self.entered[state] for state in STATES]))
+        thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
+        least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
+        lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}")
+        shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unjudged().items())
+        return [*lines, f"not judged, of the time: {shares}"] if shares else lines
+
+    def document(self) -> dict[str, Any]:
+        """The same, for JSON."""
+        cells = self.cells()
+        return {
+            "cells": [{"kind": kind, "state": state, "count": count} for (kind, state), count in cells.items()],
+            "entered": {state: self.entered[state] for state in STATES},
+            "enough": ENOUGH,
+            "thin": len(self._thin()),
+            "unjudged_percent": self.unjudged(),
+        }
+
+    def _thin(self) -> dict[tuple[str, str], int]:
+        """Cells that were hardly tried."""
+        return {cell: count for cell, count in self.cells().items() if count < ENOUGH}
+
+    def _states(self) -> list[str]:
+        return [state for state in STATES if self.entered[state] or any(self.hits[kind, state] for kind in KINDS)]
+
+
+def _row(head: str, columns: Sequence[object]) -> str:
+    return f"{head:{_HEAD_WIDTH}}" + "".join(f"{column!s:>11}" for column in columns)
+
+
+def _begin(spec_file: Path) -> None:
+    """Start a worker, which stands back."""
+    os.nice(_POLITENESS)
+    _SPECS.append(load(spec_file))
+    collect_seldom()
+
+
+class _Flier(Generic[T, R]):
+    """Flies in a worker process, with the spec that is there."""
+
+    def __init__(self, fly: Callable[[Spec, T], R]) -> None:
+        self._fly = fly
+
+    def __call__(self, flight: T) -> R:
+        return self._fly(_SPECS[0], flight)

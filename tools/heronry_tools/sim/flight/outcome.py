@@ -1,0 +1,112 @@
+"""A scenario and its outcome: what is done to an aircraft, and what came of it.
+
+A flight starts when the first configuration runs. Then the acts are played, chaos first, and rest after it
+(`end_of_flight`).
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.faults.fault import KINDS, Act
+from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.oracles.violation import MISSED, Violation
+from heronry_tools.sim.world.bus import Faults
+from heronry_wire.authentication import KEY_BYTES, Key
+
+_NS_PER_S = 1_000_000_000
+_MS = 1_000_000
+KEY = Key(bytes(KEY_BYTES))
+"""Key of every flight that has one: nobody here could guess it any better."""
+
+_LONGEST_START_NS = 20 * _NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """What is done, and how bad the buses are all the while."""
+
+    seed: int
+    seconds: float
+    acts: tuple[Act, ...]
+    loss: float = 0.0
+    drawn: bool = False  # the acts are just those that the seed draws
+    keyed: bool = False  # managers and PEs have a key; where an act needs one they have it anyway
+    standby: bool = False  # there are two managers
+    foreseen: int | None = None  # plans for up to so many faults are made ahead and on board; None: for none
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of it; `hits` counts the strikes by kind and state of the protocol, `entered` the states.
+
+    unjudged: for how long each rule was not judged, in ns.
+    """
+
+    scenario: Scenario
+    digest: str
+    frames: int
+    virtual_ns: int
+    reconfigurations: tuple[dict[str, Any], ...]  # the events of that name
+    violations: tuple[Violation, ...]
+    hits: Counter[tuple[str, str]] = field(default_factory=Counter)
+    entered: Counter[str] = field(default_factory=Counter)
+    unjudged: Counter[str] = field(default_factory=Counter)
+
+
+def lossy(share: float) -> Faults:
+    """A bus on which this share of all frames is destroyed, and a tenth of it missed or received twice by somebody."""
+    return Faults(share, share / 10, share / 10)
+
+
+def need_key(acts: Iterable[Act]) -> bool:
+    """Tell whether a flight with these acts has a key."""
+    return any(KINDS[act.kind].needs_key for act in acts)
+
+
+def play(spec: Spec, scenario: Scenario) -> Outcome:
+    """Fly a scenario to its end."""
+    has_key = scenario.keyed or need_key(scenario.acts)
+    simulation = Simulation(
+        spec,
+        scenario.seed,
+        faults=lossy(scenario.loss),
+        key=KEY if has_key else None,
+        standby=scenario.standby,
+        contingencies=scenario.foreseen,
+    )
+    hits: Counter[tuple[str, str]] = Counter()
+    try:
+        violations = _fly(simulation, scenario, hits)
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        violations = ended_by(simulation, error)
+    return Outcome(
+        scenario,
+        simulation.digest(),
+        sum(bus.frames for bus in simulation.buses.values()),
+        simulation.now_ns,
+        tuple(simulation.events_of("reconfigured")),
+        simulation.waivers.promised(violations),
+        hits,
+        simulation.protocol.entered,
+        Counter(simulation.waivers.unjudged_ns(simulation.now_ns)),
+    )
+
+
+def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, str]]) -> list[Violation]:
+    while not simulation.events_of("reconfigured"):
+        simulation.run_for(_MS)
+        if simulation.now_ns > _LONGEST_START_NS:
+            return [Violation(simulation.now_ns, "active", "no configuration has ever run")]
+    start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
+    strikes = Strikes(simulation, scenario.acts, start_ns)
+    strikes.hits = hits
+    simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
+    violations = end_flight(simulation, strikes, (act.target for act in scenario.acts))
+    named = () if scenario.drawn else scenario.acts
+    missed = (story for act in named if (story := unstruck(act, str(act), strikes)) is not None)
+    return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]

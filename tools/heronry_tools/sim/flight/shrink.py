@@ -1,0 +1,82 @@
+"""A failing list of acts made as short as it can be: delta debugging.
+
+Halves are left out, then quarters, and so on down to single acts, as long as the flight still fails in the same way
+(Zeller, Hildebrandt, "Simplifying and isolating failure-inducing input", IEEE TSE 28 (2002), ddmin without the subsets
+that only the complement of a part would need). What is left fails, and without any one act of it does not. Then each
+act is made plainer: at its time rather than in a state, and shorter; and the flight ends when its last act has.
+
+An act's own randomness does not depend on its neighbours (`strike`), but their time does: leaving one out may move what
+another one meets. So the way down is a search, not a proof, and the result is judged by flying it.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+from heronry_tools.sim.faults.fault import Act, over_s
+from heronry_tools.sim.flight.outcome import Outcome, Scenario
+from heronry_tools.sim.oracles.violation import MISSED
+
+
+def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
+    """Give the shortest failing flight that was found, on the way from one that fails."""
+    rules = {violation.rule for violation in outcome.violations} - {MISSED}
+    best = _whole(outcome, fly, rules)
+    parts = 2
+    while len(best.scenario.acts) > 1:
+        acts = best.scenario.acts
+        smaller = _without_a_part(acts, parts, best.scenario, fly, rules)
+        if smaller is not None:
+            best, parts = smaller, max(parts - 1, 2)
+        elif parts >= len(acts):
+            break
+        else:
+            parts = min(2 * parts, len(acts))
+    return _plainer(best, fly, rules)
+
+
+def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
+    """Give the flight with its acts wholly in it, as whoever names them has it flown, where it fails then, too."""
+    scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.acts)))
+    whole = outcome if scenario == outcome.scenario else fly(scenario)
+    return whole if _fails(whole, rules) else outcome
+
+
+def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
+    """Make each act plainer, and the flight shorter, as long as it fails."""
+    for position in range(len(best.scenario.acts)):
+        for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
+            acts = best.scenario.acts
+            plain = make_plain(acts[position])
+            if plain == acts[position] or plain in acts:
+                continue
+            outcome = fly(replace(best.scenario, acts=(*acts[:position], plain, *acts[position + 1 :])))
+            if _fails(outcome, rules):
+                best = outcome
+    scenario = best.scenario
+    outcome = fly(replace(scenario, seconds=min(scenario.seconds, over_s(scenario.acts) + 1)))
+    return outcome if _fails(outcome, rules) else best
+
+
+def _without_state(act: Act) -> Act:
+    return replace(act, during="")
+
+
+def _half_as_long(act: Act) -> Act:
+    return replace(act, lasts_ms=(act.lasts_ms + 1) // 2)
+
+
+def _fails(outcome: Outcome, rules: set[str]) -> bool:
+    return any(violation.rule in rules for violation in outcome.violations)
+
+
+def _without_a_part(
+    acts: tuple[Act, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
+) -> Outcome | None:
+    """Leave out one part after the other; give the first flight that still fails."""
+    bounds = [len(acts) * i // parts for i in range(parts + 1)]
+    for begin, end in pairwise(bounds):
+        outcome = fly(replace(scenario, acts=acts[:begin] + acts[end:], drawn=False))
+        if _fails(outcome, rules):
+            return outcome
+    return None

@@ -1,0 +1,194 @@
+"""Every command that a PE accepts was authentic and fresh: what PEs say that they did, against what was proven.
+
+Judged in flights with a key, from frames alone: commands on the managers' bus, where `proven_commands` works every tag
+out again, and what a PE itself says on the bus on which it reports. Beyond a gateway anybody may speak in its name, and
+what is handed on is nobody's word. A PE shows what it has accepted:
+
+    it hears a LEASE          page 0, HEARS_LEASE        a LEASE, and it was accepted not long ago
+    it has been asked         page 1, staged epoch       a PREPARE of that epoch
+    it has taken a step       page 0, epoch and state    an ACTIVATE or LEASE of that epoch with that step
+    it takes a fault back     EMCY RESET                 a CLEAR of that element, and not long ago
+
+Behind each there must be a proven pair that the PE could accept when it was said. *Fresh* is what lies beyond the last
+command that it certainly had accepted before. That place is known from below: the earliest one that explains what the
+PE has said so far. A LEASE that was said once explains one acceptance, so a manager that is replayed is found out as
+soon as there are more of them than there were LEASEs. A PE that has started anew has only heard what was said since. It
+says so in its first page 0, a heartbeat period later at most; it may have been welcomed and asked before that. Where
+page 0 was stuck in its controller, the page 2 with which it asked for that welcome went before. Where a manager may
+use the numbers of a term again (`may_count_again`), what has a lower one than was ever said may be new to such a PE.
+
+"Not long ago" is what the PE may go on by (T_lease of the slowest bus on the way to it), and how long what it says may
+be on its way: in its own queue, and in that of a gateway. A PE that hears LEASEs which nothing explains must go on
+saying so for as long.
+"""
+
+from dataclasses import dataclass, field
+
+from heronry_dg.model import Spec
+from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_tools.sim.oracles.proven_commands import Proven, ProvenCommands
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_wire.authentication import Key, Place
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import MANAGER_NODES, emcy_id, state_id
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    Activate,
+    Control,
+    FaultCode,
+    Lease,
+    Operation,
+    PeFlags,
+    PeState,
+    Prepare,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    Step,
+    decode_emergency,
+    decode_state,
+)
+
+_LEAST_STEP = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO}
+_ON_ITS_WAY_LEASES = 2  # times T_lease: in the queue of the PE, and of a gateway
+_Accepted = tuple[int, Place]  # manager, place
+
+
+@dataclass(slots=True)
+class _Pe:
+    """What one PE could accept so far, and what it certainly has."""
+
+    name: str
+    bus: str  # on which it reports
+    lease_ns: int
+    incarnation: int | None = None
+    asks_ns: int | None = None  # when it first asked for a welcome since its last page 0
+    least: dict[int, Place] = field(default_factory=dict)  # by manager: it is here, or further
+    leases: dict[_Accepted, int] = field(default_factory=dict)  # that it could accept, and when last
+    clears: dict[tuple[int, int], int] = field(default_factory=dict)  # by element
+    asked: dict[int, int] = field(default_factory=dict)  # by epoch: when last
+    steps: dict[int, tuple[Step, int]] = field(default_factory=dict)  # by epoch: the furthest, and when that was last
+    unexplained_ns: int | None = None  # since when it says that it hears a LEASE, and none explains it
+    told: set[tuple[object, ...]] = field(default_factory=set)  # what was found of it already
+
+
+class AuthenticityCheck:
+    """Follows what is commanded, and what PEs say that they did."""
+
+    def __init__(self, spec: Spec, key: Key) -> None:
+        self.violations: list[Violation] = []
+        self._bus = spec.manager.bus
+        self._proven = ProvenCommands(key)
+        self._pes: dict[int, _Pe] = {}  # by identifier of their states
+        self._emcys: dict[int, _Pe] = {}
+        self._may_count_again = False
+        for pe in spec.pes.values():
+            bus = uplink_bus(spec, pe.name)
+            known = _Pe(pe.name, bus, LEASE_PERIODS * command_period_ns(spec, pe.name))
+            self._pes[state_id(pe.node_id)] = self._emcys[emcy_id(pe.node_id)] = known
+
+    def may_count_again(self) -> None:
+        """From now on a manager may use numbers that were used in its term already."""
+        self._may_count_again = True
+
+    def see(self, sent: Sent) -> None:
+        """Take a frame of any bus, whoever has sent it."""
+        for pes, judge in ((self._pes, self._state), (self._emcys, self._emergency)):
+            pe = pes.get(sent.frame.can_id)
+            if pe is not None:
+                if (sent.bus, sent.sender) == (pe.bus, pe.name):
+                    judge(pe, sent)
+                return
+        proven = self._proven.take(sent) if sent.bus == self._bus else None
+        if proven is not None:
+            for pe in self._pes.values():
+                if proven.place > pe.least.get(proven.manager, Place(0, -1)):
+                    _could_accept(pe, sent.end_ns, proven)
+
+    # What PEs say
+
+    def _state(self, pe: _Pe, sent: Sent) -> None:
+        data = sent.frame.data
+        page = decode_state(data)
+        match page:
+            case StatePage0():
+                if page.incarnation != pe.incarnation:
+                    self._begins(pe, page.incarnation, sent.end_ns)
+                pe.asks_ns = None
+                if PeFlags.HEARS_LEASE in page.flags:
+                    self._hears(pe, sent.end_ns)
+                else:
+                    pe.unexplained_ns = None
+                if page.epoch != NO_EPOCH and page.state in _LEAST_STEP:
+                    self._runs(pe, sent.end_ns, page)
+            case StatePage1() if page.staged_epoch != NO_EPOCH:
+                self._staged(pe, sent.end_ns, page)
+            case StatePage2() if pe.asks_ns is None:
+                pe.asks_ns = sent.end_ns
+            case _:
+                pass
+
+    def _begins(self, pe: _Pe, incarnation: int, t_ns: int) -> None:
+        pe.incarnation, pe.unexplained_ns = incarnation, None
+        pe.least = {} if self._may_count_again else {one: self._proven.newest(one) for one in MANAGER_NODES}
+        since_ns = (t_ns if pe.asks_ns is None else pe.asks_ns) - pe.lease_ns // LEASE_PERIODS * 5 // 4
+        pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= since_ns}
+        pe.clears = {one: at_ns for one, at_ns in pe.clears.items() if at_ns >= since_ns}
+        pe.asked = {epoch: at_ns for epoch, at_ns in pe.asked.items() if at_ns >= since_ns}
+        pe.steps = {epoch: step for epoch, step in pe.steps.items() if step[1] >= since_ns}
+        pe.told.clear()
+
+    def _hears(self, pe: _Pe, t_ns: int) -> None:
+        pe.leases = {one: at_ns for one, at_ns in pe.leases.items() if at_ns >= t_ns - pe.lease_ns * 3 // 2}
+        managers = {manager for manager, _ in pe.leases}
+        if len(managers) == 1:
+            pe.least[managers.pop()] = min(place for _, place in pe.leases)
+        if pe.leases:
+            pe.unexplained_ns = None
+        elif pe.unexplained_ns is None:
+            pe.unexplained_ns = t_ns
+        elif t_ns - pe.unexplained_ns > _ON_ITS_WAY_LEASES * pe.lease_ns:
+            self._tell(pe, t_ns, ("hears",), "says that it hears a LEASE, and none came that was authentic and fresh")
+
+    def _runs(self, pe: _Pe, t_ns: int, page: StatePage0) -> None:
+        least = _LEAST_STEP[page.state]
+        if pe.steps.get(page.epoch, (Step.PREPARED, 0))[0] < least:
+            story = f"is {page.state.name} in epoch {page.epoch}, and was never told so by who has the key"
+            self._tell(pe, t_ns, (page.epoch, page.state), story)
+
+    def _staged(self, pe: _Pe, t_ns: int, page: StatePage1) -> None:
+        if page.staged_epoch not in pe.asked:
+            story = f"has been asked for epoch {page.staged_epoch}, and by nobody who has the key"
+            self._tell(pe, t_ns, (page.staged_epoch,), story)
+
+    def _emergency(self, pe: _Pe, sent: Sent) -> None:
+        said = decode_emergency(sent.frame.data)
+        if isinstance(said, Malformed) or said.code is not FaultCode.RESET:
+            return
+        cleared_ns = pe.clears.get((said.kind, said.index))
+        if cleared_ns is None or sent.end_ns - cleared_ns > (1 + _ON_ITS_WAY_LEASES) * pe.lease_ns:
+            story = (
+                f"takes back what it said of {said.kind.name.lower()} {said.index}, and nobody with the key cleared it"
+            )
+            self._tell(pe, sent.end_ns, (said.kind, said.index), story)
+
+    def _tell(self, pe: _Pe, t_ns: int, about: tuple[object, ...], story: str) -> None:
+        if about not in pe.told:
+            pe.told.add(about)
+            self.violations.append(Violation(t_ns, "authentic", f"{pe.name} {story}"))
+
+
+def _could_accept(pe: _Pe, t_ns: int, proven: Proven) -> None:
+    """A command was said that this PE could believe: keep what it would do upon it."""
+    message = proven.message
+    if isinstance(message, Lease):
+        pe.leases[proven.manager, proven.place] = t_ns
+    if isinstance(message, Lease | Activate):
+        if message.step >= pe.steps.get(message.epoch, (message.step, 0))[0]:
+            pe.steps[message.epoch] = message.step, t_ns
+    elif isinstance(message, Prepare):
+        pe.asked[message.epoch] = t_ns
+    elif isinstance(message, Control) and message.operation is Operation.CLEAR:
+        pe.clears[message.a, message.b] = t_ns

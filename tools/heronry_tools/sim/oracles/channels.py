@@ -1,0 +1,100 @@
+"""A replicated bus is one bus: every sending is taken once, and who says that a channel is lost has lost it.
+
+Copies of one sending are known here by the object that was sent (`replicated_port`), not by what is in it:
+
+    copies     no node takes a sending more often than the better channel has brought it; and takes one that both
+               channels have brought. Of two equal ones within half a heartbeat period it may take one for the other
+    channels   a PE that reports a channel has heard nothing on it, or got nothing out on it, for more heartbeats than
+               may be missed, not longer ago than the report says it
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from heronry_dg.model import Bus, Spec
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.first_copies import REMEMBERED_NS
+from heronry_tools.sim.world.replicated_port import Copy
+from heronry_wire.frame import Frame, Malformed, format_frame
+from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
+
+_KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
+
+
+@dataclass(slots=True)
+class _Sending:
+    frame: Frame
+    node: str
+    t_ns: int  # of its first copy
+    brought: list[int] = field(default_factory=lambda: [0, 0])  # by each channel
+    taken: int = 0
+
+
+class ChannelCheck:
+    """Watches every copy on its way."""
+
+    def __init__(self, spec: Spec) -> None:
+        """The nodes are those of this spec."""
+        self.violations: list[Violation] = []
+        self._spec = spec
+        self._sendings: dict[tuple[str, int], _Sending] = {}  # by node and identity
+        self._order: deque[tuple[int, tuple[str, int]]] = deque()
+        self._signs: dict[tuple[str, str, int, str], int] = {}  # node, bus, channel, in or out: the last one
+        self._gap_ended: dict[tuple[str, str, int], int] = {}
+
+    def copy(self, copy: Copy) -> None:
+        """A node has been brought a copy."""
+        while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
+            del self._sendings[self._order.popleft()[1]]
+        key = copy.node, id(copy.frame)
+        sending = self._sendings.get(key)
+        if sending is None:
+            sending = self._sendings[key] = _Sending(copy.frame, copy.node, copy.t_ns)
+            self._order.append((copy.t_ns, key))
+        sending.brought[copy.channel] += 1
+        sending.taken += copy.is_taken
+        if sending.taken > max(sending.brought):
+            equal = self._equal(sending, self._spec.buses[copy.bus].heartbeat_ns // 2)
+            if sum(one.taken for one in equal) > max(map(sum, zip(*(one.brought for one in equal), strict=True))):
+                self._note(copy, f"took {format_frame(copy.frame)} {sending.taken} times")
+        elif not sending.taken and all(sending.brought):
+            self._note(copy, f"did not take {format_frame(copy.frame)}, which both channels brought")
+        self._sign(copy.t_ns, copy.node, copy.bus, copy.channel, "in")
+
+    def _equal(self, sending: _Sending, within_ns: int) -> list[_Sending]:
+        """Sendings to a node that it cannot tell from this one, itself among them."""
+        known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
+        return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
+
+    def sent(self, channel: int, sent: Sent) -> None:
+        """A channel, 0 or 1, has carried a frame."""
+        self._sign(sent.end_ns, sent.sender, sent.bus, channel, "out")
+
+    def emergency(self, sent: Sent, pe: str, emergency: Emergency | Malformed) -> None:
+        """A PE has sent an EMCY."""
+        if isinstance(emergency, Malformed) or emergency.kind is not ElementKind.CHANNEL:
+            return
+        if emergency.code is not FaultCode.CHANNEL_LOST:
+            return
+        bus = self._spec.buses[self._spec.pes[pe].buses[emergency.index]]
+        if not self._has_lost(pe, bus, emergency.detail - 1, sent.end_ns):
+            story = f"{pe} reports {bus.name}.{emergency.detail}, which carries what it should there"
+            self.violations.append(Violation(sent.end_ns, "channels", story))
+
+    def _has_lost(self, pe: str, bus: Bus, channel: int, t_ns: int) -> bool:
+        silent_ns = bus.misses * bus.heartbeat_ns
+        lately_ns = _KEEPS_UP_PERIODS * bus.heartbeat_ns + CHANNEL_REPORT_NS + silent_ns
+        last_ns = min(self._signs.get((pe, bus.name, channel, way), 0) for way in ("in", "out"))
+        ended_ns = self._gap_ended.get((pe, bus.name, channel))
+        return t_ns - last_ns > silent_ns or (ended_ns is not None and t_ns - ended_ns <= lately_ns)
+
+    def _sign(self, t_ns: int, node: str, bus: str, channel: int, way: str) -> None:
+        entry = self._spec.buses[bus]
+        last_ns = self._signs.get((node, bus, channel, way), 0)
+        if t_ns - last_ns > entry.misses * entry.heartbeat_ns:
+            self._gap_ended[node, bus, channel] = t_ns
+        self._signs[node, bus, channel, way] = t_ns
+
+    def _note(self, copy: Copy, what: str) -> None:
+        self.violations.append(Violation(copy.t_ns, "copies", f"{copy.node} {what} on {copy.bus}"))

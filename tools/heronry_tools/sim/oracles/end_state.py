@@ -1,0 +1,114 @@
+"""What must hold once nothing more is done to the aircraft: judged by the truth, the planner, and what is heard.
+
+- Every healthy PE says that it is ACTIVE, all of one epoch, within its heartbeat. Healthy are those that run and can
+  reach the manager's bus.
+- The configuration that was activated last is legal in the true situation, and worth, in its first three levels (what
+  is critical, utility, inputs), no less than the best plan for it. (Of a device or a module that has failed nobody need
+  know before it was reported and acknowledged, or declared by the operator. Where no PE is left, none can be told of
+  another.)
+- The phase that the manager tells (CONTROL, HOLDS) is the true one.
+- Of every class A to D the functions heard are worth at least as much (by their priorities) as those that the best plan
+  for the true situation serves.
+
+All are asked again and again while a run settles, and count at its end.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES, score
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.verify import verify
+from heronry_tools.runtime.witness import PATIENCE_PERIODS, Witness
+from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.epochs import LastState
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.planning import best_at_all
+from heronry_wire.identifiers import state_id
+from heronry_wire.management import PeState
+
+_PATIENCE_BEATS = 3
+_NOTICED_WHEN_USED = ("device:", "module:")
+_JUDGED_LEVELS = 6  # classes A to D, utility, inputs
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What was seen: the PEs' last states, the outputs, the epoch that was activated last, the phase."""
+
+    last: dict[tuple[str, int], LastState]
+    witness: Witness
+    current: Epoch | None
+    phase: str | None  # that was told last
+    held: set[str]  # what was acknowledged or declared to have failed, and not cleared
+
+
+def end_state(spec: Spec, truth: Situation, now_ns: int, seen: Seen) -> list[Violation]:
+    """Give what is wrong now; nothing is, once a run has settled."""
+    stories = [
+        *_unsettled(spec, truth, now_ns, seen.last),
+        *_worse(spec, truth, seen.current),
+        *_illegal(spec, truth, seen.current, seen.held),
+        *([("phase", f"the phase is {truth.phase}, and {seen.phase} is told")] if seen.phase != truth.phase else ()),
+        *_unserved(spec, truth, now_ns, seen.witness),
+    ]
+    return [Violation(now_ns, rule, story) for rule, story in stories]
+
+
+def unnoticed_ns(spec: Spec) -> int:
+    """Longest time for which a PE or a function can be silent before anybody takes it for silent."""
+    beats_ns = max(bus.heartbeat_ns * (bus.misses + 1) for bus in spec.buses.values())
+    outputs = (spec.modules[module] for function in spec.functions.values() for module in function.outputs)
+    slowest_ns = max(10**12 // mode.rate_mhz for module in outputs for mode in module.modes.values())
+    return beats_ns + (PATIENCE_PERIODS + 1) * slowest_ns
+
+
+def _unsettled(
+    spec: Spec, truth: Situation, now_ns: int, last: dict[tuple[str, int], LastState]
+) -> Iterator[tuple[str, str]]:
+    epochs = set()
+    for pe in survivors(spec, truth).pe_cpu_millis:
+        seen = last.get((spec.manager.bus, state_id(spec.pes[pe].node_id)))
+        longest_ns = max(spec.buses[bus].heartbeat_ns for bus in spec.pes[pe].buses)
+        if seen is None or now_ns - seen.t_ns > _PATIENCE_BEATS * longest_ns:
+            yield "active", f"{pe} is healthy, and silent"
+        elif seen.page.state is not PeState.ACTIVE:
+            yield "active", f"{pe} is {seen.page.state.name} in epoch {seen.page.epoch}"
+        else:
+            epochs.add(seen.page.epoch)
+    if len(epochs) > 1:
+        yield "active", f"the healthy PEs are in epochs {sorted(epochs)}"
+
+
+def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tuple[str, str]]:
+    if current is None or current.configuration is None:
+        return
+    is_worth = score(spec, truth, current.configuration, None).key()[:_JUDGED_LEVELS]
+    could_be = best_at_all(spec, truth).objective.key()[:_JUDGED_LEVELS]
+    if is_worth < could_be:
+        yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
+
+
+def _illegal(spec: Spec, truth: Situation, current: Epoch | None, held: set[str]) -> Iterator[tuple[str, str]]:
+    if current is None or current.configuration is None or not survivors(spec, truth).pe_cpu_millis:
+        return
+    known = {element for element in truth.down if element in held or not element.startswith(_NOTICED_WHEN_USED)}
+    for broken in verify(spec, replace(truth, down=frozenset(known)), current.configuration):
+        yield "legal", f"epoch {current.number}: {broken}"
+
+
+def _unserved(spec: Spec, truth: Situation, now_ns: int, witness: Witness) -> Iterator[tuple[str, str]]:
+    possible = best_at_all(spec, truth)
+    for index, criticality in enumerate(CRITICAL_CLASSES):
+        functions = [f for f in spec.functions.values() if f.criticality_in(truth.phase) == criticality]
+        heard = [f.name for f in functions if witness.served(f.name, now_ns)]
+        worth = sum(spec.functions[name].priority_in(truth.phase) for name in heard)
+        if worth < possible.objective.critical[index]:
+            silent = [name for name in _served(possible) if name not in heard and name in {f.name for f in functions}]
+            yield "served", f"class {criticality}: {', '.join(silent)} could be served, and is not heard"
+
+
+def _served(plan: Plan) -> list[str]:
+    return [name for name, report in plan.functions.items() if report.served]

@@ -1,0 +1,65 @@
+"""One number, one configuration: epochs judged from the state frames alone.
+
+Whoever names an epoch names one digest with it, on every bus, for ever. Within an incarnation a PE's epoch never goes
+back; on the buses on which the PE itself speaks, since a gateway hands on what it heard a moment ago, and may do so out
+of order. (From nothing to an epoch is forward.)
+
+The last state of each PE is kept for who judges the end.
+"""
+
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_wire.identifiers import state_id
+from heronry_wire.management import NO_EPOCH, StatePage0, StatePage1, decode_state, is_newer
+
+
+@dataclass(slots=True)
+class LastState:
+    """Page 0 of a PE's state, and when it was heard; `meaning` are its bytes without the sequence."""
+
+    t_ns: int
+    page: StatePage0
+    meaning: bytes
+
+
+class EpochCheck:
+    """Follows the state frames."""
+
+    def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
+        """With a key state frames have a tag in the place of the digest, which the manager alone can judge."""
+        self._has_digests = has_digests
+        self.violations: list[Violation] = []
+        self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
+        self.last: dict[tuple[str, int], LastState] = {}  # by bus and identifier
+        self._digests: dict[int, int] = {}
+
+    def state(self, sent: Sent) -> StatePage0 | StatePage1 | None:
+        """A state frame was sent; gives what it says where that is news."""
+        key = (sent.bus, sent.frame.can_id)
+        data = sent.frame.data
+        meaning = data[:4] + data[5:]
+        before = self.last.get(key)
+        if before is not None and before.meaning == meaning:
+            before.t_ns = sent.end_ns
+            return None
+        page = decode_state(data)
+        if isinstance(page, StatePage1):
+            return page
+        if not isinstance(page, StatePage0):
+            return None
+        if before is not None and sent.sender == self._owners.get(sent.frame.can_id):
+            self._compare(sent, before.page, page)
+        self.last[key] = LastState(sent.end_ns, page, meaning)
+        has_digest = self._has_digests and page.epoch != NO_EPOCH
+        if has_digest and self._digests.setdefault(page.epoch, page.digest) != page.digest:
+            story = f"{sent.sender} runs epoch {page.epoch} as {page.digest:06X}, others as another configuration"
+            self.violations.append(Violation(sent.end_ns, "digest", story))
+        return page
+
+    def _compare(self, sent: Sent, before: StatePage0, page: StatePage0) -> None:
+        if before.incarnation == page.incarnation and is_newer(before.epoch, page.epoch):
+            story = f"{sent.sender} went back from epoch {before.epoch} to {page.epoch}"
+            self.violations.append(Violation(sent.end_ns, "epoch", story))

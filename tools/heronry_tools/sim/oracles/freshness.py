@@ -1,0 +1,125 @@
+"""No module is given what is old or foreign: its inputs, against the frames on the bus.
+
+Of what drives an actuator every step is judged, of all others one in some (`nodes`). A module is stepped with the data
+that its PE held for fresh when it asked for the step; what may pass until a slow processor comes to that step is
+bounded elsewhere (`until_ns`, T_lease at most). For every input that the configuration
+of the PE's epoch wires to another PE there must have been a frame of that very producer's node on one of the PE's buses
+within three of the longest periods of its source; and the value must be that of one of these frames, and of nobody
+else's ("foreign").
+Whatever the PE believes about ages and origins, the bus knows.
+
+Not judged: an input that stays on its PE, one whose variable has an initial value, and anything between the activation
+of an epoch and the first moments in which the PE's state frames tell that it follows.
+"""
+
+from collections import deque
+
+from heronry_agent.module import Datum, Value
+from heronry_dg.model import Spec
+from heronry_dg.traffic import identifiers
+from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.limits import FRESH_PERIODS
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.nodes import Driven
+from heronry_wire.canaerospace import decode_data
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.management import StatePage0
+
+_MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
+_SLACK_NS = 2_000_000  # for a clock that is fast
+_UNTOLD_NS = 50_000_000
+
+
+class FreshnessCheck:
+    """Follows data frames and what modules are given."""
+
+    def __init__(self, spec: Spec, commanded: Commanded) -> None:
+        self.violations: list[Violation] = []
+        self._spec, self._commanded = spec, commanded
+        self._identifiers = identifiers(spec)
+        self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
+        self._oldest_ns = {source: _fresh_ns(spec, *source) for source in self._identifiers}
+        self._last: dict[tuple[str, int, int], deque[tuple[int, Frame]]] = {}  # by bus, identifier and node
+        self._epochs: dict[int, tuple[int, int]] = {}  # by node: epoch and since when
+        self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
+
+    def published(self, sent: Sent) -> None:
+        """A data frame was sent."""
+        frame = sent.frame
+        most = self._remembered.get(frame.can_id)
+        if most is None or not frame.data:
+            return
+        key = (sent.bus, frame.can_id, frame.data[0])
+        last = self._last.get(key)
+        if last is None:
+            last = self._last[key] = deque(maxlen=most)
+        last.append((sent.end_ns, frame))
+
+    def state(self, node: int, t_ns: int, page: StatePage0) -> None:
+        """A PE says which epoch it follows."""
+        if self._epochs.get(node, (None,))[0] != page.epoch:
+            self._epochs[node] = (page.epoch, t_ns)
+
+    def driven(self, driven: Driven) -> None:
+        """A module was stepped with these inputs."""
+        told, since_ns = self._epochs.get(self._node_of[driven.pe], (0, driven.t_ns))
+        epoch = self._commanded.epochs.get(told)
+        if epoch is None or epoch is not self._commanded.current or driven.t_ns - since_ns < _UNTOLD_NS:
+            return
+        if epoch.configuration is None:
+            return
+        running = epoch.configuration.modules.get(driven.module)
+        if running is None or running.pe != driven.pe:
+            return
+        for path, (variable, datum) in driven.inputs.items():
+            wire = running.inputs.get(path)
+            if wire is None or self._spec.variables[variable].initial is not None:
+                continue
+            origin = epoch.configuration.modules[wire.producer].pe
+            if origin != driven.pe:
+                self._judge(driven, (wire.producer, variable), datum, self._node_of[origin])
+
+    def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
+        identifier, since_ns = self._identifiers[source], driven.asked_ns - self._oldest_ns[source]
+        buses = self._spec.pes[driven.pe].buses
+        heard = [last for bus in buses if (last := self._last.get((bus, identifier, node)))]
+        if not any(last[-1][0] >= since_ns for last in heard):
+            last_ns = max((last[-1][0] for last in heard), default=None)
+            age = "never" if last_ns is None else f"{(driven.asked_ns - last_ns) / 1e6:.1f} ms ago"
+            self._tell(driven, "freshness", source, f"last heard {age}")
+        elif not any(_said(last, since_ns, datum.value) for last in heard):
+            self._tell(driven, "foreign", source, f"but node {node} has sent no {datum.value!r} lately")
+
+    def _tell(self, driven: Driven, rule: str, source: tuple[str, str], what: str) -> None:
+        producer, variable = source
+        story = f"{driven.module} on {driven.pe} is given {variable} of {producer}, {what}"
+        self.violations.append(Violation(driven.t_ns, rule, story))
+
+
+def _rates_mhz(spec: Spec, producer: str, variable: str) -> list[int]:
+    return [mode.rate_mhz for mode in spec.modules[producer].modes.values() if variable in mode.gives]
+
+
+def _fresh_ns(spec: Spec, producer: str, variable: str) -> int:
+    """How long a datum of a source is fresh, in its slowest mode."""
+    return FRESH_PERIODS * 10**12 // min(_rates_mhz(spec, producer, variable)) + _SLACK_NS
+
+
+def _fresh_frames(spec: Spec, producer: str, variable: str) -> int:
+    """How many frames of a source there may be that are fresh: its slowest mode says how long, its fastest how many."""
+    rates = _rates_mhz(spec, producer, variable)
+    return FRESH_PERIODS * max(rates) // min(rates) + _MORE
+
+
+def _said(last: deque[tuple[int, Frame]], since_ns: int, value: Value) -> bool:
+    """Tell whether some frame since then carries a value; the newest one mostly does."""
+    return any(t_ns >= since_ns and _says(frame, value) for t_ns, frame in reversed(last))
+
+
+def _says(frame: Frame, value: Value) -> bool:
+    decoded = decode_data(frame)
+    if isinstance(decoded, Malformed):
+        return False
+    said = 0 if decoded.value is None else decoded.value
+    return said == value or repr(said) == repr(value)  # NaN equals nothing, and may have been said

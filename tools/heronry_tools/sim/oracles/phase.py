@@ -1,0 +1,158 @@
+"""The mission phase, judged from orders and frames: it is what was asked for last, and nothing else is told.
+
+Asked for is what the operator has ordered and the manager obeyed, and what a PE has requested (EMCY, PHASE_REQUEST)
+once the manager that reigns has acknowledged it, or tells that phase. A request carries a number: acknowledged twice it
+counts once, and so does one that comes after a later one, until its PE starts anew. One that only leads on never leads
+back. Told is what HOLDS names; for a moment that may be what was just left, and then a request that somebody could obey
+once more counts only when it is answered with that. Such an answer may be from before the operator's order, on its way:
+then the order counts as soon as it is told.
+
+A new reign knows what it remembers, or has heard while it stood by, and may have heard a request that its predecessor
+did not live to acknowledge. What it tells first is true from then on: where one manager flies with a sound journal, the
+phase as it was, or one that is still requested; else also one that was left before, and a request that was acknowledged
+in an earlier term may count again, if that reign tells so. Who has begun a higher term, and was not heard for a while,
+need not know what a deposed manager has promised meanwhile: no PE has obeyed it. Nor does who goes on in a lower term,
+because it hears nobody, know in which phase a higher one was that has fallen silent; what it tells counts for nothing.
+"""
+
+from collections.abc import Callable
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import (
+    FORWARD_ONLY,
+    LEASE_PERIODS,
+    REQUEST_NUMBERS,
+    Control,
+    ElementKind,
+    Emergency,
+    Operation,
+)
+
+
+class PhaseCheck:
+    """Follows who wants which phase, and which is told."""
+
+    def __init__(self, spec: Spec, entered: Callable[[int, str | None], None]) -> None:
+        """`entered` is told when a phase begins."""
+        self.violations: list[Violation] = []
+        self.current = spec.initial_phase()
+        self.told: str | None = None
+        self._names, self._entered = list(spec.phases), entered
+        self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._left: dict[str | None, int] = {}  # phases that were, and when they ended
+        self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was obeyed
+        self._overtaken: str | None = None  # what was ordered, if what has come since may be older
+        self._requested: dict[tuple[int, int], int] = {}  # phase by node and number of the request
+        self._acknowledged: dict[int, int] = {}  # number of the last request by node
+        self._known_term: dict[int, int] = {}  # in which it was acknowledged
+        self._incarnations: dict[int, int] = {}
+        self._heard_term = self._told_term = 0
+        self._entered_term = 0  # the highest that holds the current phase
+        self._may_forget = self._is_apart = False
+        self._stories: set[str] = set()
+
+    def may_forget(self) -> None:
+        """From now on a manager may begin its reign with less than was known."""
+        self._may_forget = True
+
+    def apart(self) -> None:
+        """From now on two managers may reign that do not hear each other."""
+        self._may_forget = self._is_apart = True
+
+    def ordered(self, t_ns: int, phase: str, term: int) -> None:
+        """The operator's order was obeyed in a term: what that one began with is over, though it may still be told."""
+        self._told_term = max(term, self._told_term)
+        self._enter(t_ns, phase, term)
+        self._ordered = phase, t_ns
+
+    def requested(self, node: int, request: Emergency) -> None:
+        """A PE asks for a phase, on the managers' bus."""
+        self._requested[node, request.detail] = request.index
+
+    def started(self, node: int, incarnation: int) -> None:
+        """A PE has told its incarnation: a new one counts its requests anew."""
+        if self._incarnations.get(node) != incarnation:
+            self._incarnations[node] = incarnation
+            self._acknowledged.pop(node, None)
+
+    def commanded(self, t_ns: int, message: Control) -> None:
+        """The manager that reigns acknowledges a request, or tells the phase."""
+        self._heard_term = max(self._heard_term, message.term)
+        if message.a != ElementKind.PHASE:
+            return
+        if message.operation is Operation.ACKNOWLEDGE:
+            self._acknowledge(t_ns, message.term, message.node, message.b)
+        elif message.operation is Operation.HOLDS:
+            self._tell(t_ns, message.term, self._names[message.b])
+
+    def _acknowledge(self, t_ns: int, term: int, node: int, number: int) -> None:
+        index = self._requested.pop((node, number), None)
+        if index is None:
+            return
+        is_new, may_count = not self._is_known(node, number), self._may_count(node, number)
+        self._known_term[node] = self._heard_term
+        if is_new:
+            self._acknowledged[node] = number & ~FORWARD_ONLY
+        is_obeyed = is_new or (may_count and self.told == self._names[index])
+        if is_obeyed and not self._leads_back(index, number):
+            self._enter(t_ns, self._names[index], term)
+
+    def _is_known(self, node: int, number: int) -> bool:
+        """Tell whether a request, or a later one, was acknowledged before."""
+        last = self._acknowledged.get(node)
+        behind = 0 if last is None else (last - (number & ~FORWARD_ONLY)) % REQUEST_NUMBERS
+        return last is not None and behind < REQUEST_NUMBERS // 2
+
+    def _leads_back(self, index: int, number: int) -> bool:
+        """Tell whether a request may not be obeyed, since it only leads on."""
+        return bool(number & FORWARD_ONLY) and self.current is not None and index < self._names.index(self.current)
+
+    def _is_wanted(self, phase: str) -> bool:
+        """Tell whether somebody waits for an answer who may be obeyed with this phase."""
+        index = self._names.index(phase)
+        asked = (key for key, wanted in self._requested.items() if wanted == index)
+        return any(self._may_count(*key) and not self._leads_back(index, key[1]) for key in asked)
+
+    def _may_count(self, node: int, number: int) -> bool:
+        """Tell whether a request may be new to who reigns."""
+        return not self._is_known(node, number) or (self._may_forget and self._heard_term > self._known_term[node])
+
+    def _tell(self, t_ns: int, term: int, phase: str) -> None:
+        if term < self._entered_term:
+            return
+        is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
+        if phase == self.current:
+            self._entered_term = max(term, self._entered_term)
+            if t_ns - self._ordered[1] > self._on_its_way_ns:
+                self._overtaken = None
+            return
+        if phase == self._overtaken:
+            self._enter(t_ns, phase, term)
+            return
+        left_ns = self._left.get(phase)
+        is_on_its_way = not is_new and left_ns is not None and t_ns - left_ns <= self._on_its_way_ns
+        if (self._is_wanted(phase) and not is_on_its_way) or (not is_new and term > self._entered_term):
+            self._enter(t_ns, phase, term)
+            return
+        if not is_new and not self._is_apart:
+            if not is_on_its_way:
+                self._complain(t_ns, f"{phase} is told in term {term}, and asked for was {self.current}")
+            return
+        if not (self._names.index(phase) in self._requested.values() or (self._may_forget and phase in self._left)):
+            self._complain(t_ns, f"term {term} begins in {phase}, and the phase was {self.current}")
+        self._enter(t_ns, phase, term)
+
+    def _enter(self, t_ns: int, phase: str, term: int) -> None:
+        self._entered_term = term
+        if phase != self.current:
+            ordered, ordered_ns = self._ordered
+            is_young = ordered == self.current and t_ns - ordered_ns <= self._on_its_way_ns
+            self._overtaken = ordered if is_young else None
+            self._left[self.current], self.current = t_ns, phase
+            self._entered(t_ns, phase)
+
+    def _complain(self, t_ns: int, story: str) -> None:
+        if story not in self._stories:  # it may be told for long
+            self._stories.add(story)
+            self.violations.append(Violation(t_ns, "phase", story))

@@ -1,0 +1,63 @@
+"""Once all is well the buses carry what was planned: every source of the last epoch at its rate, and no other.
+
+Frames are counted from a moment on (`begin`), for as long as the aircraft goes on being well. A module may have nothing
+to say and publish less; that is for who listens to the functions. Who has no way to the manager follows no plan: what
+it says on its own side is not counted.
+"""
+
+from collections import Counter
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import hops, identifiers
+from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+
+_MHZ_NS = 10**12
+_MORE = 3  # frames of one source: at either end of the time, and one that comes early after one that came late
+_FAST = 1.002  # clocks are off, and drift
+
+
+class PlannedLoadCheck:
+    """Counts data frames."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        self._all = survivors(spec, Situation())
+        self._names = {number: source for source, number in identifiers(spec).items()}
+        self._since_ns: int | None = None
+        self._counts: Counter[tuple[str, int, str]] = Counter()  # bus, identifier, sender
+
+    def begin(self, t_ns: int) -> None:
+        """Count from now on."""
+        self._since_ns = t_ns
+        self._counts.clear()
+
+    def published(self, sent: Sent) -> None:
+        """A data frame was sent."""
+        if self._since_ns is not None:
+            self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
+
+    def violations(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
+        """Give what was sent since, and was not planned; `truth` is what is really down."""
+        if self._since_ns is None or current is None or current.configuration is None:
+            return []
+        modules = self._spec.modules
+        planned = {
+            (hop.bus, hop.producer, hop.variable): modules[hop.producer].modes[hop.mode].rate_mhz
+            for hop in hops(self._all, current.configuration)
+        }
+        reached = survivors(self._spec, truth).pe_cpu_millis
+        counts: Counter[tuple[str, int]] = Counter()
+        for (bus, identifier, sender), count in self._counts.items():
+            counts[bus, identifier] += count if sender in reached else 0
+        found = []
+        for (bus, identifier), count in sorted(counts.items()):
+            producer, variable = self._names.get(identifier, ("nobody", str(identifier)))
+            rate_mhz = planned.get((bus, producer, variable), 0)
+            most = (t_ns - self._since_ns) * rate_mhz / _MHZ_NS * _FAST + (_MORE if rate_mhz else 0)
+            if count > most:
+                story = f"{bus} carried {count} frames of {variable} of {producer}, and at most {most:.0f} were planned"
+                found.append(Violation(t_ns, "planned_load", story))
+        return found

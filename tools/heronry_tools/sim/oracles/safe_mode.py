@@ -1,0 +1,89 @@
+"""`without_manager: safe_mode`: a PE that hears no manager lets what is not critical rest, judged from outside.
+
+A PE is *orphaned* from its first state frame that says so, on the managers' bus, after no LEASE was on that bus for
+T_lease; every LEASE ends that for all. While it is, nothing goes out from it that serves nothing critical in the
+configuration of its epoch: no frame of a source, no echo, no step of what drives. A frame may have been queued before,
+and has T_lease to go.
+
+What is critical must go on all the same: that is for `oracles.silence` and `oracles.service` to see, and that all comes
+back with a manager, for `oracles.end_state`. With `keep` there is nothing to judge here. Not judged: an epoch whose
+configuration could not be read back from the frames, and a PE that alone hears nothing.
+"""
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.traffic import identifiers
+from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.nodes import Driven
+from heronry_wire.management import LEASE_PERIODS, PeFlags, StatePage0
+
+
+def is_critical(spec: Spec, function: str) -> bool:
+    """Tell whether a function is of another class than E in any phase that wants it."""
+    found = spec.functions[function]
+    return any(found.criticality_in(p) != "E" and found.priority_in(p) for p in spec.phases or (None,))
+
+
+def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
+    """Modules of a configuration from which no way of wires leads to a critical function."""
+    left = dict.fromkeys(configuration.modules, True)
+    for function in spec.functions.values():
+        if is_critical(spec, function.name):
+            left |= dict.fromkeys(set(function.outputs) & left.keys(), False)
+    changed = True
+    while changed:
+        needed = {wire.producer for consumer, _, wire in configuration.wires() if not left[consumer]}
+        changed = any(left[name] for name in needed)
+        left |= dict.fromkeys(needed, False)
+    return frozenset(name for name, is_left in left.items() if is_left)
+
+
+class SafeModeCheck:
+    """Follows who hears no manager, and what goes out from there."""
+
+    def __init__(self, spec: Spec, commanded: Commanded) -> None:
+        self.violations: list[Violation] = []
+        self._applies = spec.manager.without_manager == "safe_mode"
+        self._spec, self._commanded = spec, commanded
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._producer = {identifier: producer for (producer, _), identifier in identifiers(spec).items()}
+        self._leased_ns: int | None = None
+        self._orphans: dict[str, tuple[int, frozenset[str]]] = {}  # by PE: since when, and what must rest there
+        self._rests: dict[tuple[int, str], frozenset[str]] = {}  # by epoch and PE
+
+    def leased(self, t_ns: int) -> None:
+        """A LEASE was on the managers' bus."""
+        self._leased_ns = t_ns
+        self._orphans.clear()
+
+    def state(self, pe: str, t_ns: int, page: StatePage0) -> None:
+        """A PE has told its state, on the managers' bus."""
+        alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
+        if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:
+            self._orphans[pe] = t_ns, self._resting(page.epoch, pe)
+
+    def published(self, sent: Sent) -> None:
+        """A data frame was sent."""
+        since_ns, resting = self._orphans.get(sent.sender, (sent.end_ns, frozenset()))
+        producer = self._producer.get(sent.frame.can_id)
+        if producer in resting and sent.end_ns - since_ns > self._lease_ns:
+            self._tell(sent.end_ns, f"{sent.sender} sends {sent.frame.can_id} of {producer}")
+
+    def driven(self, driven: Driven) -> None:
+        """A module drives what it drives."""
+        if driven.module in self._orphans.get(driven.pe, (0, frozenset()))[1]:
+            self._tell(driven.t_ns, f"{driven.module} drives on {driven.pe}")
+
+    def _resting(self, epoch: int, pe: str) -> frozenset[str]:
+        known = self._commanded.epochs.get(epoch)
+        if known is None or known.configuration is None:
+            return frozenset()
+        if (epoch, pe) not in self._rests:
+            here = {name for name, running in known.configuration.modules.items() if running.pe == pe}
+            self._rests[epoch, pe] = rests(self._spec, known.configuration) & here
+        return self._rests[epoch, pe]
+
+    def _tell(self, t_ns: int, what: str) -> None:
+        self.violations.append(Violation(t_ns, "policy", f"{what} without any manager, and serves nothing critical"))

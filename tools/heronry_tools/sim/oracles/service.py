@@ -1,0 +1,281 @@
+"""Nothing critical is dropped without need: the planner, asked with the true situation, is the oracle.
+
+Twice:
+
+- When a configuration is activated, it must serve by criticality at least what the best plan serves for what the
+  manager can know: that the PEs which take no part are down, and what was reported and acknowledged, or declared by
+  the operator, has failed until it is cleared. What was known, and the phase, may be those of any moment from shortly
+  before PREPARE on. A contingency that is called by its number is staged by whoever hears it; who of them takes part is
+  said by ALIVE, and stays unknown where the manager dies before the next one, or where that comes so late that who is
+  named in it may have been lost and have joined again; or where an ALIVE was late within the last period, since what
+  its manager could not send comes then, in the order of its identifiers. Who adopts what runs drops nothing by that.
+- A critical function that was heard must not stay silent while nothing more is done, for longer than `longest_ns`: one
+  patience, and a second for planning, steps and the first values of all that starts. The oracle is asked with
+  everything down that is being struck, has failed, or is not counted on (by ALIVE) meanwhile. Where its plan serves
+  every wanted function of that class and those above, any plan for less than that must, too.
+
+Not judged in flight: times in which a bus or a manager is struck, or in which whatever is measured may be wrong; nor
+the start-up window of a reign for as long as nobody runs anything. Who has just been started and hears no PE that flies
+cannot tell that from an aircraft that is switched on: it waits for those that it has not heard, and plans for nobody
+before. The window ends no later than if it had begun with the first ALIVE of that reign.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import NamedTuple
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import CRITICAL_CLASSES, score
+from heronry_dg.situation import Situation
+from heronry_manager.core.topology import radios, uplink_bus
+from heronry_tools.runtime.witness import Outage
+from heronry_tools.sim.oracles.commanded import Epoch, elements_by_kind
+from heronry_tools.sim.oracles.limits import HOLD_DOWN_PERIODS, PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.planning import critical_at_best
+from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
+from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Emergency, Operation
+
+_SECOND_NS = 1_000_000_000
+_UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
+_DOUBTED_NS = 30 * _SECOND_NS
+
+
+class Struck(NamedTuple):
+    """What was done to an element, from when to when (None: for good); `element` is None where it cannot be judged."""
+
+    element: str | None
+    from_ns: int
+    to_ns: int | None
+
+
+@dataclass(slots=True)
+class _Held:
+    """An element counts as failed, from when to when (None: it still does, or to some manager)."""
+
+    element: str
+    from_ns: int
+    to_ns: int | None = None
+    is_certain: bool = True  # to every manager
+
+
+class ServiceCheck:
+    """Asks the oracle."""
+
+    def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
+        """CONTROL and EMCY name elements by their place in this spec.
+
+        missed_ns: gives when a PE heard somebody again after it may have missed a word; 0 if it never has.
+        """
+        self.violations: list[Violation] = []
+        self._spec = spec
+        self._elements = elements_by_kind(spec)
+        self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
+        self._held: list[_Held] = []
+        self._missed_ns = missed_ns
+        self._told_by: dict[str, str] = {}  # who has told of an element last
+        self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._alive_ns = 0  # the last ALIVE
+        self._late_ns = 0  # the last one that came late
+        self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
+        self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
+        self._phases: list[tuple[int, str | None]] = []
+        self._reigns: list[int] = []  # when they began
+        self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
+        self._ran_ns = 0  # when somebody did last
+        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._hold_down_ns = {
+            pe: HOLD_DOWN_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
+        }  # the shortest
+        self._radios = {radio.link_id: radio for radio in radios(spec).values()}
+        self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
+        self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
+
+    def told(self, pe: str, message: object) -> None:
+        """A PE tells of a fault, or takes it back."""
+        if isinstance(message, Emergency):
+            for element in self._named(message.kind, message.index):
+                self._told_by[element] = pe
+
+    def acknowledged(self, t_ns: int, message: Control) -> None:
+        """A manager has heard of a fault."""
+        if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
+            for element in self._named(ElementKind(message.a), message.b):
+                self.failed(t_ns, element)
+
+    def _named(self, kind: ElementKind, index: int) -> list[str]:
+        return self._elements.get(kind, [])[index : index + 1]
+
+    def failed(self, t_ns: int, element: str) -> None:
+        """A manager takes an element for failed, from now on at the latest."""
+        known = [one for one in self._held if one.element == element and one.to_ns is None]
+        self._held += [] if known else [_Held(element, t_ns)]
+        for one in known:
+            one.is_certain = True
+
+    def cleared(self, t_ns: int, element: str, *, everywhere: bool) -> None:
+        """A manager takes an element for failed no more, or none does."""
+        for one in self._held:
+            if one.element == element and one.to_ns is None:
+                one.to_ns, one.is_certain = t_ns if everywhere else None, False
+
+    @property
+    def held(self) -> set[str]:
+        """What counts as failed now, whoever reigns."""
+        return {one.element for one in self._held if one.is_certain}
+
+    def _held_at(self, from_ns: int, to_ns: int) -> set[str]:
+        """What counted as failed at some moment of a time."""
+        return {h.element for h in self._held if h.from_ns <= to_ns and (h.to_ns is None or from_ns < h.to_ns)}
+
+    def alive(self, t_ns: int, pes: frozenset[str]) -> None:
+        """ALIVE names these PEs."""
+        self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
+        self._alive_ns = t_ns
+        _, before = self._counted_on[-1] if self._counted_on else (0, frozenset[str]())
+        if pes != before:
+            self._counted_on.append((t_ns, pes))
+        for called_ns, epoch, phase in self._called:
+            if t_ns - called_ns <= self._lease_ns:
+                past_ns = t_ns - called_ns + _UNDER_WAY_NS
+                stayed = {pe for pe, hold_down_ns in self._hold_down_ns.items() if past_ns < hold_down_ns}
+                present = before & pes & stayed & self._participants(epoch)
+                self.violations += self._compare(called_ns, epoch, phase, present)
+        self._called.clear()
+
+    def reigned(self, t_ns: int) -> None:
+        """The first ALIVE of a term will be heard; what a PE has told may be unknown to it, and is not told again."""
+        for one in self._held:
+            if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
+                one.is_certain = False
+        self._reigns.append(t_ns)
+        self._called.clear()
+
+    def ran(self, t_ns: int) -> None:
+        """A PE says that it runs something."""
+        if t_ns - self._ran_ns > self._lease_ns:
+            self._idle.append((self._ran_ns, t_ns))
+        self._ran_ns = t_ns
+
+    def measured(self, sent: Sent) -> None:
+        """A gateway reports on its radio."""
+        radio, report = self._radios.get(sent.frame.can_id), decode_link(sent.frame.data)
+        if radio is not None and isinstance(report, LinkReport) and report.usable < PER_MILLE:
+            self._usable.append((sent.end_ns, f"bus:{radio.bus}", report.usable))
+
+    def _limits(self, t_ns: int) -> dict[str, Fraction]:
+        """The least that a manager may plan with at a time."""
+        limits: dict[str, Fraction] = {}
+        for at_ns, bus, usable in self._usable:
+            if t_ns - _DOUBTED_NS <= at_ns <= t_ns:
+                step = Fraction(next(step for step in RADIO_STEPS if step <= usable), PER_MILLE)
+                limits[bus] = min(step, limits.get(bus, step))
+        return limits
+
+    def entered(self, t_ns: int, phase: str | None) -> None:
+        """A mission phase has begun."""
+        self._phases.append((t_ns, phase))
+
+    def activated(self, t_ns: int, epoch: Epoch, phase: str | None) -> None:
+        """An epoch has been activated."""
+        if epoch.is_adopted:
+            return
+        if epoch.contingency:
+            if t_ns - self._late_ns > self._beat_ns and not self._is_late(t_ns):
+                self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part
+        else:
+            self.violations += self._compare(t_ns, epoch, phase, self._participants(epoch))
+
+    def _is_late(self, t_ns: int) -> bool:
+        """Tell whether there should have been an ALIVE before."""
+        return t_ns - self._alive_ns > self._beat_ns * 5 // 4 + _UNDER_WAY_NS
+
+    def _participants(self, epoch: Epoch) -> set[str]:
+        return {pe for pe, node in self._node_of.items() if epoch.has(node)}
+
+    def _compare(self, t_ns: int, epoch: Epoch, phase: str | None, present: Iterable[str]) -> Iterator[Violation]:
+        """Ask the oracle what could be served with those who take part."""
+        if epoch.configuration is None:
+            return
+        absent = {f"pe:{pe}" for pe in self._node_of.keys() - present}
+        asked_ns = min(epoch.prepared_ns, t_ns) - _UNDER_WAY_NS
+        failed = self._held_at(asked_ns, t_ns)
+        known = dict.fromkeys((phase, *self._phases_in(asked_ns, t_ns)))
+        nows = (Situation(frozenset(absent | failed), self._limits(t_ns), one) for one in known)
+        stories = [self._falls_short(epoch, now) for now in nows]
+        if None not in stories:
+            yield Violation(t_ns, "service", f"{stories[0]} with {sorted(absent)}")
+
+    def _falls_short(self, epoch: Epoch, now: Situation) -> str | None:
+        """Say what an epoch serves, if that is less than could be served in a situation."""
+        assert epoch.configuration is not None
+        served = score(self._spec, now, epoch.configuration, None).critical
+        possible = critical_at_best(self._spec, now)
+        if served >= possible:
+            return None
+        return f"epoch {epoch.number} serves {served} by criticality, and {possible} could be"
+
+    def _phases_in(self, from_ns: int, to_ns: int) -> list[str | None]:
+        """Phases at some moment of a time."""
+        spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
+        return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
+
+    def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
+        """Give the critical functions that were silent for too long without need."""
+        self.ran(end_ns)
+        return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
+
+    def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
+        function = self._spec.functions[outage.function]
+        moments = {moment for one in struck for moment in (one.from_ns, one.to_ns) if moment is not None}
+        moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)}
+        moments |= {moment for one in self._held for moment in (one.from_ns, one.to_ns) if moment is not None}
+        moments |= {moment for time in self._starts() for moment in time}
+        to_ns = end_ns if outage.to_ns is None else outage.to_ns
+        within = sorted({outage.from_ns, to_ns, *(t for t in moments if outage.from_ns < t < to_ns)})
+        for begin_ns, over_ns in pairwise(within):
+            if over_ns - begin_ns <= self.longest_ns:
+                continue
+            now = self._situation(begin_ns, over_ns, struck)
+            if now is not None and self._could_serve(outage.function, now):
+                quiet_ms = (over_ns - begin_ns) / 1e6
+                story = f"{function.name} was silent for {quiet_ms:.0f} ms in which nothing more was done, and a plan"
+                return Violation(begin_ns, "service", f"{story} for {sorted(now.down)} serves it")
+        return None
+
+    def _situation(self, begin_ns: int, over_ns: int, struck: Sequence[Struck]) -> Situation | None:
+        """What is down in a time in which nothing changes; None where nobody can tell."""
+        hit = [s for s in struck if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
+        starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
+        if starts or any(one.element is None for one in hit):
+            return None
+        elements = {one.element for one in hit if one.element is not None}
+        down = elements | self._held_at(begin_ns, begin_ns)
+        counted_on = next((pes for t_ns, pes in reversed(self._counted_on) if t_ns <= begin_ns), frozenset[str]())
+        down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
+        phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
+        return Situation(frozenset(down), self._limits(over_ns), phase)
+
+    def _starts(self) -> Iterator[tuple[int, int]]:
+        """From when to when nobody ran anything in the start-up window of a reign."""
+        for began_ns in self._reigns:
+            for from_ns, to_ns in self._idle:
+                first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
+                if first_ns < last_ns:
+                    yield first_ns, last_ns
+
+    def _could_serve(self, name: str, now: Situation) -> bool:
+        """Tell whether the oracle serves everything of a function's class, and of those above."""
+        functions = self._spec.functions.values()
+        criticality = self._spec.functions[name].criticality_in(now.phase)
+        if criticality not in CRITICAL_CLASSES or not self._spec.functions[name].priority_in(now.phase):
+            return False
+        last = CRITICAL_CLASSES.index(criticality)
+        possible = critical_at_best(self._spec, now)
+        return all(
+            possible[i] == sum(f.priority_in(now.phase) for f in functions if f.criticality_in(now.phase) == one)
+            for i, one in enumerate(CRITICAL_CLASSES[: last + 1])
+        )

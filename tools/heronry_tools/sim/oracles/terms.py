@@ -1,0 +1,148 @@
+"""Who reigns, judged from the frames of the managers' bus: a term has one manager, and nobody goes back to an older.
+
+- At most one effective manager per term: whatever names a term (LEASE, ALIVE, PREPARE, ACTIVATE, PING, CONTROL) comes
+  from one manager's identifiers, and a manager's own terms never go down. Two that were given one number each have
+  their own; they must have noticed each other within `_TOGETHER_LEASES` times T_lease, and one be silent. While their
+  bus is broken in the middle they cannot, and both may reign in one term, each over its own half. Nor can one that the
+  clash of their frames has put off the bus: that time begins anew with whoever was silent for `_APART_PERIODS`. With a
+  key neither believes the other one before its TAG; where both are sent at once and are the same, as everything before
+  them was, there is one frame, and neither hears it.
+- Terms never go back at a PE: an epoch belongs to the term that prepared it, and may have been given by the highest
+  that has adopted it (its LEASE names it). Within an incarnation a PE that has run an epoch of a term never takes up,
+  later, one that was given by a lower term at most. It says so itself: a gateway may hand its states on out of order.
+- In one term LEASE never goes back to an older epoch; unless its manager has died since, and has lost its journal, and
+  found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
+- Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
+  but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
+  the other one takes: what one of them prepared first may be another epoch of the other one (`copied`).
+
+What a deposed manager still says is judged here alone: nobody else has to believe it (`reigning_term`).
+"""
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.reigning_term import ReigningTerm
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import (
+    LEASE_PERIODS,
+    NO_EPOCH,
+    Lease,
+    ManagementMessage,
+    Prepare,
+    SliceBody,
+    SliceHead,
+    StatePage0,
+    is_newer,
+)
+
+_TOGETHER_LEASES, _APART_PERIODS = 2, 3
+
+
+class TermCheck:
+    """Follows commands, and the epochs that PEs say they run."""
+
+    def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
+        self.violations: list[Violation] = []
+        self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
+        self._manager_of: dict[int, int] = {}  # by term
+        self._own: dict[str, int] = {}  # term of each station: there may be two of one number
+        self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
+        self._has_key, self._is_split = has_key, False
+        self._reign = ReigningTerm(spec, has_key=has_key)
+        # By epoch: the first that announced it, and which station said so; "" on a former disk.
+        self._prepared: dict[int, tuple[str, Prepare]] = {}
+        self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
+        self._twins: dict[str, str] = {}  # stations of one number, each by the other one
+        self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
+        self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
+        self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
+        self._apart_ns = self._reign.lease_ns * _APART_PERIODS // LEASE_PERIODS
+
+    def split(self, is_split: bool) -> None:
+        """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
+        self._is_split = is_split
+        self._voices.clear()
+
+    def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
+        """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
+        if isinstance(message, SliceHead | SliceBody):
+            own = self._own.get(station, 0)
+            return own == self._reign.number or self._reign.is_claimed(own, station)
+        term = message.term
+        if self._manager_of.setdefault(term, manager) != manager:
+            self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
+        if term < self._own.get(station, 0):
+            self._tell(t_ns, "reign", f"manager {manager} went back from term {self._own[station]} to {term}")
+        self._own[station] = max(term, self._own.get(station, 0))
+        if isinstance(message, Prepare):
+            self._prepares(t_ns, station, message)
+        elif isinstance(message, Lease) and message.epoch != NO_EPOCH:
+            self._leases(t_ns, station, message)
+        return self._reign.named(t_ns, term, station)
+
+    def tagged(self, t_ns: int, station: str) -> None:
+        """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
+        self._meet(t_ns, station, self._own.get(station, 0))
+        self._reign.tagged(t_ns, station)
+
+    def copied(self, station: str, twin: str) -> None:
+        """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
+        self._twins |= {station: twin, twin: station}
+        self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
+
+    def alive(self, t_ns: int, station: str, term: int) -> bool:
+        """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
+        if not self._has_key:
+            self._meet(t_ns, station, term)
+        return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
+
+    def died(self, station: str) -> None:
+        """A manager has died: whoever is started there may know nothing."""
+        self._leased.pop(station, None)
+
+    def _leases(self, t_ns: int, station: str, message: Lease) -> None:
+        """A manager repeats what runs, or goes on to what runs next."""
+        term, before = self._leased.get(station, (message.term, message.epoch))
+        if term == message.term and is_newer(before, message.epoch):
+            self._tell(t_ns, "reign", f"{station} goes back from epoch {before} to {message.epoch} in term {term}")
+        self._leased[station] = message.term, message.epoch
+        named = message.epoch, message.digest
+        self._adopted[named] = max(message.term, self._adopted.get(named, 0))
+
+    def _prepares(self, t_ns: int, station: str, message: Prepare) -> None:
+        by, first = self._prepared.setdefault(message.epoch, (station, message))
+        if first.term == message.term or first.digest == message.digest:
+            return
+        if by in ("", self._twins.get(station)):
+            self._prepared[message.epoch] = station, message
+            return
+        story = f"epoch {message.epoch} is prepared in term {message.term}, and was another one in term {first.term}"
+        self._tell(t_ns, "reign", story)
+
+    def _meet(self, t_ns: int, station: str, term: int) -> None:
+        """Two stations that speak for one term must notice each other, unless their bus is broken in the middle."""
+        if self._is_split:
+            return
+        voices = self._voices.setdefault(term, {})
+        first_ns, last_ns = voices.get(station, (t_ns, t_ns))
+        voices[station] = first_ns if t_ns - last_ns <= self._apart_ns else t_ns, t_ns
+        if len(voices) == 1:
+            return
+        firsts_ns, lasts_ns = zip(*voices.values(), strict=True)
+        if min(lasts_ns) - max(firsts_ns) > self._together_ns:
+            self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both speak for term {term}")
+            voices.clear()
+
+    def state(self, bus: str, node: int, t_ns: int, page: StatePage0) -> None:
+        """A PE says itself, on a bus, what it runs."""
+        if page.epoch not in self._prepared:
+            return
+        _, prepared = self._prepared[page.epoch]
+        term = max(prepared.term, self._adopted.get((page.epoch, prepared.digest), 0))
+        incarnation, epoch, before = self._taken.get((bus, node), (page.incarnation, page.epoch, prepared.term))
+        if incarnation == page.incarnation and epoch != page.epoch and term < before:
+            story = f"{self._pe_of_node[node]} takes up epoch {page.epoch} of term {term}, after one of term {before}"
+            self._tell(t_ns, "term", story)
+        self._taken[bus, node] = (page.incarnation, page.epoch, prepared.term)
+
+    def _tell(self, t_ns: int, rule: str, story: str) -> None:
+        self.violations.append(Violation(t_ns, rule, story))

@@ -1,0 +1,77 @@
+"""No bus is asked for more than its budget on the way from one configuration to the next, in whichever order PEs go.
+
+When an epoch goes (the first GO or GO_ALL of it), what everybody runs until then is known from the states that were
+said, and who has let go before from those that say BROKEN. `heronry_dg.verify_transition` plays every order in which
+the PEs may take the steps from there, and must find room for all that they publish in each of them.
+
+Judged is what is known: all that take part, and run anything, are ACTIVE in one epoch that was put together from its
+frames, or BROKEN in the next one. Where a radio has shrunk, its whole budget counts here; what it is asked for is
+`oracles.radio`'s to say.
+"""
+
+from collections.abc import Mapping, Sequence
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.situation import Situation
+from heronry_dg.transition import Transition
+from heronry_dg.verify_transition import verify_transition
+from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.violation import Violation
+from heronry_wire.management import NO_EPOCH, Activate, Lease, PeState, StatePage0, Step
+
+
+class TransitionCheck:
+    """Follows who runs what, and judges each epoch when it goes."""
+
+    def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
+        """`epochs` are those that were activated, by number, as they become known."""
+        self.violations: list[Violation] = []
+        self._spec, self._epochs = spec, epochs
+        self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
+        self._told: dict[str, StatePage0] = {}
+        self._gone = 0  # the epoch that went last
+        self._breaking = 0
+
+    def state(self, pe: str, page: StatePage0) -> None:
+        """A PE says itself what it runs."""
+        self._told[pe] = page
+
+    def commanded(self, t_ns: int, message: Activate | Lease) -> None:
+        """A step is commanded."""
+        epoch = self._epochs.get(message.epoch)
+        if epoch is None or epoch.number == self._gone or message.step is Step.PREPARED:
+            return
+        if message.step is Step.BREAK:
+            self._breaking = epoch.number
+            return
+        self._gone = epoch.number
+        steps = (Step.GO, Step.GO_ALL) if message.step is Step.GO else (Step.GO_ALL,)
+        if epoch.configuration is not None:
+            told = {pe: self._told[pe] for pe, node in self._node_of.items() if epoch.has(node) and pe in self._told}
+            self.violations += [Violation(t_ns, "transition", story) for story in self._judge(epoch, told, steps)]
+
+    def _judge(self, epoch: Epoch, told: Mapping[str, StatePage0], steps: tuple[Step, ...]) -> list[str]:
+        assert epoch.configuration is not None
+        broken = {pe for pe, page in told.items() if page.epoch == epoch.number}
+        ran = {pe for pe, page in told.items() if page.state is not PeState.UNCONFIGURED}
+        before = self._before([told[pe] for pe in ran - broken])
+        is_known = all(told[pe].state is PeState.BROKEN for pe in broken) and (
+            not broken or self._breaking == epoch.number
+        )
+        if before is None or before.configuration is None or not is_known:
+            return []
+        modules = {name: one for name, one in before.configuration.modules.items() if one.pe in ran}
+        now = Situation(frozenset(f"pe:{pe}" for pe in self._node_of.keys() - told.keys()))
+        way = Transition((Step.BREAK, *steps) if broken else steps, dict.fromkeys(broken, ()), (), (), {})
+        found = verify_transition(self._spec, Configuration(modules), epoch.configuration, now, way)
+        return [f"from epoch {before.number} to {epoch.number}: {one}" for one in found if one.rule == "t.bus"]
+
+    def _before(self, pages: Sequence[StatePage0]) -> Epoch | None:
+        """The epoch in which all these PEs are ACTIVE, if there is one."""
+        said = {(page.epoch, page.digest, page.state) for page in pages}
+        number, digest, state = next(iter(said), (NO_EPOCH, 0, PeState.UNCONFIGURED))
+        before = self._epochs.get(number)
+        if len(said) != 1 or state is not PeState.ACTIVE or before is None or before.digest != digest:
+            return None
+        return before

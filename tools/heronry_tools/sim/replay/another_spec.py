@@ -1,0 +1,59 @@
+"""Whether a recording can be of this spec at all.
+
+Two things tell: a slice that was sent whole, since its digest covers the spec's, and a plan that was called by its
+number, since its digest is on board then. One that fits is enough. Where none does, nothing of the reign is replayed,
+and the first of them says why.
+"""
+
+from collections.abc import Iterable, Iterator
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.replay.recording import Reign
+from heronry_tools.sim.replay.rerun import Remark
+from heronry_wire.configuration_slice import slice_digest
+from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
+from heronry_wire.pe_table import PeTable
+
+
+def of_another_spec(spec: Spec, reign: Reign, on_board: Iterable[PeTable]) -> Remark | None:
+    """Say that a reign was flown with another spec; None where it may be this one. `on_board`: what was made ahead."""
+    called = {one.digest for table in on_board for one in table.preloaded()}
+    clues = list(_clues(spec, reign, called))
+    if not clues or any(fits for _, _, fits in clues):
+        return None
+    t_ns, prepared, _ = clues[0]
+    name = f"epoch {prepared.epoch} ({prepared.digest:06X})"
+    if prepared.contingency:
+        text = f"{name} is no plan of {spec.name} that was made ahead: are spec and --contingencies the right ones?"
+    else:
+        text = f"{name} is no configuration of {spec.name}: is it the right spec?"
+    return Remark(t_ns, text, differs=True)
+
+
+def _clues(spec: Spec, reign: Reign, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
+    """Give each time and epoch at which it can be told whether a reign is of this spec, and whether it is."""
+    prepared: Prepare | None = None
+    heads: dict[int, SliceHead] = {}
+    bodies: dict[int, dict[int, bytes]] = {}
+    for t_ns, command, frame in reign.said:
+        message = decode_command(command, frame.data)
+        match message:
+            case Prepare() if message != prepared:
+                prepared, heads, bodies = message, {}, {}
+                if message.contingency:
+                    yield t_ns, message, message.digest in called
+            case SliceHead(node=node):
+                heads[node] = message
+            case SliceBody(node=node):
+                bodies.setdefault(node, {})[message.index] = message.body
+                body = _whole(heads.get(node), bodies[node])
+                if body is not None and prepared is not None:
+                    yield t_ns, prepared, slice_digest(spec.digest, body) == heads[node].digest
+
+
+def _whole(head: SliceHead | None, frames: dict[int, bytes]) -> bytes | None:
+    """Bytes of a slice; None while some are missing."""
+    count = 0 if head is None else -(-head.length // SLICE_BYTES_PER_FRAME)
+    if head is None or not all(index in frames for index in range(1, count + 1)):
+        return None
+    return b"".join(frames[index] for index in range(1, count + 1))[: head.length]

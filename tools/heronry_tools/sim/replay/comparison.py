@@ -1,0 +1,60 @@
+"""A recorded reign beside its replay: which decisions are the same, and which only one of them took."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from typing import Literal
+
+from heronry_tools.sim.replay.recording import Decision, Reign
+from heronry_tools.sim.replay.rerun import Remark, Rerun
+
+Taken = Literal["both", "recorded", "replayed"]
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A decision, and who took it; `late_ns` is how much later the replay did, where both did."""
+
+    decision: Decision
+    taken: Taken
+    late_ns: int = 0
+
+    @property
+    def t_ns(self) -> int:
+        """When it was taken."""
+        return self.decision.t_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All of a reign, in the order of time."""
+
+    reign: Reign
+    entries: list[Compared | Remark]
+
+    def differences(self) -> int:
+        """Count what is not as recorded."""
+        return sum(e.differs if isinstance(e, Remark) else e.taken != "both" for e in self.entries)
+
+    def decisions(self) -> int:
+        """Count the decisions of the recording."""
+        return len(self.reign.decisions)
+
+
+def compared(reign: Reign, rerun: Rerun) -> Comparison:
+    """Put a reign beside its replay."""
+    entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(reign, rerun)]
+    entries.sort(key=lambda entry: entry.t_ns)  # stable: of one moment the remarks come first
+    return Comparison(reign, entries)
+
+
+def _decisions(reign: Reign, rerun: Rerun) -> Iterator[Compared]:
+    ours, theirs = rerun.decisions, reign.decisions
+    matcher = SequenceMatcher(None, theirs, ours, autojunk=False)
+    for tag, i1, i2, j1, j2 in matcher.get_opcodes():
+        if tag == "equal":
+            for recorded, replayed in zip(theirs[i1:i2], ours[j1:j2], strict=True):
+                yield Compared(recorded, "both", replayed.t_ns - recorded.t_ns)
+        else:
+            yield from (Compared(decision, "recorded") for decision in theirs[i1:i2])
+            yield from (Compared(decision, "replayed") for decision in ours[j1:j2])

@@ -1,0 +1,111 @@
+"""A recording of a flight with a key, read as one without: what the key proves, and nothing else.
+
+The core that replays has no key: its own nonces and numbers would not be those of the recording. So the recording is
+put into plain words before it gets there, by what decides for a manager that stands by, too (`Authenticity`): sessions
+are those that the recorded WELCOMEs have opened.
+
+    a command          counts from its TAG on; the TAG is left out, and so is a command that was never proven
+    pages 0 and 1      get their digest back, where the tag in its place fits
+    an EMCY            follows the page 0 that has proven it
+    pages 2 and 3      are left out; so is every state that proves nothing
+
+A state that a manager which had just been restarted could not believe yet counts here, if the session before was still
+open: the replay may count on a PE a few periods sooner.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from heronry_dg.model import Spec
+from heronry_manager.core.authenticity import Authenticity
+from heronry_manager.core.turn import Turn
+from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame, LoggedFrame, Malformed
+from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    ElementKind,
+    Emergency,
+    Lease,
+    Prepare,
+    StatePage0,
+    StatePage1,
+    decode_command,
+    decode_emergency,
+    decode_state,
+)
+from heronry_wire.sansio import Received
+
+_TAG_IDS = frozenset(management_id(manager, Command.TAG) for manager in MANAGER_NODES)
+
+
+def is_tagged(frames: Iterable[LoggedFrame]) -> bool:
+    """Tell whether a recording is of a flight with a key."""
+    return any(logged.frame.can_id in _TAG_IDS and not logged.frame.extended for logged in frames)
+
+
+def proven(spec: Spec, key: Key, frames: Sequence[LoggedFrame]) -> list[LoggedFrame]:
+    """Give what the frames of the manager's bus prove, in the order in which they do."""
+    reader = _Reader(spec, key)
+    return [logged._replace(frame=frame) for logged in frames for frame in reader.read(logged)]
+
+
+class _Reader:
+    """Follows both managers and all PEs, frame by frame."""
+
+    def __init__(self, spec: Spec, key: Key) -> None:
+        self._turn = Turn(FIRST_MANAGER, 0, term=0, silent=True)
+        self._digests: dict[int, int] = {}  # by epoch, as commanded
+        self._authenticity = Authenticity(spec, self._turn, key, digest_of=self._digests.get, speaks=lambda: False)
+        self._states = {state_id(pe.node_id): pe for pe in spec.pes.values()}
+        self._emergencies = {emcy_id(pe.node_id): pe.name for pe in spec.pes.values()}
+        self._commands = {
+            management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command
+        }
+
+    def read(self, logged: LoggedFrame) -> list[Frame]:
+        """Take the next frame; gives what it proves, or itself where it needs no proof."""
+        frame = logged.frame
+        self._turn.now_ns = logged.time_ns
+        if frame.extended or frame.remote or frame.error:
+            return [frame]
+        if frame.can_id in self._states:
+            found = list(self._state(frame))
+        elif frame.can_id in self._emergencies:
+            found = self._emergency(frame)
+        elif frame.can_id in self._commands:
+            found = self._command(*self._commands[frame.can_id], frame)
+        else:
+            found = [frame]
+        self._turn.end()  # what was noticed on the way is of no use here
+        return found
+
+    def _state(self, frame: Frame) -> Iterator[Frame]:
+        pe, page = self._states[frame.can_id], decode_state(frame.data)
+        if isinstance(page, Malformed):
+            return
+        believed = self._authenticity.believed(pe.name, page, frame.data)
+        if isinstance(believed, StatePage0 | StatePage1):
+            yield Frame(frame.can_id, believed.encode())
+        emergency = self._authenticity.take_emergency(pe.name)
+        if emergency is not None:
+            yield Frame(emcy_id(pe.node_id), emergency)
+
+    def _emergency(self, frame: Frame) -> list[Frame]:
+        emergency = decode_emergency(frame.data)
+        if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
+            return [frame]  # reports of channels are not proven, and nothing follows from them
+        self._authenticity.hold_emergency(self._emergencies[frame.can_id], frame.data)
+        return []
+
+    def _command(self, node: int, command: Command, frame: Frame) -> list[Frame]:
+        if command is not Command.TAG:
+            if command is Command.CONTROL:
+                self._authenticity.overhear(node, frame.data)
+            self._authenticity.hold(node, command, Received(0, frame))
+            return []
+        found = self._authenticity.proven(node, frame.data)
+        if found is None:
+            return []
+        message = decode_command(found.command, found.event.frame.data)
+        if isinstance(message, Prepare | Lease):
+            self._digests[message.epoch] = message.digest
+        return [found.event.frame]

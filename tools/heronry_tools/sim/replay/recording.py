@@ -1,0 +1,147 @@
+"""What a recording holds: the reigns of its managers, what each of them commanded, and what it heard meanwhile.
+
+A *reign* is told by LEASE: who sends it (126 or 127), under which term. It begins T_lease before the first LEASE, which
+is how long a manager listens, and ends with the last one. A *decision* is the first PREPARE of an epoch, or the first
+ACTIVATE with a step; repetitions are none.
+
+A reign that does not begin in the recording cannot be replayed: what runs by then was decided before. It is told by its
+first LEASE, which speaks of an epoch.
+
+Lines that are no frames are counted. A recording may hold several buses, told apart by the channel's name; the
+manager's is the one that is named as in the spec, or the only one, or the one that the user names. Of a replicated one
+the user may name both channels, with a comma between them: each frame then counts once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from heronry_dg.model import Spec
+from heronry_tools.console.errors import UserError
+from heronry_wire.channel_merge import ChannelMerge
+from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
+from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id
+from heronry_wire.management import LEASE_PERIODS, Activate, Lease, Prepare, decode_command
+
+_COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
+_SAID_BY = {identifier: node for identifier, (node, _) in _COMMANDS.items()}
+_SAID_BY |= {heartbeat_id(node): node for node in MANAGER_NODES}
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A step that a manager took towards a configuration, at `t_ns`; the same one whenever it is taken."""
+
+    t_ns: int = field(compare=False)
+    what: str  # PREPARE, or the name of the step of an ACTIVATE
+    epoch: int
+    digest: int
+
+    def __str__(self) -> str:
+        return f"{self.what} epoch {self.epoch} ({self.digest:06X})"
+
+
+@dataclass(slots=True)
+class Reign:
+    """One manager's time in a recording; times in ns of the recording."""
+
+    node: int
+    term: int
+    first_ns: int  # of LEASE
+    last_ns: int
+    epoch: int  # that the first LEASE speaks of; 0: none yet
+    heard: list[tuple[int, Frame]] = field(default_factory=list)  # by the manager, from when it began to listen
+    said: list[tuple[int, Command, Frame]] = field(default_factory=list)  # by it: its commands
+    decisions: list[Decision] = field(default_factory=list)
+    leases: list[tuple[int, Lease]] = field(default_factory=list)
+
+    def calls_by_number(self) -> bool:
+        """Tell whether it called a contingency by its number: so it flew with some made ahead."""
+        prepared = (decode_command(command, frame.data) for _, command, frame in self.said)
+        return any(isinstance(message, Prepare) and message.contingency for message in prepared)
+
+
+def read_recording(path: Path) -> tuple[list[LoggedFrame], int]:
+    """Read a candump log; gives its frames in the order of their times, and how many lines are none.
+
+    Raises UserError where not a single line is a frame; OSError where the file cannot be read.
+    """
+    lines = [line for line in path.read_text(encoding="ascii", errors="replace").splitlines() if line.strip()]
+    parsed = [parse_log_line(line) for line in lines]
+    frames = [one for one in parsed if not isinstance(one, Malformed)]
+    if not frames:
+        raise UserError(f"{path} holds no frame; give a log as written by 'candump -L' or 'heronry demo --record'")
+    return sorted(frames, key=lambda logged: logged.time_ns), len(parsed) - len(frames)
+
+
+def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str | None) -> list[LoggedFrame]:
+    """Frames of the manager's bus; raises UserError where it cannot be told which of several that is."""
+    channels = list(dict.fromkeys(logged.channel for logged in frames))
+    if channel is None:
+        channel = spec.manager.bus if spec.manager.bus in channels or len(channels) > 1 else channels[0]
+    bus = spec.buses[spec.manager.bus]
+    names = channel.split(",") if bus.channels > 1 else [channel]
+    for name in names:
+        if name not in channels:
+            known = ", ".join(channels)
+            raise UserError(f"no frame of the recording is on {name!r}; name the manager's bus with --channel: {known}")
+    on_the_bus = [logged for logged in frames if logged.channel in names]
+    if len(names) == 1:
+        return on_the_bus
+    merge = ChannelMerge(bus.heartbeat_ns)
+    return [one for one in on_the_bus if merge.take(names.index(one.channel), one.frame, one.time_ns)]
+
+
+def reigns(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Reign]:
+    """Every reign on the manager's bus, in order of their first LEASE."""
+    found: list[Reign] = []
+    for logged in frames:
+        node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
+        if node is not None and command is not None and not logged.frame.extended:
+            _follow(found, node, command, logged)
+    listening_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+    for reign in found:
+        began_ns = reign.first_ns - listening_ns
+        reign.heard = [
+            (logged.time_ns, logged.frame)
+            for logged in frames
+            if began_ns <= logged.time_ns <= reign.last_ns and _SAID_BY.get(logged.frame.can_id) != reign.node
+        ]
+    return found
+
+
+def decision_of(node: int, t_ns: int, frame: Frame) -> Decision | None:
+    """Give the decision that a frame of manager `node` carries; None where it carries none."""
+    of, command = _COMMANDS.get(frame.can_id, (None, None))
+    if frame.extended or command is None or of != node:
+        return None
+    match decode_command(command, frame.data):
+        case Prepare(epoch=epoch, digest=digest):
+            return Decision(t_ns, "PREPARE", epoch, digest)
+        case Activate(epoch=epoch, step=step, digest=digest):
+            return Decision(t_ns, step.name, epoch, digest)
+        case _:
+            return None
+
+
+def note(decisions: list[Decision], decision: Decision | None) -> None:
+    """Append a decision, unless it repeats one of the list."""
+    if decision is not None and decision not in decisions:
+        decisions.append(decision)
+
+
+def _follow(found: list[Reign], node: int, command: Command, logged: LoggedFrame) -> None:
+    """Count a command to the reign of its sender; a LEASE with another term begins a new one."""
+    t_ns, frame = logged.time_ns, logged.frame
+    reign = next((known for known in reversed(found) if known.node == node), None)
+    message = decode_command(command, frame.data)
+    if isinstance(message, Lease):
+        if reign is None or reign.term != message.term:
+            reign = Reign(node, message.term, t_ns, t_ns, message.epoch)
+            found.append(reign)
+        reign.last_ns = t_ns
+        reign.leases.append((t_ns, message))
+    if reign is None:
+        return
+    reign.said.append((t_ns, command, frame))
+    note(reign.decisions, decision_of(node, t_ns, frame))

@@ -1,0 +1,199 @@
+"""One recorded reign, put through the manager's core again.
+
+The core gets the frames that the manager heard, at the times of the recording, and its deadlines in between. What it is
+not told by the bus is when its planner answered, and with which of the plans that a manager may fly with: that is read
+off what it prepared next.
+
+- If the digest that was prepared is that of the best plan, of the greedy one, or of one made ahead, that is the answer,
+  given when PREPARE was recorded.
+- If it is another configuration, and a legal one in the situation that the core asks about, the core is given just
+  that, so that the rest can be replayed; the difference is told, with what either plan is worth.
+- If nothing that was prepared later is legal in it, there was no answer in time: the next question overtook it, or the
+  plan was no better than what ran.
+- A LEASE that speaks of a configuration that would be planned now: the manager adopted it.
+
+What the operator said is not on the bus. What followed from it is told as recorded and not replayed, and so is all that
+depends on it.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import score
+from heronry_dg.plan import Plan, make_plan
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.memory import Memory
+from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
+from heronry_manager.planner.exact import Planner
+from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.replay.recording import Decision, Reign, decision_of, note
+from heronry_tools.sim.world.planning import Prepared, prepared_with
+from heronry_wire.frame import Malformed
+from heronry_wire.management import LEASE_PERIODS, decode_command
+from heronry_wire.sansio import Received, Send, Tick
+
+_EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before it is asked for here
+_TOLD = {"pe_lost", "pe_absent", "pe_joined", "fault_reported", "fault_cleared", "phase_changed", "adopted"}
+_TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something that the core saw or thought on the way to its decisions."""
+
+    t_ns: int
+    text: str
+    differs: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    at_ns: int
+    ready: PlanReady
+    remark: Remark
+
+
+class Planners:
+    """The plans that a manager of a spec may fly with; each configuration by name, as a digest tells it."""
+
+    def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
+        """`ahead`: what was made ahead, if anything was."""
+        self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
+        self._planner, self._table, self._compiler = Planner(spec), self.ahead.made, Compiler(spec)
+
+    def digest(self, configuration: Configuration) -> int:
+        """Digest by which PREPARE and LEASE name a configuration."""
+        return self._compiler.configuration(configuration).digest
+
+    def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
+        """Give every plan that could answer a question, the likeliest first."""
+        now = Situation(asked.down, asked.limits, asked.phase)
+        table = None if asked.limits else self._table
+        made = None if table is None else table.plan(asked.down, asked.phase, asked.running)
+        if made is not None:
+            yield "the plan made ahead", made
+        yield "the best plan", self._planner.plan(now, asked.running)
+        yield "the greedy plan", self._planner.at_once(now, asked.running)
+
+
+class Rerun:
+    """The replay of one reign: `decisions` and `remarks` fill while it runs."""
+
+    def __init__(self, planners: Planners, reign: Reign) -> None:
+        self.decisions: list[Decision] = []
+        self.remarks: list[Remark] = []
+        self._planners, self._reign = planners, reign
+        spec = planners.spec
+        self._recorded = _configurations(planners, reign)
+        self._answer: _Answer | None = None
+        self._ended = False
+        began_ns = reign.first_ns - LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        memory = Memory(term=reign.term - 1)  # the term that follows is the recorded one
+        self._core = ManagerCore(spec, reign.node, memory, began_ns, on_board=planners.ahead.numbers)
+
+    def run(self) -> None:
+        """Replay all of it."""
+        for t_ns, frame in self._reign.heard:
+            self._until(t_ns)
+            self._step(t_ns, Received(0, frame))
+        self._until(self._reign.last_ns)
+
+    def _until(self, t_ns: int) -> None:
+        """Let pass what is due before a moment: deadlines, and answers of the planner."""
+        while not self._ended:
+            deadline_ns = self._core.next_deadline_ns()
+            answer = self._answer
+            if answer is not None and answer.at_ns <= t_ns and (deadline_ns is None or answer.at_ns <= deadline_ns):
+                self._answer = None
+                self.remarks.append(answer.remark)
+                self._step(answer.at_ns, answer.ready)
+            elif deadline_ns is not None and deadline_ns < t_ns:
+                self._step(deadline_ns, Tick())
+            else:
+                return
+
+    def _step(self, now_ns: int, event: ManagerEvent) -> None:
+        if self._ended:
+            return
+        for action in self._core.step(now_ns, event):
+            match action:
+                case Send(frame=frame):
+                    note(self.decisions, decision_of(self._reign.node, now_ns, frame))
+                case RequestPlan():
+                    self._answer = self._find_answer(now_ns, action)
+                case Emit(event=told):
+                    self._tell(now_ns, told)
+                case Stop():
+                    self._ended = True
+
+    def _tell(self, now_ns: int, told: Mapping[str, Any]) -> None:
+        if told["event"] in _TOLD:
+            subject = next((str(told[key]) for key in ("pe", "element", "phase", "epoch", "node") if key in told), "")
+            detail = next((str(told[key]) for key in ("cause", "reason", "by") if key in told), "")
+            words = " ".join(filter(None, (told["event"].replace("_", " "), subject)))
+            self.remarks.append(Remark(now_ns, f"{words}: {detail}" if detail else words))
+
+    def _find_answer(self, now_ns: int, asked: RequestPlan) -> _Answer | None:
+        """Find out what the planner answered, and when; None where it did not, or not in time."""
+        likeliest_last = list(self._planners.plans(asked))[::-1]
+        known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
+        prepared = [d for d in self._reign.decisions if d.what == "PREPARE" and d not in self.decisions]
+        following = next((d for d in prepared if d.t_ns >= now_ns - _EARLY_NS), None)
+        adopted = self._adopted(now_ns, following)
+        if adopted in known:
+            return _answer(now_ns, asked, *known[adopted])
+        if following is None:
+            return None
+        at_ns = max(now_ns, following.t_ns)
+        if following.digest in known:
+            return _answer(at_ns, asked, *known[following.digest])
+        recorded = self._as_plan(asked, self._recorded.get(following.digest))
+        return None if recorded is None else self._another(at_ns, asked, recorded, known)
+
+    def _adopted(self, now_ns: int, following: Decision | None) -> int | None:
+        """Digest that LEASE speaks of though nothing has been prepared in this reign yet; None: there is none."""
+        if self.decisions:
+            return None
+        until_ns = self._reign.last_ns if following is None else following.t_ns
+        return next(
+            (lease.digest for t_ns, lease in self._reign.leases if now_ns <= t_ns < until_ns and lease.epoch), None
+        )
+
+    def _as_plan(self, asked: RequestPlan, configuration: Configuration | None) -> Plan | None:
+        now = Situation(asked.down, asked.limits, asked.phase)
+        spec = self._planners.spec
+        if configuration is None or verify(spec, now, configuration):
+            return None
+        return make_plan(spec, now, configuration, score(spec, now, configuration, asked.running), optimal=False)
+
+    def _another(
+        self, at_ns: int, asked: RequestPlan, recorded: Plan, known: Mapping[int, tuple[str, Plan]]
+    ) -> _Answer:
+        best = max((plan for _, plan in known.values()), key=lambda plan: plan.objective.key())
+        worth = "worth the same" if recorded.objective.key() == best.objective.key() else "not worth the same"
+        ours, theirs = (plan.objective.key() for plan in (best, recorded))
+        text = f"another legal plan was made than the best one here, {worth}: {theirs}, here {ours}"
+        return _Answer(at_ns, PlanReady(asked.request, recorded), Remark(at_ns, text, differs=True))
+
+
+def _answer(at_ns: int, asked: RequestPlan, name: str, plan: Plan) -> _Answer:
+    without = f" without {', '.join(sorted(asked.down))}" if asked.down else ""
+    phase = f" in phase {asked.phase}" if asked.phase is not None else ""
+    return _Answer(at_ns, PlanReady(asked.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
+
+
+def _configurations(planners: Planners, reign: Reign) -> dict[int, Configuration]:
+    """Configurations that were sent or called, and activated, in a reign, by digest."""
+    commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
+    for t_ns, command, frame in reign.said:
+        message = decode_command(command, frame.data)
+        epoch = None if isinstance(message, Malformed) else commanded.take(t_ns, message)
+        if epoch is not None and epoch.configuration is not None:
+            found[epoch.digest] = epoch.configuration
+    return found

@@ -1,0 +1,181 @@
+"""A script flown in the simulator: virtual time, the flight cores, everything from the script's seed.
+
+Beside what the script expects, all that the simulator's judges know is judged, as in a flight that a seed draws
+(`end_of_flight`): what must never be, silence for which there is no need, and, once whatever can be ended has been
+ended after the script's end, that all comes right again. A core that dies ends the flight, and fails it.
+"""
+
+from collections.abc import Iterator
+
+from heronry_tools.console.errors import UserError
+from heronry_tools.sim.faults.fault import MANAGERS
+from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
+from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.outcome import KEY, lossy, need_key
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.oracles.service import Struck
+from heronry_tools.sim.scenario.flown import Flown
+from heronry_tools.sim.scenario.judgement import Judgement
+from heronry_tools.sim.scenario.observations import Observations
+from heronry_tools.sim.scenario.script import ORDERS, Deed, Script
+from heronry_tools.sim.scenario.trace import deed_line, differences, event_line
+from heronry_tools.sim.world.planning import Planners
+from heronry_wire.identifiers import FIRST_MANAGER
+
+_LONGEST_START_NS = 20_000 * MS
+
+
+class _Flight(Simulation):
+    """A simulation that can leave PEs at home, and knows what the operator said."""
+
+    def __init__(self, script: Script) -> None:
+        self._absent = set(script.without)
+        super().__init__(
+            script.spec,
+            script.seed,
+            faults=lossy(script.loss),
+            contingencies=script.contingencies,
+            standby=script.has_standby,
+            key=KEY if script.has_key or need_key(script.faults) else None,
+            planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
+        )
+
+    def restore(self, pe: str) -> None:
+        """Start a PE, unless it is not there yet."""
+        if f"pe:{pe}" not in self._absent:
+            super().restore(pe)
+
+    def arrive(self, pe: str) -> None:
+        """Start a PE, also one that has not been there yet."""
+        self._absent.discard(f"pe:{pe}")
+        self.restore(pe)
+
+    def say(self, deed: Deed) -> None:
+        """Let the operator give an order."""
+        reply = self.operator.say(ORDERS[deed.what](deed.target))
+        if reply is None:
+            raise UserError(f"'{deed.text}': no manager reigns then that could hear it; say it at another time")
+        if not reply.done:
+            raise UserError(f"'{deed.text}': {reply.sentence}")
+
+
+def fly(script: Script, *, is_compared: bool = True) -> Flown:
+    """Fly a script; raises UserError where something cannot be done at its time.
+
+    is_compared: with its golden trace, if there is one; not where that is to be made anew.
+    """
+    flight = _Flight(script)
+    heard = Observations(script.spec)
+    flight.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
+    lines: tuple[str, ...] = ()  # of a flight that a core has ended there are none
+    try:
+        strikes, deeds = _play(flight, script)
+        lines = _decided(flight, deeds)
+        violations = _end(flight, script, strikes)
+    except UserError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
+        violations = [str(violation) for violation in ended_by(flight, error)]
+    judgement = Judgement(script.spec, heard, _start_ns(flight))
+    return Flown(
+        script,
+        "the simulator",
+        script.end_ns / 1e9,
+        tuple(judgement.verdict(one) for one in script.expectations),
+        tuple(violations),
+        lines,
+        differences(script.file, lines) if lines and is_compared else None,
+        flight.digest(),
+    )
+
+
+def _play(flight: _Flight, script: Script) -> tuple[Strikes, list[tuple[int, str]]]:
+    """Do what the script says, up to its end; gives the lines of the deeds, and how many events there were before."""
+    _begin(flight, script)
+    start_ns = _start_ns(flight)
+    strikes, deeds = Strikes(flight, script.faults, start_ns), []
+    for deed in script.deeds:
+        flight.run_until(start_ns + deed.at_ns)
+        deeds.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
+        _do(flight, script, deed)
+    flight.run_until(start_ns + script.end_ns)
+    return strikes, deeds
+
+
+def _end(flight: _Flight, script: Script, strikes: Strikes) -> list[str]:
+    """Bring the flight to its end; gives what must not be."""
+    strikes.struck += _struck(flight, script)
+    violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
+    return [*_missed(script, strikes), *map(str, flight.waivers.promised(violations))]
+
+
+def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
+    """Give what was done besides faults, as far as it can be judged.
+
+    Of two managers the death of one is an instant, since the other one reigns. When an actuator that sticks is noticed
+    is for the monitors.
+    """
+    start_ns, restored = _start_ns(flight), dict[str, int]()
+    for deed in reversed(script.deeds):
+        at_ns, is_manager = start_ns + deed.at_ns, deed.target in MANAGERS
+        if deed.what == "restore":
+            restored[deed.target] = at_ns
+        elif deed.what == "kill":
+            for_good = at_ns if is_manager and flight.managers else None
+            yield Struck(None if is_manager else deed.target, at_ns, restored.pop(deed.target, for_good))
+        elif deed.what == "stick":
+            yield Struck(None, at_ns, None)
+
+
+def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
+    """Say which faults have struck nothing, or not in the state that the script names."""
+    for deed in script.deeds:
+        story = None if deed.fault is None else unstruck(deed.fault, deed.text, strikes)
+        if story is not None:
+            yield f"{script.file}:{deed.line}: {story}"
+
+
+def _begin(flight: Simulation, script: Script) -> None:
+    """Fly to the moment at which the first configuration runs."""
+    while not flight.events_of("reconfigured"):
+        flight.run_for(MS)
+        if flight.now_ns > _LONGEST_START_NS:
+            raise UserError(f"{script.file}: no configuration has run within {_LONGEST_START_NS // 10**9} s")
+
+
+def _start_ns(flight: Simulation) -> int:
+    """When the first configuration ran; now, where none has."""
+    return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
+
+
+def _do(flight: _Flight, script: Script, deed: Deed) -> None:
+    try:
+        match deed.what, deed.target:
+            case "fault", _:
+                pass  # the strikes see to it
+            case "stick", device:
+                flight.fail_device(device.removeprefix("device:"), "stuck")
+            case "kill", target if target in MANAGERS:
+                flight.kill_manager(MANAGERS[target])
+            case "restore", target if target in MANAGERS:
+                flight.start_manager(MANAGERS[target] or FIRST_MANAGER)
+            case "kill", pe:
+                flight.kill(pe.removeprefix("pe:"))
+            case "restore", pe:
+                flight.arrive(pe.removeprefix("pe:"))
+            case _:
+                flight.say(deed)
+    except UserError as error:
+        raise UserError(f"{script.file}:{deed.line}: {error}") from None
+
+
+def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:
+    """Put what was done among what was decided."""
+    lines, waiting = [], list(deeds)
+    for number, event in enumerate(flight.events):
+        while waiting and waiting[0][0] <= number:
+            lines.append(waiting.pop(0)[1])
+        line = event_line(event)
+        if line is not None:
+            lines.append(line)
+    return (*lines, *(line for _, line in waiting))

@@ -1,0 +1,196 @@
+"""Expectations judged by what was heard: did it hold from when it had to, and if not, what was seen instead.
+
+Something *holds since* the first of an unbroken chain of frames that say so, up to the end of what is judged; a chain
+breaks where a frame says otherwise, or where none comes for longer than is usual:
+
+    outputs     two and a half periods of the slowest mode that makes them: one that is missing is no silence, two are
+    data        the same
+    states      one heartbeat more than the bus lets a PE miss
+    LEASE       as long as a PE takes for a lost manager
+
+Real processes share a computer that does other things too; there the patience is longer (`slack_ns`).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from heronry_dg.model import Mode, Spec
+from heronry_manager.core.topology import uplink_bus
+from heronry_tools.sim.scenario.observations import Observations
+from heronry_tools.sim.scenario.script import Expectation
+from heronry_wire.management import LEASE_PERIODS, NO_EPOCH, PeState
+
+Mark = tuple[int, bool]
+"""When a frame was heard, and whether it says what is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What became of one expectation; `seen` is a sentence."""
+
+    expectation: Expectation
+    holds: bool
+    seen: str
+
+
+class Judgement:
+    """Judges the expectations of one flight."""
+
+    def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:
+        """`start_ns` is the moment from which the script counts."""
+        self._spec, self._heard, self._start_ns, self._slack_ns = spec, heard, start_ns, slack_ns
+
+    def verdict(self, one: Expectation) -> Verdict:
+        """Judge one expectation."""
+        if one.state in ("silent", "unchanged") or one.subject == "nothing":
+            last_ns = self._last_against(one)
+            within = last_ns is None or last_ns <= self._ns(one.from_ns + one.within_ns)
+            return Verdict(one, within, self._silence(one, last_ns))
+        since_ns = self._since(one)
+        within = since_ns is not None and since_ns <= self._ns(one.from_ns + one.within_ns)
+        return Verdict(one, within, self._seen(one, since_ns))
+
+    # What holds since when
+
+    def _since(self, one: Expectation) -> int | None:
+        kind, _, name = one.subject.partition(":")
+        marks, patience_ns = self._marks(one, kind, name)
+        until_ns = self._ns(one.until_ns)
+        if patience_ns is None:  # once it is said, it is said
+            from_ns = self._ns(one.from_ns)
+            return next((t for t, says in marks if says and from_ns <= t <= until_ns), None)
+        return holds_since(marks, patience_ns + self._slack_ns, until_ns)
+
+    def _marks(self, one: Expectation, kind: str, name: str) -> tuple[list[Mark], int | None]:
+        heard = self._heard
+        match kind:
+            case "function":
+                outputs = self._spec.functions[name].outputs
+                told = [(o.t_ns, one.by in (None, o.module)) for o in heard.outputs if o.module in outputs]
+                return told, self._usual_gap_ns(name)
+            case "variable":
+                return [(t, True) for t, variable in heard.data if variable == name], self._usual_pause_ns(name)
+            case "pe" if one.state != "reported":
+                state = PeState[one.state.upper()]
+                told = [(s.t_ns, s.page.state is state) for s in heard.states if s.pe == name]
+                return told, self._missed_ns(name)
+            case "manager":
+                return [(t, True) for t in heard.leases], LEASE_PERIODS * self._beat_ns()
+            case "epoch":
+                old = self._epoch_at(one.from_ns)
+                active = [s for s in heard.states if s.page.epoch != NO_EPOCH]
+                return [(s.t_ns, s.page.epoch != old) for s in active], max(map(self._missed_ns, self._spec.pes))
+            case _:
+                return [(t, element == one.subject) for t, element in heard.reports], None
+
+    def _last_against(self, one: Expectation) -> int | None:
+        """When something was last heard, in the time that is judged, that ought not to be."""
+        kind, _, name = one.subject.partition(":")
+        heard = self._heard
+        match kind:
+            case "function":
+                outputs = self._spec.functions[name].outputs
+                times = [o.t_ns for o in heard.outputs if o.module in outputs]
+            case "variable":
+                times = [t for t, variable in heard.data if variable == name]
+            case "pe":
+                times = [s.t_ns for s in heard.states if s.pe == name]
+            case "manager":
+                times = heard.leases
+            case "epoch":
+                old = self._epoch_at(one.from_ns)
+                times = [s.t_ns for s in heard.states if s.page.epoch not in (NO_EPOCH, old)]
+            case _:
+                times = [t for t, _ in heard.reports]
+        return max((t for t in times if self._ns(one.from_ns) < t <= self._ns(one.until_ns)), default=None)
+
+    def _epoch_at(self, from_ns: int) -> int:
+        """Epoch that was named last before a moment; the first one of all where there was none."""
+        named = [(s.t_ns, s.page.epoch) for s in self._heard.states if s.page.epoch != NO_EPOCH]
+        before = [epoch for t, epoch in named if t <= self._ns(from_ns)]
+        return before[-1] if before else next((epoch for _, epoch in named), NO_EPOCH)
+
+    def _usual_gap_ns(self, function: str) -> int:
+        modules = (self._spec.modules[module] for module in self._spec.functions[function].outputs)
+        return _patience_ns(mode for module in modules for mode in module.modes.values())
+
+    def _usual_pause_ns(self, variable: str) -> int:
+        modes = (mode for module in self._spec.modules.values() for mode in module.modes.values())
+        return _patience_ns(mode for mode in modes if variable in mode.gives)
+
+    def _missed_ns(self, pe: str) -> int:
+        bus = self._spec.buses[uplink_bus(self._spec, pe)]
+        return bus.heartbeat_ns * (bus.misses + 1)
+
+    def _beat_ns(self) -> int:
+        return self._spec.buses[self._spec.manager.bus].heartbeat_ns
+
+    def _ns(self, script_ns: int) -> int:
+        return self._start_ns + script_ns
+
+    # What was seen, in words
+
+    def _seen(self, one: Expectation, since_ns: int | None) -> str:
+        if since_ns is not None:
+            if since_ns <= self._ns(one.from_ns):
+                return "it was so all the time"
+            return f"it was so from {self._s(since_ns)} on, {self._after(one, since_ns)}"
+        if one.state == "reported":
+            return f"up to {self._s(self._ns(one.until_ns))} nobody said so"
+        told = self._last_words(one)
+        return f"at {self._s(self._ns(one.until_ns))} it was not so; heard last was {told or 'nothing'}"
+
+    def _last_words(self, one: Expectation) -> str | None:
+        """What was heard last of a subject, and when."""
+        kind, _, name = one.subject.partition(":")
+        heard, until_ns = self._heard, self._ns(one.until_ns)
+        match kind:
+            case "function":
+                outputs = self._spec.functions[name].outputs
+                told = [(o.t_ns, o.module) for o in heard.outputs if o.module in outputs]
+            case "variable":
+                told = [(t, variable) for t, variable in heard.data if variable == name]
+            case "pe":
+                told = [(s.t_ns, s.page.state.name.lower()) for s in heard.states if s.pe == name]
+            case "epoch":
+                told = [(s.t_ns, f"epoch {s.page.epoch}") for s in heard.states]
+            case _:
+                told = [(t, "LEASE") for t in heard.leases]
+        last = next(((t, what) for t, what in reversed(told) if t <= until_ns), None)
+        return None if last is None else f"{last[1]}, at {self._s(last[0])}"
+
+    def _silence(self, one: Expectation, last_ns: int | None) -> str:
+        if last_ns is None:
+            return "nothing to the contrary was heard"
+        what = "it was heard"
+        if one.subject == "epoch":
+            what = "another epoch was named"
+        elif one.subject == "nothing":
+            what = f"{', '.join(element for t, element in self._heard.reports if t == last_ns)} was reported"
+        return f"{what}, last at {self._s(last_ns)}, {self._after(one, last_ns)}"
+
+    def _after(self, one: Expectation, t_ns: int) -> str:
+        return f"{(t_ns - self._ns(one.from_ns)) / 1e6:.1f} ms after {self._s(self._ns(one.from_ns))}"
+
+    def _s(self, t_ns: int) -> str:
+        return f"{(t_ns - self._start_ns) / 1e9:.3f} s"
+
+
+def _patience_ns(modes: Iterable[Mode]) -> int:
+    return max(10**12 // mode.rate_mhz for mode in modes) * 5 // 2
+
+
+def holds_since(marks: Iterable[Mark], patience_ns: int, until_ns: int) -> int | None:
+    """Give the beginning of the unbroken chain of marks that reaches `until_ns`; None where there is none."""
+    since_ns = last_ns = None
+    for t_ns, says in marks:
+        if t_ns > until_ns:
+            break
+        if not says:
+            since_ns = None
+        elif since_ns is None or last_ns is None or t_ns - last_ns > patience_ns:
+            since_ns = t_ns
+        last_ns = t_ns if says else last_ns
+    if since_ns is None or last_ns is None or until_ns - last_ns > patience_ns:
+        return None
+    return since_ns

@@ -1,0 +1,76 @@
+"""What came of scenarios: for people, as JSON, and as JUnit."""
+
+from collections.abc import Iterable
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from heronry_tools.sim.scenario.flown import Flown
+from heronry_tools.sim.scenario.judgement import Verdict
+
+
+def text_report(flown: Flown) -> list[str]:
+    """Lines for people: one where all holds, else what was expected and what was seen."""
+    file, count = flown.script.file, len(flown.verdicts)
+    head = f"{file}: {'holds' if flown.holds else 'FAILS'} ({flown.seconds:g} s in {flown.where}, {count} expected)"
+    lines = [f"  {_failed(flown, verdict)}" for verdict in flown.verdicts if not verdict.holds]
+    lines += [f"  must not be: {violation}" for violation in flown.violations]
+    if flown.differences:
+        lines.append("  decided otherwise than before; where that is right, --rewrite keeps it:")
+        lines += [f"    {line}" for line in flown.differences]
+    return [head, *lines]
+
+
+def document(flown: Flown) -> dict[str, Any]:
+    """One flight as plain data."""
+    return {
+        "file": str(flown.script.file),
+        "why": flown.script.why,
+        "where": flown.where,
+        "holds": flown.holds,
+        "expectations": [
+            {
+                "line": verdict.expectation.line,
+                "expected": verdict.expectation.text,
+                "from_ns": verdict.expectation.from_ns,
+                "holds": verdict.holds,
+                "seen": verdict.seen,
+            }
+            for verdict in flown.verdicts
+        ],
+        "violations": list(flown.violations),
+        "trace": list(flown.trace),
+        "differences": list(flown.differences or ()),
+    }
+
+
+def junit(flights: Iterable[Flown]) -> str:
+    """One suite per file: a case per expectation, one for what must never be, one for a golden trace."""
+    suites = ET.Element("testsuites", name="heronry scenario")
+    for flown in flights:
+        suites.append(_suite(flown))
+    ET.indent(suites)
+    return ET.tostring(suites, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _suite(flown: Flown) -> ET.Element:
+    failures = [
+        (f"{v.expectation.line}: {v.expectation.text}", "" if v.holds else _failed(flown, v)) for v in flown.verdicts
+    ]
+    failures.append(("what must never be", "\n".join(flown.violations)))
+    if flown.differences is not None:
+        failures.append(("decided as before", "\n".join(flown.differences)))
+    file, failed = str(flown.script.file), sum(bool(words) for _, words in failures)
+    counts = {"tests": str(len(failures)), "failures": str(failed), "errors": "0", "skipped": "0"}
+    suite = ET.Element("testsuite", {"name": file, **counts})
+    for name, words in failures:
+        case = ET.SubElement(suite, "testcase", name=name, classname=file)
+        if words:
+            failure = ET.SubElement(case, "failure", type="scenario", message=words.splitlines()[0])
+            failure.text = words
+    return suite
+
+
+def _failed(flown: Flown, verdict: Verdict) -> str:
+    one = verdict.expectation
+    place = f"{flown.script.file}:{one.line}: from {one.from_ns / 1e9:g} s on"
+    return f"{place}: expected {one.text}; {verdict.seen}"

@@ -1,0 +1,395 @@
+"""A scenario file: what happens to an aircraft, and what is expected to be heard of it, one thing a line.
+
+    # A processor dies; another one takes its work.        the comment at the top says why the scenario exists
+    spec elevator_and_chute                                a shipped spec, or a file, from the scenario's folder
+    seed 7                                                 for the simulator; 0 where it is not said
+    loss 0.01                                              one frame in a hundred is destroyed (simulator)
+    standby                                                there are two managers, 126 and 127
+    keyed                                                  managers and PEs have a key
+    unforeseen                                             nothing was planned ahead: the greedy plan flies at once, and
+                                                           the best one follows at leisure (simulator)
+    without pe:tail_pe                                     is not there from the start
+    contingencies 1                                        plans for up to so many faults are made ahead, and on board
+    at 2.0s kill pe:control_pe
+    expect function:elevator served within 200ms
+    end 8s
+
+What stands on lines of its own may stand on one, with ';' between.
+
+Times are seconds from the moment at which the first configuration runs. What is done:
+
+    kill|restore pe:NAME|manager|primary|standby
+    phase NAME       fail|clear KIND:NAME       (the last three: the operator's word)
+    stick device:NAME                  the device answers, and shows what it showed last (simulator)
+    KIND ELEMENT [for TIME] [in STATE] [level N]        a fault of the simulator (`heronry_tools.sim.faults.fault`)
+
+What is expected counts from the last `at` above it, and is judged until something else is done, or to the end:
+
+    function:F served [by MODULE] within TIME|throughout        function:F silent within TIME
+    variable:V heard|silent within TIME (heard throughout)      a datum, as its readers on that bus get it
+    pe:P active|partial|broken|unconfigured|silent within TIME|throughout
+    manager heard|silent within TIME|throughout
+    epoch new within TIME               epoch unchanged
+    KIND:NAME reported within TIME      nothing reported        (EMCY)
+
+What cannot be read is a UserError with the place and the remedy.
+"""
+
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+from heronry_dg.model import Spec
+from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
+from heronry_tools.console.errors import UserError
+from heronry_tools.console.spec_argument import load_spec, named_function, spec_path
+from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
+from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Act, is_one_of_two, read_act
+
+ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
+    "phase": EnterPhase,
+    "fail": FailElement,
+    "clear": ClearElement,
+}
+"""What the operator may say, by its word in a script."""
+
+_NS = {"ms": 1_000_000, "s": 1_000_000_000}
+_TIME = re.compile(r"(?P<number>\d{1,6}(\.\d{1,3})?)(?P<unit>ms|s)", re.ASCII)
+_EXPECTATION = re.compile(
+    r"(?P<subject>\S+) (?P<state>[a-z]+)( by (?P<by>\S+))? (within (?P<time>\S+)|(?P<throughout>throughout))"
+)
+_WITHOUT_TIME = ("epoch unchanged", "nothing reported")
+_ONCE = ("reported", "new")  # it happens, and does not last
+_PE_STATES = ("active", "partial", "broken", "unconfigured", "silent")
+EXAMPLE = "expect function:NAME served within 200ms"
+_EXAMPLES = {
+    "function": EXAMPLE,
+    "variable": "expect variable:NAME heard within 200ms",
+    "pe": "expect pe:NAME active within 1s",
+    "manager": "expect manager heard within 1s",
+    "epoch": "expect epoch new within 200ms",
+    "nothing": "expect nothing reported",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Deed:
+    """What is done, and when; `fault` is an act of the simulator (what is "fault"), else `what` is done to `target`."""
+
+    line: int
+    at_ns: int
+    what: str  # kill, restore, phase, fail, clear, stick, fault
+    target: str
+    text: str
+    fault: Act | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """`subject` is in `state` from `within_ns` after `from_ns` on, up to `until_ns`."""
+
+    line: int
+    subject: str
+    state: str
+    by: str | None  # the module that is to serve the function
+    from_ns: int
+    within_ns: int
+    until_ns: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """One scenario file."""
+
+    file: Path
+    why: str
+    spec: Spec
+    spec_file: Path
+    seed: int
+    without: frozenset[str]
+    contingencies: int | None
+    has_standby: bool
+    has_key: bool
+    is_unforeseen: bool
+    deeds: tuple[Deed, ...]
+    expectations: tuple[Expectation, ...]
+    end_ns: int
+    loss: float = 0.0
+
+    @property
+    def faults(self) -> tuple[Act, ...]:
+        """What is done that only a simulator can do."""
+        return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
+
+
+def read_script(file: Path) -> Script:
+    """Read a scenario file; raises UserError."""
+    try:
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise UserError(f"{file}: it is not text in UTF-8; name a scenario file") from None
+    return _Reader(file).read(text)
+
+
+@dataclass(slots=True)
+class _Reader:
+    file: Path
+    number: int = 0
+    why: list[str] = field(default_factory=list)
+    spec: Spec | None = None
+    spec_file: Path = Path()
+    seed: int = 0
+    loss: float = 0.0
+    without: set[str] = field(default_factory=set)
+    contingencies: int | None = None
+    has_standby: bool = False
+    has_key: bool = False
+    is_unforeseen: bool = False
+    deeds: list[Deed] = field(default_factory=list)
+    expected: list[Expectation] = field(default_factory=list)  # `until_ns` is not known yet
+    end_ns: int | None = None
+
+    def read(self, text: str) -> Script:
+        for self.number, line in enumerate(text.splitlines(), start=1):
+            if line.startswith("#"):
+                self._comment(line)
+                continue
+            for part in line.partition("#")[0].split(";"):
+                words = part.split()
+                if words:
+                    self._line(words)
+        return self._finished()
+
+    def _finished(self) -> Script:
+        if not any(self.why):
+            self._refuse("nobody knows why it exists; begin with a comment that says so")
+        if self.spec is None:
+            self._refuse("it names no spec; write for example 'spec big_blue'")
+        if self.end_ns is None:
+            self._refuse("it does not say when it ends; write for example 'end 8s' as the last line")
+        return Script(
+            self.file,
+            " ".join(self.why),
+            self.spec,
+            self.spec_file,
+            self.seed,
+            frozenset(self.without),
+            self.contingencies,
+            self.has_standby,
+            self.has_key,
+            self.is_unforeseen,
+            tuple(self.deeds),
+            tuple(self._bounded(one, self.end_ns) for one in self.expected),
+            self.end_ns,
+            self.loss,
+        )
+
+    def _comment(self, line: str) -> None:
+        if self.spec is None:
+            self.why.append(line.removeprefix("#").strip())
+
+    def _line(self, words: list[str]) -> None:
+        if self.end_ns is not None:
+            self._refuse("nothing comes after 'end'; move it up, or 'end' down")
+        match words:
+            case ["spec", *name] if self.spec is None and name:
+                self.spec, self.spec_file = self._loaded(" ".join(name))
+            case ["spec", *_] if self.spec is not None:
+                self._refuse("there is one spec in a scenario; leave this line out")
+            case _ if self.spec is None:
+                self._refuse("the first line names the spec; write for example 'spec big_blue' above this one")
+            case ["seed", number] if number.isdecimal():
+                self.seed = int(number)
+            case ["loss", text] if (share := read_share(text)) is not None:
+                self.loss = share
+            case ["at", time, *deed] if deed:
+                self._deed(self._ns(time), deed)
+            case ["expect", *expectation] if expectation:
+                self._expectation(expectation)
+            case ["end", time]:
+                self.end_ns = self._not_before(self._ns(time))
+            case _ if self.deeds or not self._prepared(words):
+                self._refuse(
+                    f"'{' '.join(words)}' cannot be read; a line is 'spec NAME', 'seed NUMBER', 'loss SHARE' "
+                    "(0 to 0.5), 'standby', 'keyed', 'unforeseen', 'contingencies 0|1|2', 'without pe:NAME' "
+                    "(before anything is done), 'at TIME ...', 'expect ...' or 'end TIME'"
+                )
+
+    def _prepared(self, words: list[str]) -> bool:
+        """Read what is said of the aircraft before anything is done; tells whether it can be read."""
+        match words:
+            case ["standby"]:
+                self.has_standby = True
+            case ["keyed"]:
+                self.has_key = True
+            case ["unforeseen"]:
+                self.is_unforeseen = True
+            case ["without", pe]:
+                self.without.add(self._pe(pe))
+            case ["contingencies", faults] if faults in ("0", "1", "2"):
+                self.contingencies = int(faults)
+            case _:
+                return False
+        return True
+
+    def _loaded(self, name: str) -> tuple[Spec, Path]:
+        path = str(self.file.parent / name) if Path(name).suffix else name
+        try:
+            return load_spec(path), spec_path(path)
+        except UserError as error:
+            self._refuse(str(error))
+
+    # What is done
+
+    def _deed(self, at_ns: int, words: list[str]) -> None:
+        self._not_before(at_ns)
+        text = " ".join(words)
+        if not self.has_standby and words[0] != "phase" and any(map(is_one_of_two, words[1:2])):
+            self._refuse(f"'{text}': there is one manager; name it 'manager', or write 'standby' above for two")
+        match words:
+            case ["kill" | "restore" as what, target]:
+                deed = Deed(self.number, at_ns, what, target if target in MANAGERS else self._pe(target), text)
+                self._in_turn(deed)
+            case ["phase", phase]:
+                deed = Deed(self.number, at_ns, "phase", self._checked_phase(phase), text)
+            case ["fail" | "clear" as what, element]:
+                deed = Deed(self.number, at_ns, what, self._element(element), text)
+            case ["stick", device] if device.startswith("device:"):
+                deed = Deed(self.number, at_ns, "stick", self._element(device), text)
+            case [kind, target, *_] if kind in KINDS:
+                deed = Deed(self.number, at_ns, "fault", target, text, self._fault(at_ns, words))
+            case _:
+                known = ["kill", "restore", "phase", "fail", "clear", "stick", *KINDS]
+                self._refuse(f"'{text}' cannot be done; {_hint(words[0], known)}")
+        self.deeds.append(deed)
+
+    def _in_turn(self, deed: Deed) -> None:
+        """Kill what runs, restore what does not."""
+        before = [d.what for d in self.deeds if d.target == deed.target and d.what in ("kill", "restore")]
+        runs = before[-1] == "restore" if before else deed.target not in self.without
+        if runs != (deed.what == "kill"):
+            self._refuse(f"{deed.target} {'runs' if runs else 'does not run'} then; kill and restore in turn")
+
+    def _fault(self, at_ns: int, words: list[str]) -> Act:
+        plain = list(words)
+        for position, word in enumerate(words[:-1]):
+            if word == "for":
+                plain[position + 1] = _plain_seconds(self._ns(words[position + 1]))
+        assert self.spec is not None
+        try:
+            return read_act(self.spec, f"{_plain_seconds(at_ns)} {' '.join(plain)}")
+        except UserError as error:
+            self._refuse(str(error))
+
+    # What is expected
+
+    def _expectation(self, words: list[str]) -> None:
+        text = " ".join(words)
+        match = _EXPECTATION.fullmatch(f"{text} throughout" if text in _WITHOUT_TIME else text)
+        if match is None or (match["throughout"] and match["state"] in _ONCE and text not in _WITHOUT_TIME):
+            example = _EXAMPLES.get(words[0].partition(":")[0], _EXAMPLES["function"])
+            self._refuse(f"'{text}' cannot be read; write for example '{example}'")
+        subject, state, by = match["subject"], match["state"], match["by"]
+        within_ns = self._ns(match["time"]) if match["time"] else 0
+        self._check_subject(subject, state, by)
+        from_ns = self.deeds[-1].at_ns if self.deeds else 0
+        self.expected.append(Expectation(self.number, subject, state, by, from_ns, within_ns, 0, text))
+
+    def _check_subject(self, subject: str, state: str, by: str | None) -> None:
+        kind, _, name = subject.partition(":")
+        match kind, state:
+            case ("function", "served" | "silent") if by is None or state == "served":
+                self._function(name, by)
+            case _ if by is not None:
+                self._refuse(f"only a function is served by a module; write for example '{_EXAMPLES['function']}'")
+            case ("variable", "heard" | "silent"):
+                self._variable(name)
+            case ("pe", _) if state in _PE_STATES:
+                self._pe(subject)
+            case ("manager", "heard" | "silent") | ("epoch", "new" | "unchanged") | ("nothing", "reported"):
+                pass
+            case (_, "reported"):
+                self._element(subject)
+            case _:
+                example = _EXAMPLES.get(kind, _EXAMPLES["function"])
+                self._refuse(f"nobody can tell whether '{subject}' is '{state}'; write for example '{example}'")
+
+    def _function(self, name: str, by: str | None) -> None:
+        assert self.spec is not None
+        try:
+            function = named_function(self.spec, name)
+        except UserError as error:
+            self._refuse(str(error))
+        if by is not None and by not in function.outputs:
+            self._refuse(f"{by} is no output of {name}; it has {', '.join(function.outputs)}")
+
+    def _variable(self, name: str) -> None:
+        assert self.spec is not None
+        if name not in self.spec.variables:
+            self._refuse(f"no variable is named '{name}'; {_hint(name, self.spec.variables, 'there is')}")
+
+    def _bounded(self, one: Expectation, end_ns: int) -> Expectation:
+        """Say until when something is expected, and that there is time for it."""
+        until_ns = next((deed.at_ns for deed in self.deeds if deed.at_ns > one.from_ns), end_ns)
+        if one.from_ns + one.within_ns >= until_ns:
+            self.number = one.line
+            self._refuse(
+                f"at {_plain_seconds(until_ns)}s something else is done, or it ends, before that time is up; "
+                "let that come later, or expect it sooner"
+            )
+        return Expectation(one.line, one.subject, one.state, one.by, one.from_ns, one.within_ns, until_ns, one.text)
+
+    # Words
+
+    def _ns(self, text: str) -> int:
+        match = _TIME.fullmatch(text)
+        if match is None:
+            self._refuse(f"'{text}' is no time; write it as 2.5s or 80ms")
+        whole, _, fraction = match["number"].partition(".")
+        ns = (int(whole) * 1000 + int(fraction.ljust(3, "0") or 0)) * (_NS[match["unit"]] // 1000)
+        if ns > LONGEST_S * _NS["s"]:
+            self._refuse(f"'{text}' is longer than a flight may be; write {LONGEST_S}s or less")
+        return ns
+
+    def _not_before(self, at_ns: int) -> int:
+        last_ns = self.deeds[-1].at_ns if self.deeds else 0
+        if at_ns < last_ns:
+            self._refuse(f"{_plain_seconds(at_ns)}s is before {_plain_seconds(last_ns)}s; write lines in order of time")
+        return at_ns
+
+    def _pe(self, element: str) -> str:
+        if not element.startswith("pe:"):
+            self._refuse(f"'{element}' is no PE; write pe:NAME")
+        return self._element(element)
+
+    def _element(self, element: str) -> str:
+        assert self.spec is not None
+        try:
+            return checked_element(self.spec, element)
+        except UnknownElementError as error:
+            self._refuse(str(error))
+
+    def _checked_phase(self, phase: str) -> str:
+        assert self.spec is not None
+        try:
+            return checked_phase(self.spec, phase)
+        except UnknownElementError as error:
+            self._refuse(str(error))
+
+    def _refuse(self, sentence: str) -> NoReturn:
+        raise UserError(f"{self.file}:{max(self.number, 1)}: {sentence}")  # also where there is no line at all
+
+
+def _plain_seconds(ns: int) -> str:
+    return f"{ns / 1e9:.3f}".rstrip("0").rstrip(".")
+
+
+def _hint(word: str, known: Iterable[str], otherwise: str = "what can be done is") -> str:
+    names = list(known)
+    close = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean '{close[0]}'?" if close else f"{otherwise} {', '.join(names)}"

@@ -1,0 +1,432 @@
+"""A simulated CAN bus: priority arbitration, exact frame lengths, and what can go wrong on a wire.
+
+Every station has one frame in its mailbox (`station`). While the bus is free the most urgent of these is sent, takes
+the exact time of its bits (stuffing and intermission included), and is then received by every other station that wants
+its identifier. What is offered at the very instant at which the bus falls free takes part in the arbitration of that
+instant.
+
+A frame that is destroyed, by noise (`Faults.loss`, `noisy`), by a transmitter that fails, or by a rival, costs the bits
+that were sent and an error frame, counts at its sender and at everybody who listened, and is sent again. Two stations
+that win the same arbitration with the same bits send one frame together; with different ones they destroy each
+other's. Either is noted in `clashes`.
+
+What gets through may still be missed by one receiver, or come twice (CAN is not an atomic broadcast: the last bit but
+one decides for a receiver, the last one for the sender), or, once in an age, be another frame than the one sent
+(`corrupt`): `Faults.omission`, `Faults.doubled`, and `tamper` for one frame at a time.
+
+A station that leaves while it sends destroys that frame. `slowdown` stretches time: a radio far from home. A wire that
+is `broken` carries nothing to anybody, and costs nobody an error; what is sent then waits for it to be mended. Where it
+is broken in the middle (`apart`) the two sides do not hear each other, but share the time of one bus: each is no faster
+than it would be alone.
+
+A replicated bus is two of these (`replicated_port`). Not modelled: single bits (a frame fails or it does not).
+"""
+
+from collections.abc import Callable, Container
+from dataclasses import dataclass
+from functools import partial
+from heapq import heapify, heappop, heappush
+from random import Random
+from typing import NamedTuple
+
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.station import (
+    BUS_OFF_ABOVE,
+    ERROR_PASSIVE_ABOVE,
+    RESTART_BITS,
+    RESTART_NS,
+    SUSPENDED_BITS,
+    Station,
+    Urgency,
+    Waiting,
+)
+from heronry_wire.frame import Frame, arbitration_key
+from heronry_wire.sansio import NEVER_NS, Received
+from heronry_wire.timing import exact_bits
+from heronry_wire.transmit_queue import FIRST_HELD_BACK
+
+_ERROR_FRAME_BITS = 31
+_HEADER_BITS = 19
+_NS_PER_S = 1_000_000_000
+_TRANSMIT_ERROR, _RECEIVE_ERROR = 8, 1
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Probabilities per frame, or per frame and receiver."""
+
+    loss: float = 0.0
+    omission: float = 0.0
+    doubled: float = 0.0
+
+
+class Sent(NamedTuple):
+    """A frame that went over a bus; `end_ns` is the end of its last bit."""
+
+    end_ns: int
+    bus: str
+    sender: str
+    frame: Frame
+
+
+class Clash(NamedTuple):
+    """Two stations had the same identifier waiting for the same arbitration."""
+
+    t_ns: int
+    bus: str
+    can_id: int
+    stations: tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Tampering:
+    """What becomes of one frame: how many copies are received, by one station alone or (None) by everybody."""
+
+    copies: int
+    receiver: str | None = None
+
+
+class SimulatedBus:
+    """One CAN segment."""
+
+    def __init__(self, name: str, bitrate: int, clock: Clock, random: Random, faults: Faults) -> None:
+        """`random` is drawn from only where faults ask for it."""
+        self.name, self.bitrate, self.faults = name, bitrate, faults
+        self.slowdown = 1
+        self.broken = 0  # how many breaks there are in it now
+        self.noisy = 0  # how many bursts are destroying every frame now
+        self.corrupt: Callable[[Sent], Frame | None] | None = None  # what is received instead of a frame
+        self.tamper: Callable[[Sent], Tampering | None] | None = None
+        self.apart: Callable[[str, str], bool] | None = None  # of sender and receiver: nothing gets through
+        self.busy_bits = 0  # sent so far
+        self.frames = 0
+        self.destroyed = 0
+        self.bus_offs = 0
+        self.clashes: list[Clash] = []
+        self.taps: list[Callable[[Sent], None]] = []  # who watches; the stations cannot see them
+        self._clock, self._random = clock, random
+        self._stations: list[Station] = []
+        self._audience: dict[int, tuple[Station, ...]] = {}  # by identifier; worked out when one is first sent
+        self._waiting: list[Urgency] = []  # the mailboxes
+        self._on_air: tuple[Waiting, bool] | None = None  # a frame, and whether it will be destroyed
+        self._rival: Waiting | None = None  # sent together with it
+        self._arbitration_due = False
+        self._offers = 0
+        self._joined = 0
+        self._errors_count = False  # some counter is above 0
+
+    @property
+    def queued(self) -> int:
+        """How many frames wait, in mailboxes and queues of stations that can send."""
+        return sum(len(s.queue) + (s.mailbox is not None) for s in self._stations if s.can_send)
+
+    @property
+    def offered(self) -> int:
+        """Number of the last frame that was queued by anybody."""
+        return self._offers
+
+    @property
+    def longest_waiting(self) -> Waiting | None:
+        """The frame that has been waiting for longest, of stations that can send."""
+        mailboxes = (s.mailbox for s in self._stations if s.can_send and s.mailbox is not None)
+        queues = (waiting for s in self._stations if s.can_send for _, _, waiting in s.queue)
+        return min((*mailboxes, *queues), key=lambda waiting: waiting.offer, default=None)
+
+    def join(
+        self, name: str, port: int, listener: Callable[[Received], None], wants: Container[int] | None = None
+    ) -> Station:
+        """Connect a station; it hears what it `wants`, or everything."""
+        self._joined += 1
+        station = Station(name, port, self._joined, listener)
+        if wants is not None:
+            station.wants = wants
+        self._stations.append(station)
+        self._audience.clear()
+        return station
+
+    def wants(self, station: Station, identifiers: Container[int]) -> None:
+        """Let a station hear other identifiers from now on."""
+        station.wants = identifiers
+        self._audience.clear()
+
+    def leave(self, station: Station) -> None:
+        """Disconnect a station for good; what it had to say is lost."""
+        station.present = False
+        station.reconsider()
+        station.mailbox = None
+        self._stations.remove(station)
+        self._audience.clear()
+
+    def wire(
+        self, station: Station, *, cut_off: bool | None = None, mute: bool | None = None, deaf: bool | None = None
+    ) -> None:
+        """Break the wire of a station, in both directions or in one, or mend it; what is not said stays."""
+        station.cut_off = station.cut_off if cut_off is None else cut_off
+        station.mute = station.mute if mute is None else mute
+        station.deaf = station.deaf if deaf is None else deaf
+        station.reconsider()
+        self._wake(station)
+
+    def stall(self, station: Station, *, stalled: bool) -> None:
+        """Let the processor behind a station stand still, or go on: what is in the mailbox is sent all the same."""
+        station.stalled = stalled
+        self._wake(station)
+
+    def break_wire(self) -> None:
+        """Break the wire for everybody; breaks add up."""
+        self.broken += 1
+
+    def mend_wire(self) -> None:
+        """Mend one break."""
+        self.broken -= 1
+        if not self.broken:
+            for station in self._stations:
+                self._wake(station)
+
+    def turn_off(self, station: Station) -> None:
+        """Put a station bus-off, as 32 failed frames in a row would."""
+        station.transmit_errors = BUS_OFF_ABOVE + 1
+        self._go_off(station)
+
+    def offer(self, station: Station, frame: Frame, until_ns: int = NEVER_NS) -> None:
+        """Queue a frame at a station; one that cannot start by `until_ns` is not sent."""
+        if not station.present:
+            return
+        self._offers = offer = self._offers + 1
+        waiting = Waiting(arbitration_key(frame), offer, station, frame, until_ns)
+        may_go = station.mailbox is None and not station.stalled and not self._stands_back(waiting)
+        if may_go and not station.queue:
+            station.mailbox = waiting
+            if self._errors_count:
+                self._enter(station)
+            else:
+                self._wait_for_bus(station)
+        else:
+            heappush(station.queue, (waiting.key, offer, waiting))
+            if may_go:  # what has waited since it went bus-off, or stood back, is not overtaken
+                self._refill(station)
+
+    def limit(self, station: Station, frame: Frame, until_ns: int) -> None:
+        """Shorten the time until which a frame, this very object, may start at a station."""
+        for waiting in (station.mailbox, *(waiting for _, _, waiting in station.queue)):
+            if waiting is not None and waiting.frame is frame:
+                waiting.until_ns = min(waiting.until_ns, until_ns)
+                return
+
+    def withdraw(self, station: Station, identifiers: frozenset[int]) -> None:
+        """Take back what waits at a station under these identifiers; what it has handed over is sent."""
+        station.queue = [urgency for urgency in station.queue if urgency[2].frame.can_id not in identifiers]
+        heapify(station.queue)
+
+    def stand_back(self, station: Station, until_ns: int) -> None:
+        """Let data, and what is less urgent, wait at a station until then."""
+        station.stands_back_until_ns = until_ns
+        self._clock.at(until_ns, lambda: self._refill(station) if station.mailbox is None else None)
+
+    # Mailboxes
+
+    def _stands_back(self, waiting: Waiting) -> bool:
+        return waiting.key >= FIRST_HELD_BACK and self._clock.now_ns < waiting.station.stands_back_until_ns
+
+    def _refill(self, station: Station) -> None:
+        """Hand over the next frame that still serves."""
+        queue, now_ns = station.queue, self._clock.now_ns
+        while queue and not station.stalled and not self._stands_back(queue[0][2]):
+            waiting = heappop(queue)[2]
+            if waiting.until_ns >= now_ns:
+                station.mailbox = waiting
+                self._enter(station)
+                return
+
+    def _enter(self, station: Station) -> None:
+        """Let what is in a mailbox take part in arbitration; an error-passive station lets others go first."""
+        if station.is_passive:
+            suspended_ns = self._duration_ns(SUSPENDED_BITS)
+            self._clock.at(self._clock.now_ns + suspended_ns, partial(self._wait_for_bus, station))
+        else:
+            self._wait_for_bus(station)
+
+    def _wait_for_bus(self, station: Station) -> None:
+        waiting = station.mailbox
+        if waiting is None or not station.can_send:
+            return
+        heappush(self._waiting, (waiting.key, waiting.offer, waiting))
+        if self._on_air is None and not self._arbitration_due:
+            self._arbitration_due = True
+            self._clock.at_last(self._arbitrate)
+
+    def _wake(self, station: Station) -> None:
+        if station.mailbox is None:
+            self._refill(station)
+        else:
+            self._wait_for_bus(station)
+
+    # Arbitration
+
+    def _arbitrate(self) -> None:
+        self._arbitration_due = False
+        head = self._head() if self._on_air is None and not self.broken else None
+        if head is None:
+            return
+        heappop(self._waiting)
+        frame = head.frame
+        bits = exact_bits(frame)
+        destroyed = False
+        if self._waiting and self._waiting[0][0] == head.key:
+            destroyed, bits = self._meet_rival(head, bits)
+        if self.noisy or head.station.fails or (self.faults.loss and self._random.random() < self.faults.loss):
+            destroyed = True
+            bits = self._random.randint(1, bits)
+        if destroyed:
+            bits += _ERROR_FRAME_BITS
+        self.busy_bits += bits
+        self._on_air = (head, destroyed)
+        clock = self._clock
+        clock.at(clock.now_ns + bits * self.slowdown * _NS_PER_S // self.bitrate, self._end)
+
+    def _duration_ns(self, bits: int) -> int:
+        return bits * self.slowdown * _NS_PER_S // self.bitrate
+
+    def _head(self) -> Waiting | None:
+        """Most urgent frame that may be sent, of a station that can send."""
+        waiting, now_ns = self._waiting, self._clock.now_ns
+        while waiting:
+            head = waiting[0][2]
+            station = head.station
+            if station.mailbox is head and station.can_send:
+                if head.until_ns >= now_ns:
+                    return head
+                station.mailbox = None
+                heappop(waiting)
+                self._refill(station)
+            else:
+                heappop(waiting)
+        return None
+
+    def _meet_rival(self, head: Waiting, bits: int) -> tuple[bool, int]:
+        """Another station may have won as well: its frame goes out with this one, or both are destroyed."""
+        rival = self._head()
+        if rival is None or rival.key != head.key or rival.station is head.station:
+            return False, bits
+        if self._are_apart(head.station, rival.station):
+            return False, bits
+        stations = head.station.name, rival.station.name
+        self.clashes.append(Clash(self._clock.now_ns, self.name, head.frame.can_id, stations))
+        heappop(self._waiting)
+        self._rival = rival
+        mine, others = head.frame.data, rival.frame.data
+        if mine == others:
+            return False, bits
+        differ = (i for i, (a, b) in enumerate(zip(mine, others, strict=False)) if a != b)
+        same_bytes = next(differ, min(len(mine), len(others)))
+        return True, min(bits, _HEADER_BITS + 8 * (same_bytes + 1))
+
+    def _are_apart(self, one: Station, other: Station) -> bool:
+        apart = self.apart
+        return apart is not None and (apart(one.name, other.name) or apart(other.name, one.name))
+
+    # The end of a frame
+
+    def _end(self) -> None:
+        assert self._on_air is not None
+        head, destroyed = self._on_air
+        rival, self._rival, self._on_air = self._rival, None, None
+        sender, frame = head.station, head.frame
+        if self.broken:
+            return
+        if destroyed or not sender.can_send:
+            self._fail(head, rival)
+        else:
+            sender.mailbox = None
+            if sender.queue:
+                self._refill(sender)
+            if rival is not None and rival.station.mailbox is rival:
+                rival.station.mailbox = None
+                self._refill(rival.station)
+            if self._errors_count:
+                self._forgive(sender)
+            self.frames += 1
+            self._hand_out(sender, frame)
+            if sender.left is not None:
+                sender.left(frame)
+        if self._waiting and not self._arbitration_due:
+            if self._clock.is_last_now():
+                self._arbitrate()
+            else:
+                self._arbitration_due = True
+                self._clock.at_last(self._arbitrate)
+
+    def _hand_out(self, sender: Station, frame: Frame) -> None:
+        sent = Sent(self._clock.now_ns, self.name, sender.name, frame)
+        tampering = self.tamper(sent) if self.tamper is not None else None
+        for tap in self.taps:
+            tap(sent)
+        if self.corrupt is not None:
+            frame = self.corrupt(sent) or frame
+        audience = self._audience.get(frame.can_id)
+        if audience is None:
+            audience = tuple(station for station in self._stations if frame.can_id in station.wants)
+            self._audience[frame.can_id] = audience
+        perfect = tampering is None and not self.faults.omission and not self.faults.doubled and self.apart is None
+        event = Received(0, frame)
+        for station in audience:
+            if station is sender or not station.can_hear:
+                continue
+            if event.port != station.port:
+                event = Received(station.port, frame)
+            if perfect:
+                station.listener(event)
+                continue
+            for _ in range(self._copies(sender, station, tampering)):
+                if station.present:
+                    station.listener(event)
+
+    def _copies(self, sender: Station, station: Station, tampering: Tampering | None) -> int:
+        if self.apart is not None and self.apart(sender.name, station.name):
+            return 0
+        if tampering is not None and tampering.receiver in (None, station.name):
+            return tampering.copies
+        faults = self.faults
+        if faults.omission > 0 and self._random.random() < faults.omission:
+            return 0
+        return 2 if faults.doubled > 0 and self._random.random() < faults.doubled else 1
+
+    # Errors
+
+    def _fail(self, head: Waiting, rival: Waiting | None) -> None:
+        """A frame has been destroyed: everybody counts it, and who sent it sends it again."""
+        self.destroyed += 1
+        self._errors_count = True
+        senders = [waiting.station for waiting in (head, rival) if waiting is not None]
+        for station in self._stations:
+            if station in senders:
+                station.transmit_errors += _TRANSMIT_ERROR
+            elif station.can_hear:
+                station.receive_errors = min(station.receive_errors + _RECEIVE_ERROR, ERROR_PASSIVE_ABOVE + 1)
+        for station in senders:
+            if station.transmit_errors > BUS_OFF_ABOVE:
+                self._go_off(station)
+            elif station.mailbox is not None:
+                self._enter(station)
+
+    def _forgive(self, sender: Station) -> None:
+        sender.transmit_errors = max(sender.transmit_errors - 1, 0)
+        for station in self._stations:
+            if station is not sender and station.receive_errors and station.can_hear:
+                station.receive_errors -= 1
+        self._errors_count = any(s.transmit_errors or s.receive_errors for s in self._stations)
+
+    def _go_off(self, station: Station) -> None:
+        if station.off or not station.present:
+            return
+        self.bus_offs += 1
+        station.off, station.mailbox = True, None
+        station.reconsider()
+        restart_ns = RESTART_NS + self._duration_ns(RESTART_BITS)
+        self._clock.at(self._clock.now_ns + restart_ns, lambda: self._restart(station))
+
+    def _restart(self, station: Station) -> None:
+        station.off, station.transmit_errors, station.receive_errors = False, 0, 0
+        station.reconsider()
+        if station.present:
+            self._wake(station)

@@ -1,0 +1,30 @@
+"""The digest of a run: of every frame, with its time, bus and sender. Two runs that agree in it are the same."""
+
+import hashlib
+import struct
+
+from heronry_tools.sim.world.bus import Sent
+
+_HEAD = struct.Struct("<qBBH")
+
+
+class FrameDigest:
+    """Takes the frames of one run."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._unhashed = bytearray()
+        self._numbers: dict[str, int] = {}  # of buses and senders
+
+    def see(self, sent: Sent) -> None:
+        """Take a frame."""
+        numbers, frame = self._numbers, sent.frame
+        bus = numbers.setdefault(sent.bus, len(numbers))
+        self._unhashed += _HEAD.pack(sent.end_ns, bus, numbers.setdefault(sent.sender, len(numbers)), frame.can_id)
+        self._unhashed += frame.data
+
+    def so_far(self) -> str:
+        """16 hexadecimal digits."""
+        self._hash.update(self._unhashed)
+        self._unhashed.clear()
+        return self._hash.hexdigest()[:16]

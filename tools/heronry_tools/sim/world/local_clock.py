@@ -1,0 +1,44 @@
+"""The clock of one node: it was started at its own moment, runs a little fast or slow, and may jump ahead.
+
+A node's monotonic clock never goes back. `ahead_ns` is what it shows more than virtual time at the start, `ppm` how
+many millionths it is fast. It jumps when its machine has slept without knowing.
+
+It is asked several times for each frame, so an instant is worked out once, and in small numbers.
+"""
+
+from heronry_tools.sim.world.clock import Clock
+
+_MILLION = 1_000_000
+
+
+class LocalClock:
+    """Turns virtual time into a node's own, and back."""
+
+    __slots__ = ("_ahead_ns", "_asked_ns", "_clock", "_ppm", "_shown_ns", "_since_ns")
+
+    def __init__(self, clock: Clock, ahead_ns: int = 0, ppm: int = 0) -> None:
+        self._clock, self._ahead_ns, self._ppm = clock, ahead_ns, ppm
+        self._since_ns = clock.now_ns
+        self._asked_ns = -1  # when it was asked last, and what it showed
+        self._shown_ns = 0
+
+    def now_ns(self) -> int:
+        """What this clock shows now."""
+        now_ns = self._clock.now_ns
+        if now_ns != self._asked_ns:
+            elapsed_ns, tick = now_ns - self._since_ns, _MILLION + self._ppm
+            passed_ns = elapsed_ns // _MILLION * tick + elapsed_ns % _MILLION * tick // _MILLION
+            self._asked_ns, self._shown_ns = now_ns, self._since_ns + self._ahead_ns + passed_ns
+        return self._shown_ns
+
+    def when_ns(self, local_ns: int) -> int:
+        """Virtual instant at which this clock shows at least `local_ns`, if it does not jump."""
+        if not self._ppm:
+            return local_ns - self._ahead_ns
+        passed_ns, tick = local_ns - self._ahead_ns - self._since_ns, _MILLION + self._ppm
+        return self._since_ns + passed_ns // tick * _MILLION + (passed_ns % tick * _MILLION + tick - 1) // tick
+
+    def jump(self, ahead_ns: int) -> None:
+        """Show `ahead_ns` more from now on."""
+        self._ahead_ns += ahead_ns
+        self._asked_ns = -1

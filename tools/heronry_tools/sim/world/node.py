@@ -1,0 +1,154 @@
+"""What every simulated node has: a clock of its own, one timer, and a processor that may stand still.
+
+What a real driver does with a socket and a timer, a node does with a `Station` and the virtual `Clock`. While its
+processor stands still its controllers go on: what is in a mailbox is sent, and what comes is kept, as much as a socket
+holds, and handed over afterwards with its age, before any deadline passes.
+"""
+
+from collections.abc import Callable, Container, Sequence
+from functools import partial
+
+from heronry_dg.model import Bus
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.replicated_port import Copy, ReplicatedPort
+from heronry_tools.sim.world.station import Station
+from heronry_wire.frame import Frame
+from heronry_wire.pe_table import Port
+from heronry_wire.sansio import NEVER_NS, Received, require
+
+RECEIVE_BUFFER = 300  # frames; a socket with Linux's default buffer holds about as many, and drops what comes later
+_MOST_RINGS_AT_ONCE = 1000
+
+
+class Node:
+    """Base of the simulated PE and the simulated manager."""
+
+    def __init__(self, clock: Clock, time: LocalClock) -> None:
+        self.time = time
+        self.running = True
+        self.stations: list[tuple[SimulatedBus, Station]] = []  # two on a replicated bus
+        self._ears: list[Station | ReplicatedPort] = []  # by port: what hands frames on, one for both channels of a bus
+        self._offers: list[Callable[[Frame, int], None]] = []  # by port
+        self._clock = clock
+        self._armed_ns = NEVER_NS  # on its own clock
+        self._last_ring_ns, self._rings = -1, 0  # at one instant
+        self._paused_until_ns: int | None = None
+        self._kept: list[tuple[int, Received]] = []
+
+    def _join(
+        self,
+        name: str,
+        wires: Sequence[SimulatedBus],
+        entry: Port | Bus,
+        witness: Callable[[Copy], None],
+        wants: Container[int] | None = None,
+    ) -> None:
+        """Join the next bus, on each of its channels; `entry` is what table or spec say of it."""
+        port = len(self._offers)
+        joined = [(wire, wire.join(name, port, self._take, wants)) for wire in wires]
+        self.stations += joined
+        if len(joined) == 1:
+            bus, station = joined[0]
+            self._ears.append(station)
+            self._offers.append(partial(bus.offer, station))
+            return
+        told = partial(self._channels_lost, port)
+        twin = ReplicatedPort(
+            self._clock, joined, entry.heartbeat_ns, entry.misses, listener=self._take, told=told, witness=witness
+        )
+        self._ears.append(twin)
+        self._offers.append(twin.offer)
+
+    def stop(self) -> None:
+        """Die: silent at once, whatever was queued; who has ended already stays so."""
+        if not self.running:
+            return
+        self.running = False
+        for bus, station in self.stations:
+            bus.leave(station)
+
+    def wire(self, *, cut_off: bool | None = None, mute: bool | None = None, deaf: bool | None = None) -> None:
+        """Break all its wires, in both directions or in one, or mend them; it lives on."""
+        for bus, station in self.stations:
+            bus.wire(station, cut_off=cut_off, mute=mute, deaf=deaf)
+
+    def pause(self, duration_ns: int) -> None:
+        """Let its processor stand still from now on; a pause within a longer one changes nothing."""
+        until_ns = self._clock.now_ns + duration_ns
+        if self._paused_until_ns is not None and self._paused_until_ns >= until_ns:
+            return
+        if self._paused_until_ns is None:
+            for bus, station in self.stations:
+                bus.stall(station, stalled=True)
+            for ear in self._ears:
+                ear.listener = self._keep
+        self._paused_until_ns = until_ns
+        self._clock.at(until_ns, self._go_on)
+
+    @property
+    def is_awake(self) -> bool:
+        """Tell whether it lives and its processor does not stand still."""
+        return self.running and self._paused_until_ns is None
+
+    def _go_on(self) -> None:
+        if not self.running or self._paused_until_ns is None or self._clock.now_ns < self._paused_until_ns:
+            return
+        self._paused_until_ns = None
+        for bus, station in self.stations:
+            bus.stall(station, stalled=False)
+        for ear in self._ears:
+            ear.listener = self._take
+        self._resume()
+        while self._kept and self.is_awake:
+            arrived_ns, event = self._kept.pop(0)
+            age_ns = self._clock.now_ns - arrived_ns
+            self._take(Received(event.port, event.frame, age_ns))
+        if self.is_awake:
+            self._caught_up()
+            self._wake()
+
+    def _keep(self, event: Received) -> None:
+        """A station has heard something while the processor stands still."""
+        if len(self._kept) < RECEIVE_BUFFER:
+            self._kept.append((self._clock.now_ns, event))
+
+    # The timer: an alarm that has been overtaken rings for nobody
+
+    def _arm(self, due_ns: int) -> None:
+        """Ring no later than this, on its own clock; an earlier deadline stays."""
+        self._armed_ns = due_ns
+        self._clock.at(self.time.when_ns(due_ns), self._ring)
+
+    def _ring(self) -> None:
+        if not self.running or self._armed_ns > self.time.now_ns():
+            return
+        self._armed_ns = NEVER_NS
+        if self._paused_until_ns is not None:
+            return
+        now_ns = self._clock.now_ns
+        self._rings = self._rings + 1 if now_ns == self._last_ring_ns else 1
+        self._last_ring_ns = now_ns
+        require(self._rings <= _MOST_RINGS_AT_ONCE, "a core wants to be called at {} ns again and again", now_ns)
+        self._wake()
+
+    # What each kind of node does
+
+    def _take(self, event: Received) -> None:
+        """Hand a frame to the core."""
+        raise NotImplementedError
+
+    def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
+        """Hand over which channels of a port's bus, from 1, carry nothing here."""
+        raise NotImplementedError
+
+    def _wake(self) -> None:
+        """Hand over the time if it is due, and set the timer."""
+        raise NotImplementedError
+
+    def _resume(self) -> None:
+        """Finish what was under way when the processor stood still, before anything else."""
+
+    def _caught_up(self) -> None:
+        """Every frame that was kept has been handed over."""

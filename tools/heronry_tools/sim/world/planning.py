@@ -1,0 +1,149 @@
+"""Plans for simulated managers, and the same for the judge of a run: what could be served, if all were known.
+
+An answer is kept for as long as the process lives. A plan depends on the spec, the situation and what runs, and on
+nothing else; keeping it changes no run. Every plan has passed the judge, as it has in flight. What could be served at
+best does not depend on what runs (that comes at level 4): who judges is content with any plan for the situation that is
+proven to be the best one.
+
+Who plans: by default every answer is the best plan, as if all had been foreseen. `AT_ONCE` is what happens to what was
+not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver. With contingencies on board
+(`prepared`) what they foresee is looked up, as `heronry_manager.planner.foresight` does.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from fractions import Fraction
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import Placement
+from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation, elements
+from heronry_dg.verify import verify
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
+from heronry_manager.core.compilation import Compiler
+from heronry_manager.core.vocabulary import RequestPlan
+from heronry_manager.planner.exact import Planner
+from heronry_manager.planner.sweep import Scope
+from heronry_tools.analysis.campaign.sweeping import numbered, sweep
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import require
+
+_Asked = tuple[str, frozenset[str], frozenset[tuple[str, Fraction]], str | None]  # spec and situation
+_Key = tuple[_Asked, frozenset[tuple[str, tuple[str, str]]] | str | None]
+_WHATEVER = "whatever runs"  # in the place of what runs: any plan for the situation that is proven to be the best
+KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
+_CRITICAL: dict[_Asked, tuple[int, ...]] = {}  # what could be served at best, where that alone was asked for
+_PLANNERS: dict[str, Planner] = {}  # by digest of the spec
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """What an aircraft flies with: the tables of its PEs, and the plans made ahead, if there are any."""
+
+    tables: Mapping[str, PeTable]
+    made: ContingencyTable | None = None
+    numbers: ContingencyNumbers | None = None
+
+
+PREPARED: dict[tuple[str, int | None], Prepared] = {}  # by digest of the spec: they are the same in every run
+
+
+def prepared(spec: Spec, faults: int | None) -> Prepared:
+    """Compile the tables; with plans for up to so many faults on board, or none at all."""
+    known = PREPARED.get((spec.digest, faults))
+    if known is None:
+        made = None if faults is None else plan_ahead(spec, faults)
+        known = PREPARED[spec.digest, faults] = prepared_with(spec, made)
+    return known
+
+
+def prepared_with(spec: Spec, made: Contingencies | None) -> Prepared:
+    """Compile the tables, with these plans on board."""
+    compiler = Compiler(spec)
+    tables = {pe: compiler.table(pe) for pe in spec.pes}
+    if made is None:
+        return Prepared(tables)
+    held = on_board(spec, made)
+    with_plans = {one.pe: loaded(tables[one.pe], one) for one in held}
+    return Prepared(with_plans, ContingencyTable(spec, made), ContingencyNumbers(spec, made, held))
+
+
+def plan_ahead(spec: Spec, faults: int) -> Contingencies:
+    """Plan for every set of up to so many faults in every phase, as `heronry contingencies` does."""
+    scope = Scope(elements(spec), faults, tuple(spec.phases) or (None,))
+    return numbered(spec, scope, sweep(spec, scope, None))
+
+
+class Planners(Enum):
+    """Who answers a manager."""
+
+    BEST = "the exact planner"
+    AT_ONCE = "the greedy planner, and at leisure the exact one"
+    GREEDY = "the greedy planner"
+
+    def are_at_once(self, asked: RequestPlan) -> bool:
+        """Tell whether a question is for the greedy planner."""
+        has_time = asked.at_leisure or asked.running is None
+        return self is Planners.GREEDY or (self is Planners.AT_ONCE and not has_time)
+
+
+def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
+    """Give the best legal plan; raises InvariantError where the judge refuses the planner's own."""
+    asked = _asked(spec, now)
+    key: _Key = (asked, None if running is None else frozenset(running.items()))
+    known = KNOWN_PLANS.get(key)
+    if known is None:
+        known = _planner(spec).plan(now, running)
+        refusals = verify(spec, now, known.configuration)
+        require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
+        KNOWN_PLANS[key] = known
+        if known.optimal:
+            KNOWN_PLANS.setdefault((asked, _WHATEVER), known)
+    return known
+
+
+def best_at_all(spec: Spec, now: Situation) -> Plan:
+    """Give some plan that is the best at levels 1 to 3, whatever runs: for judges."""
+    known = KNOWN_PLANS.get((_asked(spec, now), _WHATEVER))
+    return best_plan(spec, now, None) if known is None else known
+
+
+def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
+    """Give the greedy plan; raises InvariantError where the judge refuses it."""
+    found = _planner(spec).at_once(now, running)
+    refusals = verify(spec, now, found.configuration)
+    require(not refusals, "the greedy plan for {} is not legal: {}", sorted(now.down), refusals)
+    return found
+
+
+def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
+    """Give what could be served at best by criticality (level 1): for a judge who wants to know no more."""
+    asked = _asked(spec, now)
+    known = KNOWN_PLANS.get((asked, _WHATEVER))
+    if known is not None:
+        return known.objective.critical
+    if asked not in _CRITICAL:
+        search = _planner(spec).serve(now)
+        refusals = verify(spec, now, search.best)
+        require(not refusals, "the planner's plan for {} is not legal: {}", sorted(now.down), refusals)
+        _CRITICAL[asked] = search.objective.critical
+    return _CRITICAL[asked]
+
+
+def _asked(spec: Spec, now: Situation) -> _Asked:
+    return spec.digest, now.down, frozenset(now.limits.items()), now.phase
+
+
+def _planner(spec: Spec) -> Planner:
+    """Give the planner of a spec, warm."""
+    if spec.digest not in _PLANNERS:
+        _PLANNERS[spec.digest] = Planner(spec)
+    return _PLANNERS[spec.digest]
+
+
+def plans_known() -> int:
+    """Count the questions that have been answered in this process."""
+    return sum(runs != _WHATEVER for _, runs in KNOWN_PLANS)

@@ -1,0 +1,50 @@
+"""The one plant of a run, and the view of it that each PE's devices have.
+
+In flight every process has a plant of its own and follows the others by their echoes. In one process there can be one
+plant, and it is the truer one: a surface stays where it is when its processor restarts, and a servo that has failed
+stays failed. Whatever a PE's clock shows, the plant is read and moved at the true time.
+"""
+
+from collections.abc import Iterable
+
+from heronry_agent.device import Reading
+from heronry_agent.module import Value
+from heronry_tools.aircraft.plant import Plant
+from heronry_tools.sim.world.clock import Clock
+
+
+class _DeviceOfPlant:
+    """A device of the plant, read and moved at the true time."""
+
+    def __init__(self, plant: Plant, name: str, clock: Clock) -> None:
+        self._plant, self._name, self._clock = plant, name, clock
+
+    def read(self, now_ns: int) -> Reading:
+        """What the device says now."""
+        value = self._plant.read(self._name, self._clock.now_ns)
+        return Reading(value, now_ns, value is not None)
+
+    def command(self, value: Value, now_ns: int) -> Value | None:  # noqa: ARG002 - the PE's own clock
+        """Move an actuator."""
+        return self._plant.write(self._name, value, self._clock.now_ns)
+
+    def make_safe(self, now_ns: int) -> None:
+        """Nothing: what this plant's actuators do without a command is to stay where they are."""
+
+
+class PlantView:
+    """The device driver of one simulated PE."""
+
+    def __init__(self, plant: Plant, clock: Clock) -> None:
+        self._plant, self._clock = plant, clock
+
+    def open(self, name: str) -> _DeviceOfPlant:
+        """Give a device."""
+        return _DeviceOfPlant(self._plant, name, self._clock)
+
+    def follows(self, sensors: Iterable[str]) -> frozenset[str]:
+        """Whom a plant of its own would have to follow."""
+        return self._plant.follows(sensors)
+
+    def heard(self, device: str, value: Value, now_ns: int) -> None:
+        """Somebody told that an actuator moved: the plant knows."""

@@ -1,0 +1,87 @@
+"""A simulated node's two controllers on one replicated bus: what `heronry_wire.replicated_link` is to a real node.
+
+Each frame is offered to both channels, as one object for both: whoever watches knows the copies of one sending by
+that, and the node does not. What either channel brings passes the parts that fly (`ChannelMerge`, `ChannelWatch`). When
+a copy has left, the other one's time is cut short; a simulated controller can take back what it has not begun to send,
+so nothing late goes out here.
+
+The node goes on with one port: `listener` gets each frame once, `left` is told when the first copy of a frame has gone,
+`told` which channels are lost. `witness` sees every copy and what was done with it, for whoever judges the run.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.station import Station
+from heronry_wire.channel_merge import ChannelMerge, latest_copy_ns
+from heronry_wire.channel_watch import ChannelWatch
+from heronry_wire.frame import Frame
+from heronry_wire.sansio import NEVER_NS, Received
+
+
+class Copy(NamedTuple):
+    """A channel, 0 or 1, has brought a frame to a node."""
+
+    t_ns: int
+    node: str
+    bus: str
+    channel: int
+    frame: Frame
+    is_taken: bool
+
+
+class ReplicatedPort:
+    """Two stations that are one port."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        wires: Sequence[tuple[SimulatedBus, Station]],
+        heartbeat_ns: int,
+        misses: int,
+        *,
+        listener: Callable[[Received], None],
+        told: Callable[[frozenset[int]], None],
+        witness: Callable[[Copy], None],
+    ) -> None:
+        """Take over what these stations, one on each channel, hear and send."""
+        self.listener = listener
+        self.left: Callable[[Frame], None] | None = None
+        self._clock, self._wires, self._told, self._witness = clock, tuple(wires), told, witness
+        self._merge, self._leaving = ChannelMerge(heartbeat_ns), ChannelMerge(heartbeat_ns)
+        self._watch = ChannelWatch(heartbeat_ns, misses, clock.now_ns)
+        self._latest_copy_ns = latest_copy_ns(heartbeat_ns)
+        self._lost: frozenset[int] = frozenset()
+        for channel, (_, station) in enumerate(self._wires):
+            station.listener = partial(self._heard, channel)
+            station.left = partial(self._has_left, channel)
+
+    def offer(self, frame: Frame, until_ns: int = NEVER_NS) -> None:
+        """Queue a frame on both channels; a copy that cannot start by `until_ns` is not sent."""
+        sending = frame._replace()
+        for bus, station in self._wires:
+            bus.offer(station, sending, until_ns)
+
+    def _heard(self, channel: int, event: Received) -> None:
+        now_ns = self._clock.now_ns
+        self._watch.heard(channel, now_ns)
+        is_taken = self._merge.take(channel, event.frame, now_ns)
+        bus, station = self._wires[channel]
+        self._witness(Copy(now_ns, station.name, bus.name, channel, event.frame, is_taken))
+        if is_taken:
+            self.listener(event)
+        lost = self._watch.lost(now_ns)
+        if lost != self._lost:
+            self._lost = lost
+            self._told(lost)
+
+    def _has_left(self, channel: int, frame: Frame) -> None:
+        now_ns = self._clock.now_ns
+        self._watch.left(channel, now_ns)
+        bus, station = self._wires[1 - channel]
+        bus.limit(station, frame, now_ns + self._latest_copy_ns)
+        if self.left is not None and self._leaving.take(channel, frame, now_ns):
+            self.left(frame)
