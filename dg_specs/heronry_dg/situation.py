@@ -33,6 +33,9 @@ class Situation:
     limits: Mapping[str, Fraction] = field(default_factory=dict)  # "bus:radio" -> share of its capacity, 0..1
     phase: str | None = None
 
+    def __hash__(self) -> int:
+        return hash((self.down, frozenset(self.limits.items()), self.phase))
+
 
 def situation(spec: Spec, down: Iterable[str] = (), limits: Iterable[str] = (), phase: str | None = None) -> Situation:
     """Build a situation from what a user wrote; `limits` as `bus:radio=40%` or `pe:nav=50%`.

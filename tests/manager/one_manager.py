@@ -11,7 +11,6 @@ from typing import Any
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
-from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory
@@ -187,7 +186,7 @@ class OneManager:
     def answer(self) -> Plan:
         """Answer the last request as the planner does."""
         request = self.requests[-1]
-        found = plan(self.spec, Situation(request.down, request.limits, request.phase), request.running)
+        found = plan(self.spec, request.now, request.running)
         self.give(PlanReady(request.request, found))
         return found
 

@@ -170,14 +170,16 @@ def test_what_another_manager_holds_is_known_before_the_first_plan(beside: Besid
     beside.holds = [(ElementKind.PHASE, 1), (ElementKind.DEVICE, 0)]
     beside.run(without("device:servo_left", phase="glide"), 30)
     beside.fly(60)
-    assert [(one.down, one.phase) for one in beside.one.requests] == [(frozenset({"device:servo_left"}), "glide")]
+    assert [(one.now.down, one.now.phase) for one in beside.one.requests] == [
+        (frozenset({"device:servo_left"}), "glide")
+    ]
     beside.one.answer()
     assert beside.one.of("advice") == []
     assert (beside.status()["epoch"], beside.status()["stage"]) == (30, "done")
     assert [one["by"] for one in beside.status()["latched"]] == ["manager 127"]
     beside.say(Control(2, 0, Operation.CLEAR, ElementKind.DEVICE, 0))
     assert beside.status()["latched"] == []
-    assert beside.one.requests[-1].down == frozenset()
+    assert beside.one.requests[-1].now.down == frozenset()
 
 
 def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Beside) -> None:

@@ -28,7 +28,7 @@ def fly(manager: OneManager, made: Plan) -> None:
 
 def best(manager: OneManager) -> Plan:
     asked = manager.requests[-1]
-    return plan(manager.spec, Situation(asked.down), asked.running)
+    return plan(manager.spec, Situation(asked.now.down), asked.running)
 
 
 def as_good(manager: OneManager) -> Plan:
@@ -38,7 +38,7 @@ def as_good(manager: OneManager) -> Plan:
 
 def nothing_at_all(manager: OneManager) -> Plan:
     """A plan made at once that is legal, and no more than that."""
-    now = Situation(manager.requests[-1].down)
+    now = Situation(manager.requests[-1].now.down)
     objective = score(manager.spec, now, Configuration(), None)
     return make_plan(manager.spec, now, Configuration(), objective, optimal=False)
 

@@ -63,7 +63,7 @@ def test_the_first_epoch_goes_all_the_way_in_one_step(manager: OneManager) -> No
 def test_a_killed_pe_is_planned_around_and_the_four_times_are_told(manager: OneManager) -> None:
     manager.die("left")
     manager.pass_time(100 * MS)
-    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].now.down == {"pe:left"}
     assert manager.requests[-1].running is not None
     manager.answer()
     stage_everywhere(manager)
@@ -100,7 +100,7 @@ def test_a_demux_waits_until_its_silent_driver_has_not_been_named_for_t_lease(ma
 def test_a_demux_waits_no_longer_once_its_driver_is_back_as_a_new_incarnation(manager: OneManager) -> None:
     manager.reboot("left")
     manager.answer()
-    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].now.down == {"pe:left"}
     manager.stage("middle")
     manager.stage("right")
     assert manager.steps()[-1] == "GO_ALL"
@@ -137,7 +137,7 @@ def test_a_reported_fault_is_acknowledged_each_time_and_latched_once(manager: On
     acknowledged = manager.answers()
     assert [(c.node, c.operation, c.a, c.b) for c in acknowledged] == [(93, Operation.ACKNOWLEDGE, 2, 0)] * 2
     assert [told["element"] for told in manager.of("fault_reported")] == ["module:control"]
-    assert manager.requests[-1].down == {"module:control"}
+    assert manager.requests[-1].now.down == {"module:control"}
     assert len(manager.requests) == 2
 
 
@@ -327,7 +327,7 @@ def test_who_does_not_acknowledge_for_long_is_failed_and_planned_around(manager:
     assert manager.of("pe_lost") == []
     manager.pass_time(5 * BEAT_NS)
     assert manager.last("pe_lost")["cause"] == "it does not acknowledge"
-    assert manager.requests[-1].down == {"device:servo_left", "pe:right"}
+    assert manager.requests[-1].now.down == {"device:servo_left", "pe:right"}
 
 
 def test_a_lost_answer_costs_a_repetition(manager: OneManager) -> None:
@@ -367,7 +367,7 @@ def test_what_is_not_on_board_is_no_refusal(manager: OneManager) -> None:
 def test_with_nobody_left_who_can_be_commanded_the_empty_configuration_is_an_epoch_too(manager: OneManager) -> None:
     for pe in ("left", "middle", "right"):
         manager.give(OperatorSaid(1, FailElement(f"pe:{pe}")))
-    assert manager.requests[-1].down == {"pe:left", "pe:middle", "pe:right"}
+    assert manager.requests[-1].now.down == {"pe:left", "pe:middle", "pe:right"}
     manager.answer()
     assert manager.last("reconfigured")["stopped"] == ["control", "drive_left"]
 
@@ -456,7 +456,7 @@ def test_who_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(ma
     epoch = manager.prepared()[0]
     manager.reboot("left")
     manager.pass_time(250 * MS)
-    assert manager.requests[-1].down == frozenset()
+    assert manager.requests[-1].now.down == frozenset()
     manager.answer()
     assert manager.of("plan_unchanged") == []
     assert manager.prepared()[0] > epoch
@@ -526,7 +526,7 @@ def overtaken() -> OneManager:
 
 def test_what_runs_gets_a_newer_number_than_the_epoch_that_a_returning_pe_shows() -> None:
     manager = overtaken()
-    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].now.down == {"pe:left"}
     assert manager.last("plan_requested")["causes"] == ["pe:left: it runs a newer epoch"]
     asked = len(manager.requests)
     manager.pass_time(2 * BEAT_NS)

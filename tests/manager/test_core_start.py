@@ -192,7 +192,7 @@ def test_who_is_not_heard_in_the_start_up_window_is_planned_without() -> None:
     assert manager.requests == []
     manager.pass_time(2 * MS)
     assert manager.last("pe_absent")["pe"] == "right"
-    assert manager.requests[-1].down == {"pe:right"}
+    assert manager.requests[-1].now.down == {"pe:right"}
 
 
 def test_who_dies_while_others_are_awaited_is_lost_and_no_plan_is_asked_for_yet() -> None:

@@ -65,7 +65,7 @@ def request(phase: int, detail: int) -> Emergency:
 
 def test_the_operator_enters_a_phase_and_a_plan_for_it_is_asked_for(manager: OneManager) -> None:
     assert "it was climb" in say(manager, EnterPhase("land")).sentence
-    assert manager.requests[-1].phase == "land"
+    assert manager.requests[-1].now.phase == "land"
     assert manager.last("phase_changed")["by"] == "the operator"
     requests = len(manager.requests)
     assert say(manager, EnterPhase("land")).done
@@ -117,11 +117,11 @@ def test_a_phase_that_the_spec_does_not_have_is_no_request(manager: OneManager) 
 
 def test_an_element_that_the_operator_fails_is_planned_without_until_he_clears_it(manager: OneManager) -> None:
     assert say(manager, FailElement("device:servo_left")).done
-    assert manager.requests[-1].down == {"device:servo_left"}
+    assert manager.requests[-1].now.down == {"device:servo_left"}
     assert "already" in say(manager, FailElement("device:servo_left")).sentence
     assert [one["element"] for one in status(manager)["latched"]] == ["device:servo_left"]
     assert say(manager, ClearElement("device:servo_left")).done
-    assert manager.requests[-1].down == set()
+    assert manager.requests[-1].now.down == set()
     assert manager.answers()[-1] == Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
     assert status(manager)["latched"] == []
 
@@ -149,7 +149,7 @@ def test_the_managers_own_bus_cannot_be_failed_and_whoever_reports_it_was_heard_
     assert "name what has failed on it" in reply.sentence
     manager.report("left", Emergency(FaultCode.REPORTED, 0x81, ElementKind.BUS, 0, 0))
     assert [one["element"] for one in status(manager)["latched"]] == ["bus:can0"]
-    assert all("bus:can0" not in request.down for request in manager.requests[asked:])
+    assert all("bus:can0" not in request.now.down for request in manager.requests[asked:])
 
 
 def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
@@ -157,7 +157,7 @@ def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneMan
     say(manager, ClearElement("device:servo_left"))
     manager.report("left", LEFT_SERVO_FAILED)
     assert len(manager.of("fault_reported")) == 2
-    assert manager.requests[-1].down == {"device:servo_left"}
+    assert manager.requests[-1].now.down == {"device:servo_left"}
 
 
 @pytest.mark.parametrize("element", ["device:servo_left", "pe:left", "module:control"])
@@ -175,7 +175,7 @@ def test_an_element_that_there_is_not_is_refused(manager: OneManager) -> None:
 
 def test_a_pe_that_the_operator_fails_speaks_in_vain_until_it_is_cleared(manager: OneManager) -> None:
     say(manager, FailElement("pe:left"))
-    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].now.down == {"pe:left"}
     manager.pass_time(10 * HOLD_DOWN_NS)
     assert 92 not in manager.said(Alive)[-1].nodes
     pe = status(manager)["pes"]["left"]
@@ -183,7 +183,7 @@ def test_a_pe_that_the_operator_fails_speaks_in_vain_until_it_is_cleared(manager
     assert "hold-down" in say(manager, ClearElement("pe:left")).sentence
     manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
     assert manager.last("pe_joined")["pe"] == "left"
-    assert manager.requests[-1].down == set()
+    assert manager.requests[-1].now.down == set()
 
 
 def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) -> None:
@@ -194,7 +194,7 @@ def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) ->
     assert len(manager.requests) == requests + 1
     manager.live("left")
     manager.pass_time(2 * HOLD_DOWN_NS)
-    assert manager.requests[-1].down == {"pe:left"}
+    assert manager.requests[-1].now.down == {"pe:left"}
 
 
 def test_clearing_ends_a_quarantine(manager: OneManager) -> None:
@@ -218,7 +218,7 @@ def test_a_channel_is_not_failed_for_nothing_would_be_planned_otherwise(manager:
     for channel in ("channel:can0.1", "channel:can0.2"):
         reply = say(twice, FailElement(channel))
         assert (reply.done, "name the bus if all of them have failed" in reply.sentence) == (False, True)
-    assert twice.requests[-1].down == frozenset()
+    assert twice.requests[-1].now.down == frozenset()
     assert not say(twice, ClearElement("channel:can0.1")).done
 
 

@@ -207,7 +207,7 @@ def test_a_limit_that_the_plan_feels_is_a_fault_with_a_number() -> None:
     flight = Flight()
     flight.report(100, times=2)
     request = flight.requests[-1]
-    assert request.limits == {"bus:radio": Fraction(8, 100)}
+    assert request.now.limits == {"bus:radio": Fraction(8, 100)}
     assert flight.last("plan_requested")["limits"] == {"bus:radio": "8%"}
     assert not flight.answer().functions["sight"].served
     assert flight.core.status()["links"]["radio"]["limit"] == 80
@@ -222,7 +222,7 @@ def test_what_was_planned_under_a_limit_is_planned_anew_without_it() -> None:
     for pe in SPEC.pes:
         flight.take(pe, PeState.ACTIVE)
     flight.report(1000, times=12)
-    assert flight.requests[-1].limits == {}
+    assert flight.requests[-1].now.limits == {}
     assert flight.answer().functions["sight"].served
 
 
@@ -230,7 +230,7 @@ def test_a_limit_voids_a_plan_that_is_on_its_way() -> None:
     flight = Flight()
     flight.report(100, times=2)
     flight.report(300, times=13)
-    assert flight.requests[-1].limits == {"bus:radio": Fraction(1, 4)}
+    assert flight.requests[-1].now.limits == {"bus:radio": Fraction(1, 4)}
 
 
 def test_a_radio_that_is_gone_takes_all_who_are_beyond_at_once() -> None:
@@ -245,7 +245,7 @@ def test_a_radio_that_is_gone_takes_all_who_are_beyond_at_once() -> None:
         ("ground", "bus:radio is gone, says comms"),
         ("wheels", "bus:radio is gone, says comms"),
     ]
-    assert flight.requests[-1].down == {"pe:ground", "pe:wheels"}
+    assert flight.requests[-1].now.down == {"pe:ground", "pe:wheels"}
     assert flight.core.status()["links"]["radio"]["state"] == "gone"
     flight.report(1000)
     assert flight.last("link_back") == flight.last("link_back") | {"bus": "radio", "by": "comms"}

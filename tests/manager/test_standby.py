@@ -210,7 +210,7 @@ def test_who_has_been_restarted_since_is_held_down_also_by_the_next_manager(pair
     pair.orphan("left", "middle", "right")
     pair.standby.pass_time(MS)
     assert pair.standby.said(Alive)[0].nodes == {93, 94}
-    assert pair.standby.requests[-1].down == {"pe:left"}
+    assert pair.standby.requests[-1].now.down == {"pe:left"}
 
 
 def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(pair: Pair) -> None:
@@ -219,7 +219,7 @@ def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(
     for pe in ("right", "middle"):
         pair.say(pe, PeFlags(0))
     assert pair.standby.last("adopted")
-    assert pair.standby.requests[-1].down == {"pe:left"}
+    assert pair.standby.requests[-1].now.down == {"pe:left"}
     assert pair.standby.requests[-1].running is not None
     assert not pair.standby.requests[-1].at_leisure
 
@@ -263,8 +263,8 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
     pair.standby.hear(Frame(management_id(126, Command.CONTROL), cleared.encode()))
     assert pair.standby.memory.latched.keys() == {"pe:right"}
     pair.orphan("left", "middle")
-    assert pair.standby.requests[-1].phase == "glide"
-    assert pair.standby.requests[-1].down >= {"pe:right"}
+    assert pair.standby.requests[-1].now.phase == "glide"
+    assert pair.standby.requests[-1].now.down >= {"pe:right"}
 
 
 def test_what_the_reign_has_not_told_for_three_turns_is_held_no_more(pair: Pair) -> None:
@@ -376,7 +376,7 @@ def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
     assert standby.last("taken_over")["term"] == 2
     assert standby.requests == []
     standby.pass_time(START_UP_WINDOW_NS)
-    assert standby.requests[-1].down == {"pe:right"}
+    assert standby.requests[-1].now.down == {"pe:right"}
 
 
 def test_with_a_key_what_a_manager_says_that_nobody_follows_is_passed_over(pair: Pair) -> None:

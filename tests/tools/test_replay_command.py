@@ -11,7 +11,6 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
-from heronry_dg.situation import Situation
 from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
@@ -200,9 +199,9 @@ class OnlyNothing(Planners):
     """A planner that knows one plan: that nothing runs."""
 
     def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        now, nothing = Situation(asked.down, asked.limits, asked.phase), Configuration()
-        worth = score(self.spec, now, nothing, asked.running)
-        yield "nothing at all", make_plan(self.spec, now, nothing, worth, optimal=False)
+        nothing = Configuration()
+        worth = score(self.spec, asked.now, nothing, asked.running)
+        yield "nothing at all", make_plan(self.spec, asked.now, nothing, worth, optimal=False)
 
 
 def test_a_plan_that_nobody_here_would_make_is_told_and_flown_on_with(log: Path) -> None:

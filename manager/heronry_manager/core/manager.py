@@ -798,8 +798,7 @@ class ManagerCore:
         if plan is not None and not plan.optimal and not self._planning.at_leisure:
             self._planning.ask_at_leisure(self._situation.now(), running)
         else:
-            now = self._situation.now()
-            self._turn.ask(Settled(now.down, now.phase, running, now.limits))
+            self._turn.ask(Settled(self._situation.now(), running))
 
     def _plan_ready(self, answer: PlanReady) -> None:
         if not self._planning.awaits(answer):

@@ -51,7 +51,7 @@ class Planning:
             self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
         self._request += 1
         self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
-        self._turn.ask(RequestPlan(self._request, now.down, now.phase, running, at_leisure, now.limits))
+        self._turn.ask(RequestPlan(self._request, now, running, at_leisure))
         self._turn.emit(
             "plan_requested",
             request=self._request,

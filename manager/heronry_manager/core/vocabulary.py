@@ -5,32 +5,29 @@ thereby recognised and dropped.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from fractions import Fraction
+from dataclasses import dataclass
 from typing import Any
 
+from heronry_dg.objective import Placement
 from heronry_dg.plan import Plan
+from heronry_dg.situation import Situation
 from heronry_manager.core.memory import Record
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received, Send, Tick
-
-Limits = Mapping[str, Fraction]
-"""Share of its capacity that an element has left, by `bus:NAME` or `pe:NAME`; what is not named has all of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestPlan:
     """Ask for a plan; answer with PlanReady or PlanFailed and the same number.
 
+    running: what runs now; None: nothing is known to run.
     at_leisure: for the best plan, however long it takes. Else it must come at once, and need not be the best.
     """
 
     request: int
-    down: frozenset[str]
-    phase: str | None
-    running: Mapping[str, tuple[str, str]] | None  # module -> (mode, PE)
+    now: Situation
+    running: Placement | None
     at_leisure: bool = False
-    limits: Limits = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +50,8 @@ class PlanFailed:
 class Settled:
     """What was planned for this runs, and nothing is under way: time to think ahead. Needs no answer."""
 
-    down: frozenset[str]
-    phase: str | None
-    running: Mapping[str, tuple[str, str]]  # module -> (mode, PE)
-    limits: Limits = field(default_factory=dict)
+    now: Situation
+    running: Placement
 
 
 @dataclass(frozen=True, slots=True)

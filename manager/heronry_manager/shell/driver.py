@@ -1,4 +1,4 @@
-"""The manager's thin shell: one bus, one planner process, one operator's socket, one select loop.
+"""The manager's thin shell: one bus, the processes that plan, one operator's socket, one select loop.
 
 Order of a turn: everything that has arrived (frames, answers of the planner, the operator's words) goes into the core
 before a deadline may pass, so that what this process slept through is not taken for silence of the others. Time is
@@ -35,9 +35,9 @@ from heronry_manager.core.vocabulary import (
     Settled,
     Stop,
 )
-from heronry_manager.planner.foresight import Foresight
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.journal import Journal
+from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_wire.frame import Frame
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import MANAGER_NODES, heartbeat_id
@@ -65,7 +65,7 @@ class ManagerDriver:
         self,
         core: ManagerCore,
         link: AnyLink,
-        foresight: Foresight,
+        planners: PlannerProcesses,
         control: ControlSocket,
         *,
         journal: Journal | None,
@@ -73,7 +73,7 @@ class ManagerDriver:
         emit: Emitter,
     ) -> None:
         """`emit` gets every event of the stream as it happens; without a journal nothing is kept."""
-        self._core, self._link, self._foresight, self._control = core, link, foresight, control
+        self._core, self._link, self._planners, self._control = core, link, planners, control
         self._emit, self._service, self._journal = emit, service, journal
         self._journal_problem: str | None = None
         self._stood_still_ns = 0  # so far is the core's clock behind
@@ -92,12 +92,12 @@ class ManagerDriver:
         """Reign until stopped; gives the reason when the core stopped by itself."""
         while not self._stopping and self._stop_reason is None:
             readers: list[Any] = [*self._link.readers, *([sys.stdin] if until_eof else [])]
-            readers += [*self._foresight.readers(), *self._control.readers()]
+            readers += [*self._planners.readers(), *self._control.readers()]
             ready, _, _ = select.select(readers, [], [], self._wait_s())
             if sys.stdin in ready and not os.read(sys.stdin.fileno(), 4096):
                 break
             self._take_frames()
-            for answer in self._foresight.poll():
+            for answer in self._planners.poll():
                 self._step(answer)
             for said in self._control.poll():
                 self._step(said)
@@ -172,18 +172,14 @@ class ManagerDriver:
 
     def _carry_out(self, actions: list[ManagerAction]) -> None:
         """Do them in order; a plan that is there at once is news for the core only when all of them are done."""
-        answers = []
+        answers: list[ManagerEvent] = []
         for action in actions:
             match action:
                 case Send(frame=frame):
                     now_ns = time.monotonic_ns()
                     self._link.send(frame, now_ns, now_ns + self._core.lease_ns)
-                case RequestPlan():
-                    answer = self._foresight.request(action)
-                    if answer is not None:
-                        answers.append(answer)
-                case Settled(down, phase, running, limits):
-                    self._foresight.settled(down, phase, running, limits)
+                case RequestPlan() | Settled():
+                    answers += self._planners.take(action)
                 case Emit(told):
                     self._emit(told)
                 case Keep(record):

@@ -7,7 +7,7 @@ flight; in the first seconds after a GO everybody's data come at once. In each f
 seed draws. Every single fault is planned for ahead, and the plans are on board: deciding is a look-up, and the plan is
 called by its number.
 
-    decide                CPU time of that look-up: from the question to a plan (`planner.foresight`)
+    decide                CPU time of that look-up: from the question to a plan (`core.planning_policy`)
     decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO; where a
                           silent PE held the DEMUX, to the last word about all that does not wait for it
     fault to active       from the death of a PE to the same; apart where a silent PE held the DEMUX: to the last word
@@ -31,11 +31,11 @@ from random import Random
 from heronry_agent.module import Inputs, Module, Value
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
-from heronry_dg.objective import Placement, placement
+from heronry_dg.objective import placement
+from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
+from heronry_manager.core.planning_policy import Answer, PlanningPolicy, Source
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
-from heronry_manager.planner.client import Failed, Planned
-from heronry_manager.planner.foresight import Foresight
 from heronry_tools.commands.sim import flights, whole_number
 from heronry_tools.console.errors import exit_code
 from heronry_tools.console.progress import Progress
@@ -144,36 +144,26 @@ class Times:
     loads: list[float] = field(default_factory=list)  # of the bus, before each death
 
 
-class _NoPlanner:
-    """Whatever was not foreseen gets no answer, and fails the bench."""
-
-    def request(self, _number: int, _now: Situation, _running: Placement | None) -> None:
-        """Do nothing."""
-
-    def poll(self) -> list[Planned | Failed]:
-        """Give nothing."""
-        return []
-
-    def fileno(self) -> int:
-        """Nobody waits for it."""
-        return -1
-
-
 def measure_decisions(spec: Spec, times: Times) -> None:
     """Look up each loss of a PE while all runs well, again and again."""
     table = prepared(spec, FORESEEN).made
-    foresight = Foresight(spec, _NoPlanner(), _NoPlanner, table)
-    everything = foresight.request(RequestPlan(0, frozenset(), None, None))
-    assert isinstance(everything, PlanReady)
-    running = placement(everything.plan.configuration)
+    policy = PlanningPolicy(spec, None, has_planner=True, contingencies=table)
+    running = placement(_foreseen(policy, RequestPlan(0, Situation(), None)).configuration)
     for number in range(_LOOK_UPS):
         for pe in spec.pes:
-            asked = RequestPlan(number, frozenset({f"pe:{pe}"}), None, dict(running))
+            asked = RequestPlan(number, Situation(frozenset({f"pe:{pe}"})), dict(running))
             begun_ns = time.process_time_ns()
-            found = foresight.request(asked)
+            _foreseen(policy, asked)
             times.decide.append((time.process_time_ns() - begun_ns) / 1e6)
-            if not isinstance(found, PlanReady):
-                raise SystemExit(f"the loss of {pe} was not foreseen")
+
+
+def _foreseen(policy: PlanningPolicy, asked: RequestPlan) -> Plan:
+    """Find a plan among the contingencies; whatever is not there fails the bench."""
+    match policy.step(asked):
+        case [Answer(PlanReady(plan=plan), Source.CONTINGENCIES)]:
+            return plan
+        case _:
+            raise SystemExit(f"{', '.join(sorted(asked.now.down)) or 'the start'} was not foreseen")
 
 
 def measure_deaths(spec: Spec, seed: int, times: Times) -> None:

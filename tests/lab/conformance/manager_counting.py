@@ -104,7 +104,7 @@ def it_waits_for_who_was_never_heard() -> None:
     manager = ManagerUnderTest()
     manager.run(130)
     demand(bool(manager.asked()), "all are heard, and nothing is planned")
-    equal(manager.asked()[0].down, frozenset(), "down")
+    equal(manager.asked()[0].now.down, frozenset(), "down")
     manager = ManagerUnderTest()
     manager.pes["tail_b"].speaks = False
     manager.run_until(4990 * MS)
@@ -112,7 +112,7 @@ def it_waits_for_who_was_never_heard() -> None:
     equal(manager.counts_on(), {"flight", "tail_a"}, "counted on while the window is open")
     manager.run(25)
     demand(bool(manager.asked()), "the window has closed, and nothing is planned")
-    equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
 
 
 def in_flight_it_does_not_wait() -> None:
@@ -125,7 +125,7 @@ def in_flight_it_does_not_wait() -> None:
     equal(manager.asked(), [], "plans asked for before")
     manager.run_until(150 * MS)
     demand(bool(manager.asked()), "the flight is under way, and nothing is planned")
-    equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
     demand(manager.asked()[0].running is None, "it says that it knows what runs")
     manager = ManagerUnderTest()
     for pe in ("flight", "tail_b"):
@@ -156,7 +156,7 @@ def who_is_late_is_asked_and_who_is_silent_is_lost() -> None:
     demand(64 * MS < lost[0]["t_ns"] - last_ns < 66.5 * MS, f"lost {(lost[0]['t_ns'] - last_ns) / MS} ms later")
     gone_ns = _gone_ns(manager, "tail_b", last_ns)
     demand(0 < gone_ns - lost[0]["t_ns"] <= PERIOD_NS + MS, "ALIVE names who is lost")
-    equal(manager.asked()[-1].down, {"pe:tail_b"}, "planned without")
+    equal(manager.asked()[-1].now.down, {"pe:tail_b"}, "planned without")
 
 
 def who_answers_in_time_stays() -> None:

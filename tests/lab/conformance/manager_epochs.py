@@ -504,7 +504,7 @@ def who_runs_what_nobody_commanded_is_failed() -> None:
         began_ns = manager.run(45)
         lost = manager.told("pe_lost", began_ns)
         demand(bool(lost) and lost[0]["pe"] == "tail_b" and cause in lost[0]["cause"], f"after {change}: {lost}")
-        demand("pe:tail_b" in manager.asked()[-1].down, "it is not planned around")
+        demand("pe:tail_b" in manager.asked()[-1].now.down, "it is not planned around")
 
 
 def it_adopts_what_runs() -> None:

@@ -55,7 +55,7 @@ def a_fault_is_latched_and_acknowledged() -> None:
         manager.run(3)
         acknowledgement = (node, Operation.ACKNOWLEDGE, _DEVICE, 1)
         equal(_told(manager, began_ns, Operation.ACKNOWLEDGE), [acknowledgement], "acknowledgements")
-    equal([one.down for one in manager.asked(asked)], [{"device:elevator_servo_1"}], "plans asked for")
+    equal([one.now.down for one in manager.asked(asked)], [{"device:elevator_servo_1"}], "plans asked for")
     fault = manager.told("fault_reported")
     equal([(f["element"], f["by"], f["detail"]) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
     manager.run(300)
@@ -64,7 +64,7 @@ def a_fault_is_latched_and_acknowledged() -> None:
     demand(reply.done and "plan" in reply.sentence, reply.sentence)
     manager.run(3)
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _DEVICE, 1)], "CLEARs")
-    equal(manager.asked()[-1].down, frozenset(), "down after it was cleared")
+    equal(manager.asked()[-1].now.down, frozenset(), "down after it was cleared")
     reply = manager.obey(ClearElement("device:elevator_servo_1"))
     demand(not reply.done, "what is well is cleared")
 
@@ -80,7 +80,7 @@ def its_own_bus_is_not_planned_without() -> None:
     manager.run(300)
     told = _told(manager, began_ns, Operation.ACKNOWLEDGE)
     equal(len(told), 1, "acknowledgements of a bus that is said to have failed")
-    demand(all(own not in one.down for one in manager.asked()), "it plans without its own bus")
+    demand(all(own not in one.now.down for one in manager.asked()), "it plans without its own bus")
     equal(manager.lease(), lease, "what runs, after somebody has said that the bus has failed")
 
 
@@ -198,11 +198,11 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(ask(pe, 0, 2), [], "after one that was made before that")
     equal(ask(pe, 1, 5), [], "after the same one, asked for in another way")
     equal(ask(pe, len(phases), 6), [], "after a request for a phase that there is not")
-    equal(manager.asked()[-1].phase, phases[1], "phase that is planned for")
+    equal(manager.asked()[-1].now.phase, phases[1], "phase that is planned for")
     reply = manager.obey(EnterPhase(phases[1]))
     demand(reply.done and "already" in reply.sentence, "the present phase is entered")
     demand(manager.obey(EnterPhase(phases[0])).done, "the operator cannot enter a phase")
-    equal(manager.asked()[-1].phase, phases[0], "phase that is planned for")
+    equal(manager.asked()[-1].now.phase, phases[0], "phase that is planned for")
     manager.run(400)
     manager.pes[pe].reboot()
     manager.pes[pe].beat()
@@ -336,7 +336,7 @@ def a_planner_that_fails_is_asked_again() -> None:
     manager.obey(FailElement("device:elevator_servo_2"))
     manager.run(5)
     equal(len(manager.asked()), 3, "questions after a change")
-    equal(manager.asked()[-1].down, {"device:elevator_servo_2"}, "down")
+    equal(manager.asked()[-1].now.down, {"device:elevator_servo_2"}, "down")
     manager.manager.planning = lambda _: None  # it does not answer at all
     manager.run(1000)
     equal(len(manager.asked()), 4, "questions after another second")
@@ -362,7 +362,7 @@ def what_was_planned_at_once_is_bettered_at_leisure() -> None:
         if asked.at_leisure:
             answer = best(asked)
         else:
-            poor = Situation(asked.down | {"module:gyro_attitude"}, asked.limits, asked.phase)
+            poor = replace(asked.now, down=asked.now.down | {"module:gyro_attitude"})
             answer = PlanReady(asked.request, _unproven(best_plan(manager.spec, poor, asked.running)))
         assert isinstance(answer, PlanReady)
         return answer
@@ -451,7 +451,7 @@ def a_radio_is_planned_with_in_steps() -> None:
             sequence += 1
         shares = [one["share"] for one in manager.told("link_limited", began_ns)]
         equal(shares, [f"{limit / 10:g}%" for limit in limits], f"limits after {times} reports of {usable}")
-    equal(manager.asked()[-1].limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
+    equal(manager.asked()[-1].now.limits, {"bus:radio": Fraction(0)}, "limits that are planned with")
 
 
 def a_radio_that_gets_better_is_believed_after_a_hold_down() -> None:

@@ -679,7 +679,7 @@ def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
     _is_absent(manager, spoke[-1])
     equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
     demand(bool(manager.asked()), "it waits for who is absent")
-    equal(manager.asked()[0].down, {"pe:tail_b"}, "down")
+    equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
     manager, _, took_over_ns = _takes_over_from_a_keyed_reign(silent=("tail_b",))
     manager.run(200)
     _is_absent(manager, took_over_ns)
@@ -817,7 +817,7 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
             manager.run(5 * 20)
 
     fly(15)
-    equal([(sorted(one.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
+    equal([(sorted(one.now.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
     equal(manager.told("advice"), [], "advice while nobody knows what runs")
     equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it says it does not know")
     status = manager.obey(AskStatus()).status

@@ -182,8 +182,8 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     disk.opened()  # a restart before this one has made it short
     manager = ManagerUnderTest(first.spec, disk=disk)
     manager.run(800)
-    equal(manager.asked()[-1].phase, phases[1], "phase after a restart")
-    demand(f"pe:{failed}" in manager.asked()[-1].down, "who was failed is planned with")
+    equal(manager.asked()[-1].now.phase, phases[1], "phase after a restart")
+    demand(f"pe:{failed}" in manager.asked()[-1].now.down, "who was failed is planned with")
     demand(all(manager.pes[failed].node not in alive.nodes for _, alive in manager.said(Alive)), "it is counted on")
     equal(_status(manager)["phase"], phases[1], "phase in the status")
 

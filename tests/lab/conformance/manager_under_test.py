@@ -9,8 +9,8 @@ from typing import Any
 
 from heronry_dg import loader
 from heronry_dg.model import Spec
-from heronry_dg.situation import Situation
 from heronry_manager.core.memory import NOTHING, Memory
+from heronry_manager.core.planning_policy import PlannerAnswered, PlanningPolicy
 from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.world.clock import Clock
@@ -167,16 +167,16 @@ class PlayedPe:
 
 
 class _Manager(SimulatedManager):
-    """A manager whose planner does what the drill says."""
+    """A manager with one planner behind its policy, which does what the drill says."""
 
-    planning: Callable[[RequestPlan], ManagerEvent | None]
+    planning: Callable[[RequestPlan], PlanReady | PlanFailed | None]
     asked: list[RequestPlan]
 
-    def _plan(self, asked: RequestPlan) -> None:
+    def _ask_planner(self, asked: RequestPlan) -> None:
         self.asked.append(asked)
         answer = self.planning(asked)
         if answer is not None:
-            self._clock.at(self._clock.now_ns + MS, lambda: self._told(answer))
+            self._answer(MS, PlannerAnswered(answer))
 
     def tell(self, event: ManagerEvent) -> None:
         """Hand something to the core."""
@@ -232,16 +232,16 @@ class ManagerUnderTest:
             ahead=ahead,
             witness=lambda _: None,
         )
+        manager.policy = PlanningPolicy(self.spec, None, has_planner=True)
         manager.planning, manager.asked = self.plans, []
         return manager
 
-    def plans(self, asked: RequestPlan) -> ManagerEvent | None:
+    def plans(self, asked: RequestPlan) -> PlanReady | PlanFailed | None:
         """Give the best plan."""
-        now = Situation(asked.down, asked.limits, asked.phase)
-        return PlanReady(asked.request, best_plan(self.spec, now, asked.running))
+        return PlanReady(asked.request, best_plan(self.spec, asked.now, asked.running))
 
     @staticmethod
-    def fails(asked: RequestPlan) -> ManagerEvent | None:
+    def fails(asked: RequestPlan) -> PlanReady | PlanFailed | None:
         """Give none."""
         return PlanFailed(asked.request, "told to fail")
 

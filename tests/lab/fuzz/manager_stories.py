@@ -10,7 +10,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_dg.shipped import shipped_spec_path
-from heronry_dg.situation import Situation, elements
+from heronry_dg.situation import elements
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import (
@@ -78,11 +78,10 @@ _PLANS: dict[tuple[object, ...], Plan] = {}
 
 
 def _plan(spec: Spec, asked: RequestPlan) -> Plan:
-    """Give a legal plan; one question is answered once."""
-    running = None if asked.running is None else frozenset(asked.running.items())
-    question = (spec.digest, asked.down, frozenset(asked.limits.items()), asked.phase, running)
+    """Give the plan that a manager without a solver flies; one question is answered once."""
+    question = (spec.digest, asked.now, None if asked.running is None else frozenset(asked.running.items()))
     if question not in _PLANS:
-        _PLANS[question] = plan_at_once(spec, Situation(asked.down, asked.limits, asked.phase), asked.running)
+        _PLANS[question] = plan_at_once(spec, asked.now, asked.running)
     return _PLANS[question]
 
 

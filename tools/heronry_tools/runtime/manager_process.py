@@ -16,12 +16,14 @@ from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.events import event
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.planning_policy import PlanningPolicy
 from heronry_manager.planner.client import PlannerClient
-from heronry_manager.planner.foresight import Foresight
+from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.shell.control_place import default_socket
 from heronry_manager.shell.control_socket import ControlSocket
 from heronry_manager.shell.driver import FILTERS, ManagerDriver
 from heronry_manager.shell.journal import Journal
+from heronry_manager.shell.planner_processes import PlannerProcesses
 from heronry_tools.analysis.made_ahead import Ahead, contingencies_of
 from heronry_tools.console.bus_flags import what_it_models
 from heronry_tools.console.spec_argument import load_spec, spec_path
@@ -33,7 +35,7 @@ from heronry_wire.key_file import read_key
 from heronry_wire.replicated_link import AnyLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
-THINKER_NICENESS = 10  # thinking ahead may wait: PEs on the same computer, as in the demo, may not
+PRE_PLANNER_NICENESS = 10  # planning ahead may wait: PEs on the same computer, as in the demo, may not
 
 
 def reign(arguments: argparse.Namespace) -> int:
@@ -69,8 +71,8 @@ def reign(arguments: argparse.Namespace) -> int:
             if planner is not None:
                 planner.wait_until_ready()
 
-            def start_thinker() -> PlannerClient:
-                return stack.enter_context(PlannerClient(spec, file, niceness=THINKER_NICENESS))
+            def start_pre_planner() -> PlannerClient:
+                return stack.enter_context(PlannerClient(spec, file, niceness=PRE_PLANNER_NICENESS))
 
             tell(_bus_event(spec.manager.bus, arguments))
             journal = None if arguments.advise else stack.enter_context(_journal(spec, arguments))
@@ -86,8 +88,9 @@ def reign(arguments: argparse.Namespace) -> int:
                 standby=arguments.standby,
                 tells_departures=True,
             )
-            foresight = Foresight(spec, planner, start_thinker, table)
-            driver = ManagerDriver(core, link, foresight, control, journal=journal, service=service, emit=tell)
+            policy = PlanningPolicy(spec, Greedy(spec), has_planner=has_solver, contingencies=table)
+            planners = PlannerProcesses(policy, planner, start_pre_planner)
+            driver = ManagerDriver(core, link, planners, control, journal=journal, service=service, emit=tell)
             for number in (signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, lambda *_: driver.stop())
             reason = driver.run(until_eof=arguments.until_eof)

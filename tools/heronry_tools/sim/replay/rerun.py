@@ -24,13 +24,22 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import Plan, make_plan
-from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import Memory
+from heronry_manager.core.planning_policy import (
+    Answer,
+    AskPlanner,
+    Instruction,
+    PlannerAnswered,
+    PlanningPolicy,
+    PrePlan,
+    Source,
+)
 from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, RequestPlan, Stop
 from heronry_manager.planner.exact import Planner
+from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.replay.recording import Decision, Reign, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with
@@ -41,6 +50,11 @@ from heronry_wire.sansio import Received, Send, Tick
 _EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before it is asked for here
 _TOLD = {"pe_lost", "pe_absent", "pe_joined", "fault_reported", "fault_cleared", "phase_changed", "adopted"}
 _TOLD |= {"epoch_abandoned", "pe_refused", "second_manager"}
+_NAMES = {
+    Source.CONTINGENCIES: "the plan made ahead",
+    Source.PLANNER: "the best plan",
+    Source.IMMEDIATE: "the greedy plan",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +79,38 @@ class Planners:
     def __init__(self, spec: Spec, ahead: Prepared | None = None) -> None:
         """`ahead`: what was made ahead, if anything was."""
         self.spec, self.ahead = spec, ahead or prepared_with(spec, None)
-        self._planner, self._table, self._compiler = Planner(spec), self.ahead.made, Compiler(spec)
+        self._planner, self._compiler = Planner(spec), Compiler(spec)
+        made = self.ahead.made
+        with_plans = [] if made is None else [PlanningPolicy(spec, None, has_planner=True, contingencies=made)]
+        with_solver = PlanningPolicy(spec, None, has_planner=True)
+        without_solver = PlanningPolicy(spec, Greedy(spec), has_planner=False)
+        self._fittings = (*with_plans, with_solver, without_solver)
 
     def digest(self, configuration: Configuration) -> int:
         """Digest by which PREPARE and LEASE name a configuration."""
         return self._compiler.configuration(configuration).digest
 
     def plans(self, asked: RequestPlan) -> Iterator[tuple[str, Plan]]:
-        """Give every plan that could answer a question, the likeliest first."""
-        now = Situation(asked.down, asked.limits, asked.phase)
-        table = None if asked.limits else self._table
-        made = None if table is None else table.plan(asked.down, asked.phase, asked.running)
-        if made is not None:
-            yield "the plan made ahead", made
-        yield "the best plan", self._planner.plan(now, asked.running)
-        yield "the greedy plan", self._planner.at_once(now, asked.running)
+        """Give every plan that could answer a question, the likeliest first: a manager's, however it is fitted out."""
+        found = set()
+        for policy in self._fittings:
+            (instruction,) = policy.step(asked)
+            for answer in self._answers(policy, instruction):
+                if isinstance(answer.answer, PlanReady) and answer.source not in found:
+                    found.add(answer.source)
+                    yield _NAMES[answer.source], answer.answer.plan
+
+    def _answers(self, policy: PlanningPolicy, instruction: Instruction) -> Iterator[Answer]:
+        """Let a policy come to an answer, with the exact planner behind it."""
+        match instruction:
+            case Answer():
+                yield instruction
+            case AskPlanner(asked):
+                plan = self._planner.plan(asked.now, asked.running)
+                for then in policy.step(PlannerAnswered(PlanReady(asked.request, plan))):
+                    yield from self._answers(policy, then)
+            case PrePlan():  # pragma: no cover - nothing has settled
+                return
 
 
 class Rerun:
@@ -166,8 +197,7 @@ class Rerun:
         )
 
     def _as_plan(self, asked: RequestPlan, configuration: Configuration | None) -> Plan | None:
-        now = Situation(asked.down, asked.limits, asked.phase)
-        spec = self._planners.spec
+        now, spec = asked.now, self._planners.spec
         if configuration is None or verify(spec, now, configuration):
             return None
         return make_plan(spec, now, configuration, score(spec, now, configuration, asked.running), optimal=False)
@@ -183,8 +213,8 @@ class Rerun:
 
 
 def _answer(at_ns: int, asked: RequestPlan, name: str, plan: Plan) -> _Answer:
-    without = f" without {', '.join(sorted(asked.down))}" if asked.down else ""
-    phase = f" in phase {asked.phase}" if asked.phase is not None else ""
+    without = f" without {', '.join(sorted(asked.now.down))}" if asked.now.down else ""
+    phase = f" in phase {asked.now.phase}" if asked.now.phase is not None else ""
     return _Answer(at_ns, PlanReady(asked.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
 
 

@@ -5,15 +5,15 @@ nothing else; keeping it changes no run. Every plan has passed the judge, as it 
 best does not depend on what runs (that comes at level 4): who judges is content with any plan for the situation that is
 proven to be the best one.
 
-Who plans: by default every answer is the best plan, as if all had been foreseen. `AT_ONCE` is what happens to what was
-not: the greedy plan first, the best one at leisure. `GREEDY` is a manager without a solver. With contingencies on board
-(`prepared`) what they foresee is looked up, as `heronry_manager.planner.foresight` does.
+Which planner is asked is for the policy that flies (`heronry_manager.core.planning_policy`), behind which the planners
+here stand (`Planners`). By default the exact one alone does, so that every answer is the best plan, as if all had been
+foreseen. `AT_ONCE` is what happens to what was not: the pre-planner never answers. `GREEDY` is a manager without a
+solver. `ALL` is a manager as it is fitted out for a flight.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from fractions import Fraction
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
@@ -24,19 +24,22 @@ from heronry_manager.contingency.contingencies import Contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_manager.contingency.on_board import ContingencyNumbers, loaded, on_board
 from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.vocabulary import RequestPlan
+from heronry_manager.core.planning_policy import Answer, Instruction, PlanningPolicy
+from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_manager.planner.exact import Planner
+from heronry_manager.planner.greedy.planner import Greedy
 from heronry_manager.planner.sweep import Scope
 from heronry_tools.analysis.campaign.sweeping import numbered, sweep
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import require
+from heronry_wire.sansio import InvariantError, require
 
-_Asked = tuple[str, frozenset[str], frozenset[tuple[str, Fraction]], str | None]  # spec and situation
+_Asked = tuple[str, Situation]  # digest of the spec
 _Key = tuple[_Asked, frozenset[tuple[str, tuple[str, str]]] | str | None]
 _WHATEVER = "whatever runs"  # in the place of what runs: any plan for the situation that is proven to be the best
 KNOWN_PLANS: dict[_Key, Plan] = {}  # of this process
 _CRITICAL: dict[_Asked, tuple[int, ...]] = {}  # what could be served at best, where that alone was asked for
 _PLANNERS: dict[str, Planner] = {}  # by digest of the spec
+_GREEDY: dict[str, Greedy] = {}  # the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,16 +81,17 @@ def plan_ahead(spec: Spec, faults: int) -> Contingencies:
 
 
 class Planners(Enum):
-    """Who answers a manager."""
+    """Who stands behind a manager's planning policy."""
 
     BEST = "the exact planner"
-    AT_ONCE = "the greedy planner, and at leisure the exact one"
+    AT_ONCE = "the greedy planner, and for what has time the exact one"
     GREEDY = "the greedy planner"
+    ALL = "the greedy planner, the exact one, and a pre-planner"
 
-    def are_at_once(self, asked: RequestPlan) -> bool:
-        """Tell whether a question is for the greedy planner."""
-        has_time = asked.at_leisure or asked.running is None
-        return self is Planners.GREEDY or (self is Planners.AT_ONCE and not has_time)
+    def policy(self, spec: Spec, made: ContingencyTable | None) -> PlanningPolicy:
+        """Begin a policy with these planners behind it, and with these contingencies."""
+        immediate = None if self is Planners.BEST else _greedy(spec)
+        return PlanningPolicy(spec, immediate, has_planner=self is not Planners.GREEDY, contingencies=made)
 
 
 def best_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
@@ -112,11 +116,18 @@ def best_at_all(spec: Spec, now: Situation) -> Plan:
 
 
 def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
-    """Give the greedy plan; raises InvariantError where the judge refuses it."""
-    found = _planner(spec).at_once(now, running)
-    refusals = verify(spec, now, found.configuration)
-    require(not refusals, "the greedy plan for {} is not legal: {}", sorted(now.down), refusals)
-    return found
+    """Give the plan that a manager without a solver flies; raises InvariantError where the judge refuses it."""
+    (decided,) = Planners.GREEDY.policy(spec, None).step(RequestPlan(0, now, running))
+    return plan_of(decided)
+
+
+def plan_of(decided: Instruction) -> Plan:
+    """Give the plan that was decided on at once; raises InvariantError where a greedy plan was refused."""
+    match decided:
+        case Answer(PlanReady(plan=plan)):
+            return plan
+        case _:
+            raise InvariantError(f"no plan is at hand: {decided}")
 
 
 def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
@@ -134,7 +145,7 @@ def critical_at_best(spec: Spec, now: Situation) -> tuple[int, ...]:
 
 
 def _asked(spec: Spec, now: Situation) -> _Asked:
-    return spec.digest, now.down, frozenset(now.limits.items()), now.phase
+    return spec.digest, now
 
 
 def _planner(spec: Spec) -> Planner:
@@ -142,6 +153,13 @@ def _planner(spec: Spec) -> Planner:
     if spec.digest not in _PLANNERS:
         _PLANNERS[spec.digest] = Planner(spec)
     return _PLANNERS[spec.digest]
+
+
+def _greedy(spec: Spec) -> Greedy:
+    """Give the greedy planner of a spec, warm."""
+    if spec.digest not in _GREEDY:
+        _GREEDY[spec.digest] = Greedy(spec)
+    return _GREEDY[spec.digest]
 
 
 def plans_known() -> int:

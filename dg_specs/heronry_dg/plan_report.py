@@ -1,0 +1,105 @@
+"""The report of a plan: what becomes of each function, and what is used of each PE and each bus.
+
+It follows from the spec, the situation and the configuration, and is for people and other programs. So it is worked out
+when somebody reads it, each part once: why functions are not served takes longer to find out than many a plan took.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.objective import serving_modules, value_of
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import bus_loads_mbit_per_s, hops
+from heronry_dg.why_not import Feasible, feasible, why_not
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionReport:
+    """What became of a function."""
+
+    served: bool
+    mode: str | None  # of the module that serves it
+    value: int  # of that mode; 0 when not served
+    why_not: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class PeReport:
+    """What is used of a PE: CPU in thousandths of a reference core, memory in bytes."""
+
+    cpu_millis: int
+    ram: int
+    flash: int
+
+
+@dataclass(frozen=True, slots=True)
+class BusReport:
+    """What is published on a bus, rounded down, and its share of the bit rate."""
+
+    bits_per_s: int
+    load: float
+
+
+class Report:
+    """The report of one configuration in one situation."""
+
+    def __init__(
+        self, spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str] | None = None
+    ) -> None:
+        """`reasons`: why functions are not served, where somebody knows better than `why_not` does by itself.
+
+        Every name in the configuration must exist in the spec.
+        """
+        self._spec, self._now, self._configuration, self._reasons = spec, now, configuration, reasons or {}
+
+    def with_reasons(self, reasons: Mapping[str, str]) -> "Report":
+        """Give the same report with other reasons why functions are not served."""
+        return Report(self._spec, self._now, self._configuration, reasons)
+
+    def work_out(self) -> None:
+        """Work everything out now, so that reading it takes no time."""
+        _ = self.functions, self.pes, self.buses
+
+    @cached_property
+    def functions(self) -> Mapping[str, FunctionReport]:
+        """What becomes of each function, in the spec's order."""
+        found: Feasible | None = None
+        reports = {}
+        for function, output in serving_modules(self._spec, self._configuration):
+            if output is None:
+                reason = self._reasons.get(function.name)
+                if not reason:
+                    found = found or feasible(self._spec, self._now)
+                    reason = why_not(found, function)
+                reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)
+            else:
+                value = value_of(self._spec, self._configuration, function, output)
+                mode = self._configuration.modules[output].mode
+                reports[function.name] = FunctionReport(served=True, mode=mode, value=value, why_not=None)
+        return reports
+
+    @cached_property
+    def pes(self) -> Mapping[str, PeReport]:
+        """What is used of each PE."""
+        return {name: self._pe(name) for name in self._spec.pes}
+
+    def _pe(self, pe: str) -> PeReport:
+        spec, configuration = self._spec, self._configuration
+        here = [module for module, running in configuration.modules.items() if running.pe == pe]
+        return PeReport(
+            cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in here),
+            ram=sum(configuration.mode(spec, module).ram for module in here),
+            flash=sum(spec.modules[module].flash for module in here),
+        )
+
+    @cached_property
+    def buses(self) -> Mapping[str, BusReport]:
+        """What is published on each bus."""
+        published = hops(survivors(self._spec, self._now), self._configuration)
+        return {
+            bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * self._spec.buses[bus].bitrate))
+            for bus, load in bus_loads_mbit_per_s(self._spec, published).items()
+        }

@@ -1,0 +1,83 @@
+"""The planner's processes behind the planning policy: questions are carried to them, and their answers back.
+
+The planner's own process is warm before the flight; the pre-planner is started with the first question ahead. What is
+asked of whom is for `heronry_manager.core.planning_policy` to decide.
+"""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from heronry_dg.objective import Placement
+from heronry_dg.situation import Situation
+from heronry_manager.core.planning_policy import (
+    Answer,
+    AskPlanner,
+    FromPlanner,
+    Instruction,
+    PlannerAnswered,
+    PlanningPolicy,
+    PrePlan,
+    PrePlannerAnswered,
+)
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
+from heronry_manager.planner.client import Failed, Planned
+
+
+class Asked(Protocol):
+    """A planner that answers later: `heronry_manager.planner.client.PlannerClient`."""
+
+    def request(self, number: int, now: Situation, running: Placement | None) -> None:
+        """Ask for a plan."""
+
+    def poll(self) -> list[Planned | Failed]:
+        """Take what has been answered."""
+
+    def fileno(self) -> int:
+        """Descriptor that is readable when `poll` has something to do."""
+
+
+class PlannerProcesses:
+    """The policy, the planner, and the pre-planner once there is one."""
+
+    def __init__(self, policy: PlanningPolicy, planner: Asked | None, start_pre_planner: Callable[[], Asked]) -> None:
+        """`planner`: None where there is no solver, and the policy knows that; then no pre-planner is started."""
+        self._policy, self._planner, self._start_pre_planner = policy, planner, start_pre_planner
+        self._pre_planner: Asked | None = None
+
+    def readers(self) -> list[Asked]:
+        """What an event loop watches: one of them is readable when `poll` has something to do."""
+        return [one for one in (self._planner, self._pre_planner) if one is not None]
+
+    def take(self, told: RequestPlan | Settled) -> list[PlanReady | PlanFailed]:
+        """Take what the core says; gives the answer to a question if it is there at once, else it comes from `poll`."""
+        return self._carry_out(self._policy.step(told))
+
+    def poll(self) -> list[PlanReady | PlanFailed]:
+        """Take what has been answered to the core's questions; what was asked ahead stays with the policy."""
+        ahead = [] if self._pre_planner is None else self._pre_planner.poll()
+        answers = [] if self._planner is None else self._planner.poll()
+        events: list[FromPlanner] = [
+            *(PrePlannerAnswered(one.request, one.plan if isinstance(one, Planned) else None) for one in ahead),
+            *(PlannerAnswered(_in_the_cores_words(one)) for one in answers),
+        ]
+        return [answer for event in events for answer in self._carry_out(self._policy.step(event))]
+
+    def _carry_out(self, instructions: list[Instruction]) -> list[PlanReady | PlanFailed]:
+        answers = []
+        for instruction in instructions:
+            match instruction:
+                case Answer(answer):
+                    answers.append(answer)
+                case AskPlanner(asked):
+                    assert self._planner is not None  # else the policy was told so
+                    self._planner.request(asked.request, asked.now, asked.running)
+                case PrePlan(number, question):  # pragma: no branch - nothing else is left
+                    self._pre_planner = self._pre_planner or self._start_pre_planner()
+                    self._pre_planner.request(number, question.now, question.running)
+        return answers
+
+
+def _in_the_cores_words(answer: Planned | Failed) -> PlanReady | PlanFailed:
+    if isinstance(answer, Planned):
+        return PlanReady(answer.request, answer.plan)
+    return PlanFailed(answer.request, answer.reason)

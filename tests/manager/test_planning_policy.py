@@ -1,0 +1,270 @@
+"""Which planner answers, and what is planned ahead: the policy, without a process."""
+
+from dataclasses import replace
+from fractions import Fraction
+from typing import NoReturn
+
+import pytest
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.loader import load, loads
+from heronry_dg.objective import Placement, placement
+from heronry_dg.plan import Plan
+from heronry_dg.shipped import shipped_spec_path
+from heronry_dg.situation import Situation
+from heronry_dg.verify import verify
+from heronry_manager.contingency.contingencies import contingencies
+from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.core.planning_policy import (
+    Answer,
+    AskPlanner,
+    PlannerAnswered,
+    PlanningPolicy,
+    PrePlan,
+    PrePlannerAnswered,
+    Question,
+    Source,
+)
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan, Settled
+from heronry_manager.planner.exact import plan
+from heronry_manager.planner.greedy.planner import Greedy
+from heronry_manager.planner.sweep import Outcome, Scope, Sweep
+from heronry_manager.planner.sweep import Question as SweepQuestion
+from heronry_wire.sansio import InvariantError
+
+FILE = shipped_spec_path("elevator_and_chute")
+SPEC = load(FILE)
+GREEDY = Greedy(SPEC)
+WELL = Situation()
+BEST = plan(SPEC, WELL, None)
+RUNNING = placement(BEST.configuration)
+TAIL_LOST = Situation(frozenset({"pe:tail_pe"}))
+LOSSES = [Situation(frozenset({f"pe:{pe}"})) for pe in SPEC.pes]
+
+
+class Ahead:
+    """A policy, and what its pre-planner is asked."""
+
+    def __init__(self, policy: PlanningPolicy) -> None:
+        self.policy, self.asked = policy, list[Question]()
+
+    def settle(self, now: Situation = WELL, running: Placement = RUNNING, plan: Plan | None = BEST) -> list[Question]:
+        """Settle, and answer all questions ahead; gives them."""
+        self.asked, instructions = [], self.policy.step(Settled(now, running))
+        while instructions:
+            (instruction,) = instructions
+            assert isinstance(instruction, PrePlan)
+            self.asked.append(instruction.question)
+            instructions = self.policy.step(PrePlannerAnswered(instruction.number, plan))
+        assert not self.policy.is_pre_planning
+        return self.asked
+
+    def knows(self, now: Situation, running: Placement = RUNNING) -> bool:
+        return source(self.policy, RequestPlan(1, now, running)) is Source.PRE_PLANNED
+
+
+def source(policy: PlanningPolicy, asked: RequestPlan) -> Source | None:
+    """Where the answer comes from; None: the planner is asked."""
+    (instruction,) = policy.step(asked)
+    return instruction.source if isinstance(instruction, Answer) else None
+
+
+@pytest.fixture
+def policy() -> PlanningPolicy:
+    return PlanningPolicy(SPEC, GREEDY, has_planner=True)
+
+
+@pytest.fixture
+def ahead(policy: PlanningPolicy) -> Ahead:
+    return Ahead(policy)
+
+
+def table() -> ContingencyTable:
+    """Contingencies for the losses of PEs."""
+    scope = Scope(tuple(f"pe:{pe}" for pe in SPEC.pes), 1, (None,))
+    swept = Sweep(SPEC, scope)
+    swept.run(lambda _, questions: [(one, _planned(one)) for one in questions])
+    return ContingencyTable(SPEC, contingencies(SPEC, scope, swept.outcomes, {None: Configuration()}))
+
+
+def _planned(one: SweepQuestion) -> Outcome:
+    found = plan(SPEC, Situation(one.down), one.running)
+    return Outcome(found.configuration, found.objective, found.optimal)
+
+
+class TestQuestions:
+    def test_an_immediate_one_is_answered_at_once_by_a_plan_that_the_judge_accepts(
+        self, policy: PlanningPolicy
+    ) -> None:
+        (answer,) = policy.step(RequestPlan(7, TAIL_LOST, RUNNING))
+        assert answer == Answer(PlanReady(7, GREEDY.plan(TAIL_LOST, RUNNING)), Source.IMMEDIATE)
+
+    @pytest.mark.parametrize("at_leisure", [False, True])
+    def test_one_in_the_background_is_for_the_planner(self, policy: PlanningPolicy, at_leisure: bool) -> None:
+        asked = RequestPlan(7, WELL, RUNNING if at_leisure else None, at_leisure)
+        assert policy.step(asked) == [AskPlanner(asked)]
+        ready = PlanReady(7, BEST)
+        assert policy.step(PlannerAnswered(ready)) == [Answer(ready, Source.PLANNER)]
+
+    def test_a_failure_is_handed_on(self, policy: PlanningPolicy) -> None:
+        policy.step(RequestPlan(7, WELL, None))
+        failed = PlanFailed(7, "it was killed")
+        assert policy.step(PlannerAnswered(failed)) == [Answer(failed, Source.PLANNER)]
+
+    def test_a_late_answer_is_handed_on_and_a_doubled_one_is_dropped(self, policy: PlanningPolicy) -> None:
+        policy.step(RequestPlan(1, WELL, None))
+        policy.step(RequestPlan(2, TAIL_LOST, None))
+        for number in (1, 2):
+            assert len(policy.step(PlannerAnswered(PlanReady(number, BEST)))) == 1
+            assert policy.step(PlannerAnswered(PlanReady(number, BEST))) == []
+
+    def test_a_lost_answer_holds_up_nothing(self, policy: PlanningPolicy) -> None:
+        policy.step(RequestPlan(1, WELL, None))
+        assert source(policy, RequestPlan(2, TAIL_LOST, RUNNING)) is Source.IMMEDIATE
+        assert source(policy, RequestPlan(3, TAIL_LOST, RUNNING, at_leisure=True)) is None
+
+    @pytest.mark.parametrize("asked", [RequestPlan(1, WELL, None), RequestPlan(1, WELL, RUNNING, at_leisure=True)])
+    def test_without_a_solver_every_one_is_immediate(self, asked: RequestPlan) -> None:
+        assert source(PlanningPolicy(SPEC, GREEDY, has_planner=False), asked) is Source.IMMEDIATE
+
+    def test_without_an_immediate_planner_every_one_is_for_the_planner(self) -> None:
+        asked = RequestPlan(1, TAIL_LOST, RUNNING)
+        assert PlanningPolicy(SPEC, None, has_planner=True).step(asked) == [AskPlanner(asked)]
+
+    def test_somebody_has_to_plan(self) -> None:
+        with pytest.raises(InvariantError, match="there is nobody to plan"):
+            PlanningPolicy(SPEC, None, has_planner=False)
+
+
+class Overloading:
+    """An immediate planner whose plans are not legal: they run on a PE that is down."""
+
+    def plan(self, now: Situation, running: Placement | None = None) -> Plan:
+        assert running == RUNNING
+        return replace(BEST, now=now)
+
+
+class TestARefusedGreedyPlan:
+    asked = RequestPlan(7, TAIL_LOST, RUNNING)
+    refusal = verify(SPEC, TAIL_LOST, BEST.configuration)[0]
+
+    def test_is_not_flown_and_the_planner_is_asked(self) -> None:
+        policy = PlanningPolicy(SPEC, Overloading(), has_planner=True)
+        assert policy.step(self.asked) == [AskPlanner(self.asked, self.refusal)]
+        assert len(policy.step(PlannerAnswered(PlanReady(7, BEST)))) == 1
+
+    def test_fails_the_question_where_there_is_no_planner(self) -> None:
+        policy = PlanningPolicy(SPEC, Overloading(), has_planner=False)
+        failed = PlanFailed(7, f"the greedy plan is not legal: {self.refusal}")
+        assert policy.step(self.asked) == [Answer(failed, Source.IMMEDIATE)]
+
+
+class TestContingencies:
+    def test_what_they_know_is_at_hand_and_not_pre_planned(self) -> None:
+        policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=table())
+        assert Ahead(policy).settle() == []
+        (answer,) = policy.step(RequestPlan(7, TAIL_LOST, RUNNING))
+        assert isinstance(answer, Answer)
+        assert isinstance(answer.answer, PlanReady)
+        assert answer.source is Source.CONTINGENCIES
+        assert answer.answer.plan.configuration == plan(SPEC, TAIL_LOST, RUNNING).configuration
+
+    def test_what_they_do_not_know_is_for_others(self) -> None:
+        policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=table())
+        two = Situation(frozenset({"pe:sensor_pe", "pe:control_pe"}))
+        assert source(policy, RequestPlan(8, two, RUNNING)) is Source.IMMEDIATE
+        ahead = Ahead(policy).settle(TAIL_LOST, placement(plan(SPEC, TAIL_LOST, RUNNING).configuration))
+        assert {one.now.down for one in ahead} >= {frozenset(), frozenset({"pe:tail_pe", "pe:sensor_pe"})}
+
+    def test_none_is_looked_up_while_a_bus_is_limited(self) -> None:
+        class Table(ContingencyTable):
+            def __init__(self) -> None:
+                """Know nothing: it must not be asked."""
+
+            def plan(self, *_: object) -> NoReturn:
+                raise AssertionError("its plans are for whole buses")
+
+            find = plan
+
+        policy = PlanningPolicy(SPEC, GREEDY, has_planner=True, contingencies=Table())
+        none = Situation(TAIL_LOST.down, {"bus:can0": Fraction(0)})
+        (answer,) = policy.step(RequestPlan(1, none, RUNNING))
+        assert isinstance(answer, Answer)
+        assert isinstance(answer.answer, PlanReady)
+        found = answer.answer.plan
+        assert found.now == none
+        assert all(report.bits_per_s == 0 for report in found.buses.values())
+        assert len(Ahead(policy).settle(none)) == len(SPEC.pes)
+
+
+class TestPrePlanning:
+    def test_each_loss_is_asked_in_the_order_of_the_spec(self, ahead: Ahead) -> None:
+        assert ahead.settle() == [Question(lost, RUNNING) for lost in LOSSES]
+        assert all(ahead.knows(lost) for lost in LOSSES)
+
+    def test_each_return_is_asked_after_the_losses(self, ahead: Ahead) -> None:
+        down = Situation(frozenset({"pe:tail_pe", "device:gps"}))
+        asked = [one.now.down for one in ahead.settle(down)]
+        assert asked[-1] == {"device:gps"}
+        assert len(asked) == len(SPEC.pes)
+
+    def test_the_next_phase_comes_last_and_the_last_phase_has_none(self) -> None:
+        phases = "phases: {climb: {}, glide: {}, land: {}}\n"
+        spec = loads(FILE.read_text().replace("functions:\n", f"{phases}functions:\n"), "phases.dg.yaml")
+        ahead = Ahead(PlanningPolicy(spec, Greedy(spec), has_planner=True))
+        assert ahead.settle(Situation(phase="climb"))[-1].now == Situation(phase="glide")
+        assert {one.now.phase for one in ahead.settle(Situation(phase="land"))} == {"land"}
+
+    def test_the_limits_of_the_moment_hold_ahead_too(self, ahead: Ahead) -> None:
+        half = {"bus:can0": Fraction(1, 2)}
+        assert all(one.now.limits == half for one in ahead.settle(Situation(limits=half)))
+        assert ahead.knows(replace(TAIL_LOST, limits=half))
+        assert not ahead.knows(TAIL_LOST)
+
+    def test_a_plan_for_another_configuration_is_not_used_and_forgotten_when_that_runs(self, ahead: Ahead) -> None:
+        ahead.settle()
+        other = {**RUNNING, "state_estimator": ("only", "sensor_pe")}
+        assert not ahead.knows(TAIL_LOST, other)
+        ahead.settle(running=other, plan=None)
+        assert not ahead.knows(TAIL_LOST)
+
+    def test_what_is_known_is_not_asked_again(self, ahead: Ahead) -> None:
+        ahead.settle()
+        assert ahead.settle() == []
+        assert ahead.knows(TAIL_LOST)
+
+    def test_a_failure_is_left_out(self, ahead: Ahead) -> None:
+        assert len(ahead.settle(plan=None)) == len(LOSSES)
+        assert not ahead.knows(TAIL_LOST)
+
+    def test_one_question_at_a_time_and_each_once(self, policy: PlanningPolicy) -> None:
+        (first,) = policy.step(Settled(WELL, RUNNING))
+        assert isinstance(first, PrePlan)
+        assert policy.step(Settled(WELL, RUNNING)) == []
+        assert policy.is_pre_planning
+        asked = [first]
+        while found := policy.step(PrePlannerAnswered(asked[-1].number, BEST)):
+            asked += [one for one in found if isinstance(one, PrePlan)]
+        assert [one.question.now for one in asked] == LOSSES
+
+    def test_a_doubled_answer_is_dropped(self, policy: PlanningPolicy) -> None:
+        (first,) = policy.step(Settled(WELL, RUNNING))
+        assert isinstance(first, PrePlan)
+        (second,) = policy.step(PrePlannerAnswered(first.number, BEST))
+        assert isinstance(second, PrePlan)
+        assert policy.step(PrePlannerAnswered(first.number, BEST)) == []
+        assert source(policy, RequestPlan(1, second.question.now, RUNNING)) is Source.IMMEDIATE
+
+    def test_an_answer_that_nobody_waits_for_is_dropped(self, policy: PlanningPolicy) -> None:
+        assert policy.step(PrePlannerAnswered(1, BEST)) == []
+
+    def test_a_late_answer_is_kept_under_its_own_question(self, policy: PlanningPolicy) -> None:
+        (first,) = policy.step(Settled(WELL, RUNNING))
+        assert isinstance(first, PrePlan)
+        policy.step(Settled(TAIL_LOST, {}))
+        policy.step(PrePlannerAnswered(first.number, BEST))
+        assert source(policy, RequestPlan(1, LOSSES[0], RUNNING)) is Source.PRE_PLANNED
+        assert source(policy, RequestPlan(2, LOSSES[0], {})) is Source.IMMEDIATE
+
+    def test_without_a_solver_nothing_is_pre_planned(self) -> None:
+        assert PlanningPolicy(SPEC, GREEDY, has_planner=False).step(Settled(WELL, RUNNING)) == []
