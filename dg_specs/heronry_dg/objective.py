@@ -6,8 +6,9 @@ branches, little bandwidth, little CPU. Everything is an integer, so that any tw
 it must exist in the spec.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from heronry_dg.configuration import Configuration
 from heronry_dg.model import Function, Spec
@@ -36,6 +37,13 @@ class Objective:
         """Ten integers that compare as the objectives do: the greater is the better."""
         costs = (self.changes, self.branches, self.bus_mbit_per_s, self.cpu_millis)
         return (*self.critical, self.utility, self.inputs, *(-cost for cost in costs))
+
+    @classmethod
+    def of_key(cls, key: Sequence[int]) -> Self:
+        """Give the objective that has a key; raises ValueError where that is not ten integers."""
+        a, b, c, d, utility, inputs, *costs = key
+        changes, branches, bus_mbit_per_s, cpu_millis = (-cost for cost in costs)
+        return cls((a, b, c, d), utility, inputs, changes, branches, bus_mbit_per_s, cpu_millis)
 
     @property
     def bus_bits_per_s(self) -> int:

@@ -1,9 +1,9 @@
 """A plan: a configuration with the situation it is for, what it is worth, whether that is proven, and its report.
 
-The report (functions, PEs, buses) follows from the rest and is written out for people and other programs; nothing is
-decided by it. The JSON form is the file that `heronry plan` writes. What reads it:
+The report (`plan_report`: functions, PEs, buses) follows from the rest, and is worked out when it is read. The JSON
+form is the file that `heronry plan` writes. What reads it:
 
-    read_plan            all of it, for one of our own plans; the report is worked out anew
+    read_plan            all of it, for one of our own plans; its value and its report are worked out anew
     read_situation       phase, faults and limits; what is missing is as in a healthy first phase
     read_configuration   nothing but `modules`: a plan to be judged may come from any planner
     read_running         nothing but `pe` and `mode` of the modules: what runs now
@@ -13,17 +13,16 @@ Whatever is malformed gives one PlanError, whose sentence names the place.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
 from typing import TypeVar
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
-from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score, serving_modules, value_of
-from heronry_dg.situation import Situation, UnknownElementError, situation, survivors
-from heronry_dg.traffic import bus_loads_mbit_per_s, hops
-from heronry_dg.why_not import Feasible, feasible, why_not
+from heronry_dg.objective import CRITICAL_CLASSES, Objective, Placement, score
+from heronry_dg.plan_report import BusReport, FunctionReport, PeReport, Report
+from heronry_dg.situation import Situation, UnknownElementError, situation
 from heronry_wire.errors import HeronryError
 
 Json = dict[str, object]
@@ -33,7 +32,7 @@ Bounds = Sequence[int | None]
 It holds among the legal configurations that are no worse in the levels above.
 """
 
-_LEVELS = (
+LEVELS = (
     *(f"critical {criticality}" for criticality in CRITICAL_CLASSES),
     "utility",
     "inputs",
@@ -48,33 +47,6 @@ _T = TypeVar("_T")
 
 class PlanError(HeronryError, ValueError):
     """A plan file that cannot be used; the message is one sentence with the place and what is wrong there."""
-
-
-@dataclass(frozen=True, slots=True)
-class FunctionReport:
-    """What became of a function."""
-
-    served: bool
-    mode: str | None  # of the module that serves it
-    value: int  # of that mode; 0 when not served
-    why_not: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class PeReport:
-    """What is used of a PE: CPU in thousandths of a reference core, memory in bytes."""
-
-    cpu_millis: int
-    ram: int
-    flash: int
-
-
-@dataclass(frozen=True, slots=True)
-class BusReport:
-    """What is published on a bus, rounded down, and its share of the bit rate."""
-
-    bits_per_s: int
-    load: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,9 +69,22 @@ class Plan:
     objective: Objective
     optimal: bool  # proven to be the best there is
     levels: Sequence[LevelReport]  # most important first
-    functions: Mapping[str, FunctionReport]
-    pes: Mapping[str, PeReport]
-    buses: Mapping[str, BusReport]
+    report: Report = field(compare=False, repr=False)  # follows from the rest
+
+    @property
+    def functions(self) -> Mapping[str, FunctionReport]:
+        """What becomes of each function."""
+        return self.report.functions
+
+    @property
+    def pes(self) -> Mapping[str, PeReport]:
+        """What is used of each PE."""
+        return self.report.pes
+
+    @property
+    def buses(self) -> Mapping[str, BusReport]:
+        """What is published on each bus."""
+        return self.report.buses
 
     def document(self) -> Json:
         """Give the plan as plain data: what `to_json` writes."""
@@ -114,7 +99,7 @@ class Plan:
                 {"level": one.level, "value": one.value, "bound": one.bound, "proven": one.proven}
                 for one in self.levels
             ],
-            "modules": {name: _running_json(running) for name, running in self.configuration.modules.items()},
+            "modules": modules_json(self.configuration),
             "functions": {
                 name: {"served": f.served, "mode": f.mode, "value": f.value, "why_not": f.why_not}
                 for name, f in self.functions.items()
@@ -140,7 +125,7 @@ def make_plan(
     bounds: Bounds | None = None,
     reasons: Mapping[str, str] | None = None,
 ) -> Plan:
-    """Put a plan together and work out its report.
+    """Put a plan together; its report is worked out when it is read.
 
     bounds: how good each level could be; None: as good as it is for an optimal plan, not known for another one.
     reasons: why functions are not served, where the planner knows better than `why_not` does by itself.
@@ -156,15 +141,21 @@ def make_plan(
         objective=objective,
         optimal=optimal,
         levels=level_reports(objective, bounds or (objective.key() if optimal else None)),
-        functions=_function_reports(spec, now, in_order, reasons or {}),
-        pes={name: _pe_report(spec, in_order, name) for name in spec.pes},
-        buses=_bus_reports(spec, now, in_order),
+        report=Report(spec, now, in_order, reasons),
     )
+
+
+def plan_with_bounds(
+    spec: Spec, now: Situation, configuration: Configuration, objective: Objective, bounds: Sequence[int]
+) -> Plan:
+    """Put together what a search has found; it is proven to be the best where it stands at its bounds."""
+    optimal = tuple(bounds) == objective.key()
+    return make_plan(spec, now, configuration, objective, optimal=optimal, bounds=bounds)
 
 
 def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelReport, ...]:
     """Say for each level what it is and how good it could be; without bounds nothing is known of that."""
-    bounds = bounds or (None,) * len(_LEVELS)
+    bounds = bounds or (None,) * len(LEVELS)
     return tuple(
         LevelReport(
             level=level,
@@ -172,7 +163,7 @@ def level_reports(objective: Objective, bounds: Bounds | None) -> tuple[LevelRep
             bound=None if bound is None else _reported(level, bound),
             proven=value == bound,
         )
-        for level, value, bound in zip(_LEVELS, objective.key(), bounds, strict=True)
+        for level, value, bound in zip(LEVELS, objective.key(), bounds, strict=True)
     )
 
 
@@ -180,42 +171,6 @@ def _reported(level: str, key: int) -> int:
     """Turn an integer of `Objective.key` into what is reported: costs as such, bits per second rounded down."""
     quantity = -key if level in _COSTS else key
     return quantity // 1000 if level == "bus_bits_per_s" else quantity
-
-
-def _function_reports(
-    spec: Spec, now: Situation, configuration: Configuration, reasons: Mapping[str, str]
-) -> dict[str, FunctionReport]:
-    found: Feasible | None = None
-    reports = {}
-    for function, output in serving_modules(spec, configuration):
-        if output is None:
-            reason = reasons.get(function.name)
-            if not reason:
-                found = found or feasible(spec, now)
-                reason = why_not(found, function)
-            reports[function.name] = FunctionReport(served=False, mode=None, value=0, why_not=reason)
-        else:
-            value = value_of(spec, configuration, function, output)
-            mode = configuration.modules[output].mode
-            reports[function.name] = FunctionReport(served=True, mode=mode, value=value, why_not=None)
-    return reports
-
-
-def _pe_report(spec: Spec, configuration: Configuration, pe: str) -> PeReport:
-    here = [module for module, running in configuration.modules.items() if running.pe == pe]
-    return PeReport(
-        cpu_millis=sum(configuration.mode(spec, module).cpu_millis for module in here),
-        ram=sum(configuration.mode(spec, module).ram for module in here),
-        flash=sum(spec.modules[module].flash for module in here),
-    )
-
-
-def _bus_reports(spec: Spec, now: Situation, configuration: Configuration) -> dict[str, BusReport]:
-    loads = bus_loads_mbit_per_s(spec, hops(survivors(spec, now), configuration))
-    return {
-        bus: BusReport(bits_per_s=load // 1000, load=load / (1000 * spec.buses[bus].bitrate))
-        for bus, load in loads.items()
-    }
 
 
 def _objective_json(objective: Objective) -> Json:
@@ -228,6 +183,11 @@ def _objective_json(objective: Objective) -> Json:
         "bus_bits_per_s": objective.bus_bits_per_s,
         "cpu_millis": objective.cpu_millis,
     }
+
+
+def modules_json(configuration: Configuration) -> Json:
+    """Write a configuration as `modules` of a plan file."""
+    return {name: _running_json(running) for name, running in configuration.modules.items()}
 
 
 def _running_json(running: Running) -> Json:
@@ -251,7 +211,7 @@ def read_plan(text: str, spec: Spec) -> Plan:
         raise PlanError(f"the plan was made for another file than spec {spec.name}: plan again")
     now = read_situation(text, spec)
     configuration = read_configuration(text)
-    _check_names(spec, configuration)
+    check_names(spec, configuration)
     claimed = _object(document, "objective", "the plan")
     changed = _field(claimed, "changes", int, "objective")
     objective = replace(score(spec, now, configuration, running=None), changes=changed)
@@ -303,22 +263,27 @@ def read_situation(text: str, spec: Spec) -> Situation:
 
 def read_configuration(text: str) -> Configuration:
     """Read what runs where and how it is wired; nothing but `modules` is looked at, and no name is looked up."""
-    return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(text)})
+    return configuration_of(_document(text))
+
+
+def configuration_of(document: Json) -> Configuration:
+    """Do the same with what JSON text says."""
+    return Configuration({name: _running(fields, f"modules.{name}") for name, fields in _modules(document)})
 
 
 def read_running(text: str, spec: Spec) -> Placement:
     """Read mode and PE of each module, which the spec must have; nothing else is looked at."""
     running = {
         name: (_field(fields, "mode", str, f"modules.{name}"), _field(fields, "pe", str, f"modules.{name}"))
-        for name, fields in _modules(text)
+        for name, fields in _modules(_document(text))
     }
     for name, (mode, pe) in running.items():
         _check_place(spec, name, mode, pe)
     return running
 
 
-def _modules(text: str) -> Iterator[tuple[str, Json]]:
-    modules = _field(_document(text), "modules", dict, "the plan")
+def _modules(document: Json) -> Iterator[tuple[str, Json]]:
+    modules = _field(document, "modules", dict, "the plan")
     for name in modules:
         yield name, _object(modules, name, "modules")
 
@@ -356,8 +321,8 @@ def _check_place(spec: Spec, name: str, mode: str, pe: str) -> None:
         raise PlanError(f"modules.{name}.pe: the spec has no PE '{pe}'")
 
 
-def _check_names(spec: Spec, configuration: Configuration) -> None:
-    """Refuse what cannot even be valued; whether it is legal is for `verify` to say."""
+def check_names(spec: Spec, configuration: Configuration) -> None:
+    """Refuse what cannot even be valued, with a PlanError; whether it is legal is for `verify` to say."""
     for name, running in configuration.modules.items():
         _check_place(spec, name, running.mode, running.pe)
         leaves = dict(configuration.mode(spec, name).leaves())

@@ -1,5 +1,6 @@
 """The planner's process: warm, asked over pipes, never silent, gone with its client."""
 
+import json
 import os
 import select
 import signal
@@ -20,10 +21,10 @@ from heronry_manager.planner.client import Failed, Planned, PlannerClient, Plann
 from heronry_manager.planner.exact import Planner, plan
 from heronry_manager.planner.messages import (
     MessageError,
-    PlanText,
     Ready,
     Refusal,
     Request,
+    Solution,
     answer_line,
     read_answer,
     read_request,
@@ -170,7 +171,9 @@ def test_with_nobody_left_to_answer_it_ends_without_a_word() -> None:
 def test_requests_and_answers_survive_their_way(spec: Spec) -> None:
     request = Request(3, situation(spec, ["device:gps"], ["bus:can0=33.3%"]), {"gps_driver": ("only", "sensor_pe")})
     assert read_request(request_line(request), spec) == request
-    for said in (Ready(), PlanText(3, '{\n"a": "ä"}\n'), Refusal(None, "no"), Refusal(3, "no")):
+    best = plan(spec, situation(spec))
+    solution = Solution(3, best.configuration, best.objective, best.objective.key())
+    for said in (Ready(), solution, Refusal(None, "no"), Refusal(3, "no")):
         assert read_answer(answer_line(said)) == said
 
 
@@ -193,6 +196,18 @@ def test_a_line_that_is_no_request_is_refused(spec: Spec, line: bytes) -> None:
     assert "not a" in refusal.reason
 
 
-def test_a_line_that_is_no_answer_is_an_error() -> None:
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"plan": 3},
+        {"objective": [0] * 9},
+        {"bounds": [0] * 11},
+        {"objective": ["0"] * 10},
+        {"modules": {"gps_driver": 3}},
+        {"request": None},
+    ],
+)
+def test_a_line_that_is_no_answer_is_an_error(fields: dict[str, object]) -> None:
+    whole = {} if "plan" in fields else {"request": 1, "modules": {}, "objective": [0] * 10, "bounds": [0] * 10}
     with pytest.raises(MessageError):
-        read_answer(b'{"plan": 3}')
+        read_answer(json.dumps({**whole, **fields}).encode())

@@ -9,8 +9,8 @@ precondition:
     this configuration runs    the fault-free one of the phase, module by module; at the start, when nothing is down, it
                                is enough that nothing is known to run: then changes are free
 
-A plan is put together, with its report, when it is first asked for; those of single faults are at the start, since
-that takes longer than a look-up may.
+A plan is put together when it is first asked for; those of single faults are at the start, with their reports, since
+these take longer than a look-up may.
 
 Anything else is for the planner. With another configuration running the plan would still be legal, but no longer the
 one with the fewest changes.
@@ -37,8 +37,9 @@ class ContingencyTable:
         self._implied = {element: _implied(spec, element) for element in elements(spec)}
         self._plans: dict[tuple[Phase, FaultSet], Plan] = {}
         for phase, down in self._made:
-            if len(down) <= 1:
-                self.plan(down, phase, self._running[phase])
+            plan = self.plan(down, phase, self._running[phase]) if len(down) <= 1 else None
+            if plan is not None:
+                plan.report.work_out()
 
     def find(self, down: FaultSet, phase: Phase, running: Placement | None) -> Made | None:
         """Find what was made ahead for this; None where nothing was."""

@@ -247,5 +247,6 @@ class PlanningPolicy:
         if self._thinking is None or self._thinking.number != number:
             return
         if plan is not None:
+            plan.report.work_out()  # while there is time
             self._pre_planned[self._thinking.question] = plan
         self._thinking = None

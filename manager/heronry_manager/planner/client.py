@@ -23,14 +23,14 @@ from typing import BinaryIO, Self
 
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement
-from heronry_dg.plan import Plan, PlanError, read_plan
+from heronry_dg.plan import Plan, PlanError, check_names, plan_with_bounds
 from heronry_dg.situation import Situation
 from heronry_manager.planner.messages import (
     MessageError,
-    PlanText,
     Ready,
     Refusal,
     Request,
+    Solution,
     read_answer,
     request_line,
 )
@@ -76,7 +76,7 @@ class PlannerClient:
         self._file = _in_memory(data)
         self._selector = DefaultSelector()
         self._waiting: deque[Request] = deque()
-        self._inside: int | None = None  # number of the request in the process
+        self._inside: Request | None = None  # what the process is at
         self._unread = b""
         self._process: _Process | None = None
         self._start()
@@ -171,16 +171,15 @@ class PlannerClient:
         if self._process is None:
             self._start()
         assert self._process is not None
-        request = self._waiting.popleft()
-        self._inside = request.number
-        self._process.send(request_line(request))
+        self._inside = self._waiting.popleft()
+        self._process.send(request_line(self._inside))
 
     def _ended(self, reason: str) -> list[Planned | Failed]:
         """Do without the process; the next request starts another one."""
-        number = self._inside
+        request = self._inside
         code = self._stop(kill=True)
         self._send_next()
-        return [] if number is None else [Failed(number, f"{reason} (exit code {code})")]
+        return [] if request is None else [Failed(request.number, f"{reason} (exit code {code})")]
 
     def _read(self, line: bytes) -> list[Planned | Failed]:
         try:
@@ -190,17 +189,20 @@ class PlannerClient:
         if isinstance(answer, Ready):
             self.ready = True
             return []
-        number, self._inside = self._inside, None
+        request, self._inside = self._inside, None
         self._send_next()
-        return [] if number is None else [self._outcome(number, answer)]
+        return [] if request is None else [self._outcome(request, answer)]
 
-    def _outcome(self, number: int, answer: PlanText | Refusal) -> Planned | Failed:
+    def _outcome(self, request: Request, answer: Solution | Refusal) -> Planned | Failed:
+        """Make a plan of an answer: the process has valued and judged it."""
         if isinstance(answer, Refusal):
-            return Failed(number, answer.reason)
+            return Failed(request.number, answer.reason)
         try:
-            return Planned(number, read_plan(answer.text, self._spec))
+            check_names(self._spec, answer.configuration)
         except PlanError as error:
-            return Failed(number, f"the planner's answer cannot be read: {error}")
+            return Failed(request.number, f"the planner's answer cannot be read: {error}")
+        found = answer.configuration, answer.objective, answer.bounds
+        return Planned(request.number, plan_with_bounds(self._spec, request.now, *found))
 
 
 def _in_memory(data: bytes) -> BinaryIO:

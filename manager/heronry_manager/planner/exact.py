@@ -19,7 +19,7 @@ from ortools.sat.python.cp_model import FEASIBLE, OPTIMAL, CpModel, CpSolver
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.model import Spec
 from heronry_dg.objective import Objective, Placement, score_among
-from heronry_dg.plan import Plan, make_plan
+from heronry_dg.plan import Plan, plan_with_bounds
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import hops
@@ -54,11 +54,14 @@ class Planner:
         effort: limit on the search in the solver's deterministic time; it bounds work, not time, so that a plan is the
         same on every machine.
         """
+        search = self.solved(now, running, effort=effort)
+        return plan_with_bounds(self.spec, now, search.best, search.objective, search.bounds())
+
+    def solved(self, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> "Search":
+        """Do the same, and give what was found as it is, with no plan made of it."""
         search = self._search(now, running, effort)
         search.run()
-        bounds = search.bounds()
-        optimal = bounds == search.objective.key()
-        return make_plan(self.spec, now, search.best, search.objective, optimal=optimal, bounds=bounds)
+        return search
 
     def at_once(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration without a search."""
@@ -71,8 +74,9 @@ class Planner:
         return search
 
     def _search(self, now: Situation, running: Placement | None, effort: float) -> "Search":
-        first = self.at_once(now, running).configuration
-        return Search(candidates(self.spec, now), running, self._times, effort, first)
+        first = self.at_once(now, running)
+        possible = candidates(self.spec, now)
+        return Search(possible, running, self._times, effort, first.configuration, worth=first.objective)
 
 
 def plan(spec: Spec, now: Situation, running: Placement | None = None, *, effort: float = DEFAULT_EFFORT) -> Plan:
@@ -90,8 +94,10 @@ class Search:
         times: ResponseTimes,
         effort: float,
         first: Configuration = NOTHING,
+        *,
+        worth: Objective | None = None,
     ) -> None:
-        """Build the model. `first` is a legal configuration to start from."""
+        """Build the model. `first` is a legal configuration to start from; `worth`: its value, where that is known."""
         self._possible = possible
         self._running = running
         self._effort = effort
@@ -104,7 +110,7 @@ class Search:
         self._bounds = {level.position: level.high for group in self._groups for level in group}
         self._looked_at: list[Level] = []
         self._values: dict[int, int] = {}  # of the model's variables, for `best`
-        self._start_from(first)
+        self._start_from(first, self._score(first) if worth is None else worth)
 
     @property
     def proven(self) -> bool:
@@ -218,8 +224,8 @@ class Search:
         hint.vars.extend(values.keys())
         hint.values.extend(values.values())
 
-    def _start_from(self, first: Configuration) -> None:
-        self.best, self.objective = first, self._score(first)
+    def _start_from(self, first: Configuration, worth: Objective) -> None:
+        self.best, self.objective = first, worth
         if first.modules:
             published = frozenset(hops(self._possible.left, first))
             self._deadlines.know(published)

@@ -21,14 +21,14 @@ _EFFORT = 5.0  # deterministic seconds for each function
 def explained(spec: Spec, plan: Plan) -> Plan:
     """Return the plan with better reasons why functions are not served; takes a search for each that could run."""
     found = feasible(spec, plan.now)
-    reports = dict(plan.functions)
+    reasons = {name: report.why_not for name, report in plan.functions.items() if report.why_not is not None}
     for name, report in plan.functions.items():
         function = spec.functions[name]
         outputs = [spec.modules[output] for output in function.outputs]
         if not report.served and function.priority_in(plan.now.phase) and any(map(found.can_run, outputs)):
             alone = _servable_alone(spec, plan.now, function)
-            reports[name] = replace(report, why_not=why_not(found, function, alone=alone))
-    return replace(plan, functions=reports)
+            reasons[name] = why_not(found, function, alone=alone)
+    return replace(plan, report=plan.report.with_reasons(reasons))
 
 
 def _servable_alone(spec: Spec, now: Situation, function: Function) -> bool | None:

@@ -3,7 +3,8 @@
     request   {"request": 7, "down": ["pe:nav"], "limits": {"bus:radio": "2/5"}, "phase": "glide",
                "running": {"autopilot": ["full", "nav"]}}            running: null where nothing is known to run
     answers   {"ready": true}                 once, at the start: the spec has been read
-              {"request": 7, "plan": TEXT}    the JSON text of a plan, as `heronry_dg.plan` writes it
+              {"request": 7, "modules": {..}, "objective": [..], "bounds": [..]}      what was found: the modules as in
+                                              a plan file, ten integers (`Objective.key`), and what bounds them
               {"request": 7, "error": TEXT}   no plan, and why; request is null where it could not be read
 
 The spec itself is a file that the process inherits, open. A line that cannot be read is a `MessageError`: between a
@@ -15,8 +16,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
-from heronry_dg.objective import Placement
+from heronry_dg.objective import Objective, Placement
+from heronry_dg.plan import LEVELS, PlanError, configuration_of, modules_json
 from heronry_dg.situation import Situation, UnknownElementError, checked_element
 
 
@@ -39,11 +42,13 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanText:
-    """A plan, as JSON text."""
+class Solution:
+    """What was found, and what is proven of it."""
 
     number: int
-    text: str
+    configuration: Configuration
+    objective: Objective
+    bounds: tuple[int, ...]  # what no integer of the objective's key can exceed
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +59,7 @@ class Refusal:
     reason: str
 
 
-Answer = Ready | PlanText | Refusal
+Answer = Ready | Solution | Refusal
 
 
 def request_line(request: Request) -> bytes:
@@ -75,8 +80,9 @@ def answer_line(answer: Answer) -> bytes:
     match answer:
         case Ready():
             return _line({"ready": True})
-        case PlanText(number, text):
-            return _line({"request": number, "plan": text})
+        case Solution(number, configuration, objective, bounds):
+            modules = modules_json(configuration)
+            return _line({"request": number, "modules": modules, "objective": objective.key(), "bounds": bounds})
         case Refusal(refused, reason):
             return _line({"request": refused, "error": reason})
 
@@ -120,15 +126,25 @@ def _placement(running: dict[str, list[str]] | None) -> Placement | None:
 
 def read_answer(line: bytes) -> Answer:
     """Read an answer; raises MessageError."""
-    match _fields(line):
+    fields = _fields(line)
+    match fields:
         case {"ready": True}:
             return Ready()
-        case {"request": int(number), "plan": str(text)}:
-            return PlanText(number, text)
+        case {"request": int(number), "modules": dict(), "objective": list(objective), "bounds": list(bounds)}:
+            return _solution(number, fields, objective, bounds)
         case {"request": int() | None as refused, "error": str(reason)}:
             return Refusal(refused, reason)
         case other:
             raise MessageError(f"not an answer: {other}")
+
+
+def _solution(number: int, fields: dict[str, object], objective: list[int], bounds: list[int]) -> Solution:
+    if not len(objective) == len(bounds) == len(LEVELS) or not all(isinstance(one, int) for one in objective + bounds):
+        raise MessageError(f"not an answer: an objective has {len(LEVELS)} integers, each with its bound")
+    try:
+        return Solution(number, configuration_of(fields), Objective.of_key(objective), tuple(bounds))
+    except PlanError as error:
+        raise MessageError(f"not an answer: {error}") from error
 
 
 def _line(fields: Mapping[str, object]) -> bytes:

@@ -23,10 +23,10 @@ from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.messages import (
     Answer,
     MessageError,
-    PlanText,
     Ready,
     Refusal,
     Request,
+    Solution,
     answer_line,
     read_request,
 )
@@ -57,11 +57,11 @@ def answer(planner: Planner, line: bytes) -> Answer:
 
 
 def _planned(planner: Planner, request: Request) -> Answer:
-    found = planner.plan(request.now, request.running)
-    violations = verify(planner.spec, request.now, found.configuration)
+    found = planner.solved(request.now, request.running)
+    violations = verify(planner.spec, request.now, found.best)
     if violations:
         return Refusal(request.number, f"the planner's own plan is not legal: {violations[0]}")
-    return PlanText(request.number, found.to_json())
+    return Solution(request.number, found.best, found.objective, found.bounds())
 
 
 def _own_standard_output() -> BinaryIO:

@@ -330,10 +330,15 @@ def _packets() -> list[bytes]:
     return [encode_answer(one) for one in said]
 
 
+def _solution() -> messages.Solution:
+    found = best_plan(spec(), Situation(frozenset({"device:gps"})), None)
+    return messages.Solution(1, found.configuration, found.objective, found.objective.key())
+
+
 def _planner_lines() -> list[bytes]:
     situation = Situation(frozenset({"device:gps"}), {"bus:can0": Fraction(2, 5)}, None)
     request = messages.Request(1, situation, {"gps_driver": ("only", "sensor_pe")})
-    answers: list[messages.Answer] = [messages.Ready(), messages.PlanText(1, "{}"), messages.Refusal(None, "no")]
+    answers: list[messages.Answer] = [messages.Ready(), _solution(), messages.Refusal(None, "no")]
     return [messages.request_line(request), *map(messages.answer_line, answers)]
 
 

@@ -20,7 +20,8 @@ from typing import Final
 
 from heronry_dg.model import Function, Spec
 from heronry_dg.objective import placement
-from heronry_dg.plan import FunctionReport, Plan
+from heronry_dg.plan import Plan
+from heronry_dg.plan_report import FunctionReport
 from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import plan
 from heronry_tools.analysis.check.servable import PLENTY, Planning
