@@ -13,7 +13,7 @@ def critical_and_utility(simulation: Simulation) -> tuple[object, object]:
     return objective["critical"], objective["utility"]
 
 
-@pytest.mark.parametrize("planners", [Planners.AT_ONCE, Planners.GREEDY], ids=lambda one: one.name)
+@pytest.mark.parametrize("planners", [Planners.AT_ONCE, Planners.GREEDY, Planners.ALL], ids=lambda one: one.name)
 @pytest.mark.parametrize("spec", [elevator_and_chute(), two_tails()], ids=lambda spec: spec.name)
 def test_every_pe_may_be_lost_and_come_back(spec: Spec, planners: Planners) -> None:
     for seed, pe in enumerate(spec.pes):
@@ -46,6 +46,19 @@ def test_the_whole_aircraft_flies_without_a_solver() -> None:
     assert {violation.rule for violation in violations} <= {"optimal"}
     best = best_plan(big_blue(), simulation.truth, None).objective
     assert critical_and_utility(simulation) == (dict(zip("ABCD", best.critical, strict=True)), best.utility)
+
+
+def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
+    """As a manager is fitted out for a flight: the loss of a PE is pre-planned, and its plan is the best one."""
+    simulation = flying(elevator_and_chute(), planners=Planners.ALL)
+    simulation.run_for(1_000 * MS)
+    simulation.kill("tail_pe")
+    simulation.run_for(600 * MS)
+    assert list(simulation.settle()) == []
+    told = simulation.events_of("plan_ready")[-1]
+    assert told["plan"]["down"] == ["pe:tail_pe"]
+    assert told["plan"]["optimal"]
+    assert told["decide_ns"] < MS
 
 
 def test_a_fault_while_the_best_plan_is_looked_for_is_answered_at_once() -> None:

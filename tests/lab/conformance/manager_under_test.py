@@ -10,14 +10,15 @@ from typing import Any
 from heronry_dg import loader
 from heronry_dg.model import Spec
 from heronry_manager.core.memory import NOTHING, Memory
-from heronry_manager.core.planning_policy import PlannerAnswered, PlanningPolicy
+from heronry_manager.core.planning_policy import FromPlanner, PlannerAnswered
 from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.nodes import SimulatedManager
-from heronry_tools.sim.world.planning import Prepared, best_plan, prepared
+from heronry_tools.sim.world.planning import Planners, Prepared, best_plan, prepared
+from heronry_tools.sim.world.planning_driver import PlanningDriver
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
@@ -166,19 +167,27 @@ class PlayedPe:
         self.beat()
 
 
+class _DrillsPlanner(PlanningDriver):
+    """One planner behind the policy, which does what the drill says."""
+
+    def __init__(self, manager: "_Manager", clock: Clock, spec: Spec) -> None:
+        super().__init__(clock, spec, Planners.BEST, None, decide_ns=lambda: MS, tell=manager.tell)
+        self._manager = manager
+
+    def ask_planner(self, asked: RequestPlan) -> None:
+        self._manager.asked.append(asked)
+        answer = self._manager.planning(asked)
+        if answer is not None:
+            self.answer(MS, PlannerAnswered(answer))
+
+
 class _Manager(SimulatedManager):
-    """A manager with one planner behind its policy, which does what the drill says."""
+    """A manager whose planner does what the drill says."""
 
     planning: Callable[[RequestPlan], PlanReady | PlanFailed | None]
     asked: list[RequestPlan]
 
-    def _ask_planner(self, asked: RequestPlan) -> None:
-        self.asked.append(asked)
-        answer = self.planning(asked)
-        if answer is not None:
-            self._answer(MS, PlannerAnswered(answer))
-
-    def tell(self, event: ManagerEvent) -> None:
+    def tell(self, event: ManagerEvent | FromPlanner) -> None:
         """Hand something to the core."""
         self._told(event)
 
@@ -232,7 +241,7 @@ class ManagerUnderTest:
             ahead=ahead,
             witness=lambda _: None,
         )
-        manager.policy = PlanningPolicy(self.spec, None, has_planner=True)
+        manager.planning_driver = _DrillsPlanner(manager, self.clock, self.spec)
         manager.planning, manager.asked = self.plans, []
         return manager
 

@@ -40,17 +40,7 @@ from heronry_agent.module import Datum, Value
 from heronry_agent.shell.host import ModuleHost
 from heronry_dg.model import Spec
 from heronry_manager.core.manager import ManagerCore
-from heronry_manager.core.planning_policy import (
-    Answer,
-    AskPlanner,
-    FromPlanner,
-    Instruction,
-    PlannerAnswered,
-    PolicyEvent,
-    PrePlan,
-    PrePlannerAnswered,
-    Source,
-)
+from heronry_manager.core.planning_policy import FromPlanner
 from heronry_manager.core.vocabulary import (
     AliveLeft,
     Emit,
@@ -60,7 +50,6 @@ from heronry_manager.core.vocabulary import (
     ManagerEvent,
     OperatorSaid,
     Order,
-    PlanReady,
     Reply,
     RequestPlan,
     Settled,
@@ -73,27 +62,21 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.node import Node
-from heronry_tools.sim.world.planning import Planners, Prepared, best_plan
+from heronry_tools.sim.world.planning import Planners, Prepared
+from heronry_tools.sim.world.planning_driver import PlanningDriver
 from heronry_tools.sim.world.plant_view import PlantView
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw, require
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
 
 _ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
 _ROUTINE = frozenset((Send, StepModule, Drive))
 _VALIDATED_EVERY = 16
 _LOOKED_AT_EVERY = 8
 
-_LOOKED_UP_NS = 100_000  # how long a look at what was made ahead takes
-_AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
-_TAKES_NS = {
-    Source.CONTINGENCIES: _LOOKED_UP_NS,
-    Source.PRE_PLANNED: _LOOKED_UP_NS,
-    Source.IMMEDIATE: _AT_ONCE_NS,
-}
 OVERRUN_NS = 30_000_000
 _WRONG_BY = 40.0
 ASKS = "asks "  # for a phase, whose name follows
@@ -428,9 +411,8 @@ class SimulatedManager(Node):
         disk: where its journal is kept. name: of its station.
         """
         super().__init__(clock, time)
-        self._spec, self._planners = spec, planners
-        self.policy = planners.policy(spec, ahead.made)
-        self._decide_ns, self._tell = decide_ns, tell
+        self._tell = tell
+        self.planning_driver = PlanningDriver(clock, spec, planners, ahead.made, decide_ns=decide_ns, tell=self._told)
         self._ready: list[ManagerEvent | FromPlanner] = []
         self._replies: list[Reply] = []
         self._handed = 0
@@ -500,7 +482,7 @@ class SimulatedManager(Node):
             case Send(_, frame):
                 self._offers[0](frame, self._clock.now_ns + self.core.lease_ns)
             case RequestPlan() | Settled():
-                self._plan(action)
+                self.planning_driver.take(action)
             case Emit(event):
                 self._tell({**event, "t_ns": self._clock.now_ns})
             case Keep(record):
@@ -510,33 +492,6 @@ class SimulatedManager(Node):
             case Stop(reason):
                 self.stopped = reason
                 self.stop()
-
-    def _plan(self, event: PolicyEvent) -> None:
-        for instruction in self.policy.step(event):
-            self._carry_out(instruction)
-
-    def _carry_out(self, instruction: Instruction) -> None:
-        """Let the planners take their time."""
-        match instruction:
-            case Answer(answer, Source.PLANNER):
-                self._hand_over(answer)
-            case Answer(answer, source):
-                require(isinstance(answer, PlanReady), "the planner has failed: {}", answer)
-                self._answer(_TAKES_NS[source], answer)
-            case AskPlanner(asked, refusal):
-                require(refusal is None, "the greedy plan for {} is not legal: {}", sorted(asked.now.down), refusal)
-                self._ask_planner(asked)
-            case PrePlan(number, question):  # pragma: no branch - nothing else is left
-                if self._planners is Planners.ALL:
-                    plan = best_plan(self._spec, question.now, question.running)
-                    self._answer(self._decide_ns(), PrePlannerAnswered(number, plan))
-
-    def _ask_planner(self, asked: RequestPlan) -> None:
-        plan = best_plan(self._spec, asked.now, asked.running)
-        self._answer(self._decide_ns(), PlannerAnswered(PlanReady(asked.request, plan)))
-
-    def _answer(self, after_ns: int, answer: ManagerEvent | FromPlanner) -> None:
-        self._clock.at(self._clock.now_ns + after_ns, lambda: self._told(answer))
 
     def _left(self, frame: Frame) -> None:
         """A frame is on the bus; while the processor stands still nobody is told."""
@@ -551,7 +506,7 @@ class SimulatedManager(Node):
         if not self.is_awake:
             self._ready.append(ready)
         elif isinstance(ready, FromPlanner):
-            self._plan(ready)
+            self.planning_driver.take(ready)
         else:
             self._hand_over(ready)
 

@@ -1,0 +1,86 @@
+"""The driver of a simulated manager's planning policy: the planners behind it, and the virtual time that they take.
+
+The policy is the one that flies (`heronry_manager.core.planning_policy`), and which planners stand behind it is said by
+`Planners`. What is answered at once takes a fixed time; the planner's and the pre-planner's processes take a drawn one.
+An answer that is on its way arrives, whatever happens to the manager meanwhile.
+"""
+
+from collections.abc import Callable
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.look_up import ContingencyTable
+from heronry_manager.core.planning_policy import (
+    Answer,
+    AskPlanner,
+    FromPlanner,
+    Instruction,
+    PlannerAnswered,
+    PolicyEvent,
+    PrePlan,
+    PrePlannerAnswered,
+    Source,
+)
+from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.planning import Planners, best_plan
+from heronry_wire.sansio import require
+
+_LOOKED_UP_NS = 100_000  # how long a look at what was made ahead takes
+_AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
+_TAKES_NS = {
+    Source.CONTINGENCIES: _LOOKED_UP_NS,
+    Source.PRE_PLANNED: _LOOKED_UP_NS,
+    Source.IMMEDIATE: _AT_ONCE_NS,
+}
+
+
+class PlanningDriver:
+    """The policy of one manager, and its planners."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        spec: Spec,
+        planners: Planners,
+        made: ContingencyTable | None,
+        *,
+        decide_ns: Callable[[], int],
+        tell: Callable[[PlanReady | PlanFailed | FromPlanner], None],
+    ) -> None:
+        """Begin with nothing asked.
+
+        decide_ns: gives how long a process takes for its next plan. tell: takes each answer when it is there; those
+        that are FromPlanner are for `take`, as soon as the manager is awake.
+        """
+        self._clock, self._spec, self._planners = clock, spec, planners
+        self._decide_ns, self._tell = decide_ns, tell
+        self._policy = planners.policy(spec, made)
+
+    def take(self, event: PolicyEvent) -> None:
+        """Take what the core or a planner says."""
+        for instruction in self._policy.step(event):
+            self._carry_out(instruction)
+
+    def ask_planner(self, asked: RequestPlan) -> None:
+        """Let the planner's process answer a question."""
+        plan = best_plan(self._spec, asked.now, asked.running)
+        self.answer(self._decide_ns(), PlannerAnswered(PlanReady(asked.request, plan)))
+
+    def answer(self, after_ns: int, answer: PlanReady | PlanFailed | FromPlanner) -> None:
+        """Tell an answer when it has taken its time."""
+        self._clock.at(self._clock.now_ns + after_ns, lambda: self._tell(answer))
+
+    def _carry_out(self, instruction: Instruction) -> None:
+        match instruction:
+            case Answer(answer, Source.PLANNER):
+                self._tell(answer)
+            case Answer(answer, source):
+                require(isinstance(answer, PlanReady), "the judge refuses a plan: {}", answer)
+                self.answer(_TAKES_NS[source], answer)
+            case AskPlanner(asked, refusal):
+                require(refusal is None, "the greedy plan for {} is not legal: {}", sorted(asked.now.down), refusal)
+                self.ask_planner(asked)
+            case PrePlan(number, question):  # pragma: no branch - nothing else is left
+                if self._planners is Planners.ALL:
+                    plan = best_plan(self._spec, question.now, question.running)
+                    self.answer(self._decide_ns(), PrePlannerAnswered(number, plan))
