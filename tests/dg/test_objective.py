@@ -56,6 +56,12 @@ def test_the_empty_plan_is_worth_nothing() -> None:
     assert worth({}).key() == (0,) * 10
 
 
+def test_a_key_says_all_of_an_objective() -> None:
+    assert Objective.of_key(BASE.key()) == BASE
+    with pytest.raises(ValueError, match="values to unpack"):
+        Objective.of_key(BASE.key()[:-1])
+
+
 def test_a_change_is_a_start_a_stop_a_move_or_another_mode() -> None:
     before = {name: (running.mode, running.pe) for name, running in ELEVATOR.items()}
     assert worth(ELEVATOR, before).changes == 0

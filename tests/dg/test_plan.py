@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.loader import load
+from heronry_dg.model import Spec
 from heronry_dg.objective import score
 from heronry_dg.plan import (
     LevelReport,
@@ -26,6 +27,7 @@ from heronry_dg.plan import (
 )
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation, situation
+from heronry_dg.why_not import Feasible, feasible
 from planner.enumerator import Enumerator
 from planner.random_specs import random_case
 
@@ -183,6 +185,23 @@ def test_a_plan_is_read_back_as_it_was(rng: random.Random) -> None:
     assert read_situation(text, case.spec) == case.now
     assert read_configuration(text) == plan.configuration
     assert read_running(text, case.spec) == {name: (r.mode, r.pe) for name, r in best.modules.items()}
+
+
+def test_a_report_is_worked_out_when_it_is_read_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Situation] = []
+
+    def feasible_noted(spec: Spec, now: Situation) -> Feasible:
+        asked.append(now)
+        return feasible(spec, now)
+
+    monkeypatch.setattr("heronry_dg.plan_report.feasible", feasible_noted)
+    now = Situation(frozenset({"pe:tail_pe"}))
+    plan = make_plan(FIGURE_3, now, CHUTE, score(FIGURE_3, now, CHUTE, None), optimal=False)
+    assert asked == []
+    plan.report.work_out()
+    assert plan.document() == plan.document()
+    assert asked == [now]
+    assert plan.report.with_reasons({"elevator": "why."}).functions["elevator"].why_not == "why."
 
 
 def test_a_foreign_plan_needs_modules_alone() -> None:
