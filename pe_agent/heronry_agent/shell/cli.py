@@ -18,7 +18,7 @@ from can.cli import add_bus_arguments
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
-from heronry_agent.shell.devices import PLANT, find_device_driver
+from heronry_agent.shell.devices import Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.shell.incarnation import next_incarnation
 from heronry_agent.shell.partition_groups import open_groups
@@ -138,8 +138,8 @@ def _run(arguments: argparse.Namespace) -> int:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
             return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
 
-        devices = find_device_driver(PLANT)(origin_ns)
-        followed = devices.follows(device.name for device in table.devices if device.node == table.node_id)
+        devices = Devices(table, open_drivers(table, origin_ns))
+        followed = devices.followed()
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)
         service = ServiceManager()

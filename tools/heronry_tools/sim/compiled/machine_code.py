@@ -48,7 +48,7 @@ _COMPILED = {
     "mailboxes mastership output_authorization phase_requests publishing radio_port radio_queue reconfiguration "
     "reporting restarts running_modules schedule staging table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
-    "heronry_agent.shell": "devices host module_runner",
+    "heronry_agent.shell": "devices module_runner start_orders",
     "heronry_manager.core": "announcing authenticity beacon deployment exclusion following health "
     "known_situation latched_faults manager overheard planning radio_links reconfiguration turn vocabulary",
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
@@ -59,7 +59,7 @@ _COMPILED = {
     "heronry_tools.sim.oracles": "authenticity blame checks commanded configurations end_state epochs "
     "exclusion freshness liveness load orphans planned_load proven_commands proven_states publishing queues radio "
     "reigning_term safe_mode service silence solitude terms violation",
-    "heronry_tools.sim.world": "bus clock frame_digest local_clock node nodes plant_view station",
+    "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host node nodes plant_view station",
 }
 # Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
 _MADE_OFTEN = frozenset(
