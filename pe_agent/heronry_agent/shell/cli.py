@@ -126,6 +126,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
+    devices = Devices(table, open_drivers(table, origin_ns))
+    followed = devices.followed()
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):
@@ -138,8 +140,6 @@ def _run(arguments: argparse.Namespace) -> int:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
             return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
 
-        devices = Devices(table, open_drivers(table, origin_ns))
-        followed = devices.followed()
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)
         service = ServiceManager()
