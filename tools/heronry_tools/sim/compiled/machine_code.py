@@ -45,9 +45,9 @@ _COMPILED = {
     "identifiers layout management packing sansio timing",
     "heronry_agent": "module",
     "heronry_agent.core": "agent authenticity canopen_node command_acceptance condition deadlines faults gateway "
-    "inbound link_meter mailboxes mastership output_authorization phase_requests publishing radio_port radio_queue "
-    "radios reconfiguration reporting restarts running_modules schedule staging table_index turn vocabulary "
-    "without_manager",
+    "inbound link_meter mailboxes mastership nonces output_authorization passing_welcomes phase_requests publishing "
+    "radio_port radio_queue radios reconfiguration reporting restarts running_modules schedule staging state_seal "
+    "table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "devices module_runner start_orders",
     "heronry_manager.core": "announcing authenticity beacon deployment exclusion following health "
