@@ -137,13 +137,12 @@ class AgentCore:
         """What was not understood or not obeyed, by what it was and identifier (or module)."""
         return self._turn.counts
 
-    def hears(self, identifier: int) -> bool:
-        """Tell whether frames of an identifier mean anything here now; a driver may keep all others to itself."""
-        return identifier in self._inbound.handlers
-
     @property
     def identifiers(self) -> Collection[int]:
-        """Every identifier that means something here now: another object whenever they have changed."""
+        """Every identifier that means something here now: another object whenever they have changed.
+
+        A driver may keep the frames of all others to itself.
+        """
         return self._inbound.handlers
 
     @property
