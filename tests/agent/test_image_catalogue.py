@@ -1,12 +1,15 @@
 """Every module of the shipped specs has its image, and every image gives what the spec says it gives."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from agent.installed_package import install
 from agent.rig import Flight, best_modes
 from heronry_agent.module import Module
+from heronry_agent.shell import image_catalogues
 from heronry_agent.shell.image_catalogues import UnknownImageError, find_image
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
@@ -53,6 +56,41 @@ def test_an_image_of_ones_own_is_imported() -> None:
 def test_an_unknown_image_is_told_in_a_sentence(name: str, sentence: str) -> None:
     with pytest.raises(UnknownImageError, match=re.escape(sentence)):
         find_image(name)
+
+
+@pytest.fixture
+def _afresh() -> Iterator[None]:
+    """Catalogues are looked for once, so not before and not after."""
+    image_catalogues._catalogues.cache_clear()
+    yield
+    image_catalogues._catalogues.cache_clear()
+
+
+@pytest.mark.usefixtures("_afresh")
+def test_a_package_adds_images_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    code = "NAMES = {'kestrel': 'heronry_tools.aircraft.images.imaging:ImageArchive'}\n"
+    install(tmp_path, monkeypatch, "kestrels", code, "heronry.images", kestrels="kestrels:NAMES")
+    assert find_image("kestrel") is find_image("image_archive")
+
+
+@pytest.mark.usefixtures("_afresh")
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("import no_such_thing\n", "ModuleNotFoundError: No module named 'no_such_thing'"),
+        ("1 / 0\n", "ZeroDivisionError: division by zero"),
+        ("", "AttributeError: module 'broken_2' has no attribute 'NAMES'"),
+        ("NAMES = 7\n", "TypeError: 'int' object is not iterable"),
+    ],
+)
+def test_a_catalogue_that_cannot_be_loaded_takes_no_other_down_and_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, request: pytest.FixtureRequest, code: str, reason: str
+) -> None:
+    name = f"broken_{request.node.callspec.indices['code']}"
+    install(tmp_path, monkeypatch, name, code, "heronry.images", **{name: f"{name}:NAMES"})
+    assert issubclass(find_image("image_archive"), Module)
+    with pytest.raises(UnknownImageError, match=re.escape(f"; catalogue '{name}' cannot be loaded ({reason})")):
+        find_image("kestrel")
 
 
 EVERY_MODE = [

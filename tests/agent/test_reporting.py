@@ -61,7 +61,7 @@ def test_another_node_with_our_id_is_noted_once_and_counted() -> None:
     assert "node-ID 93" in note.text
     for identifier in (state_id(NODE), heartbeat_id(NODE), emcy_id(NODE), actuator_echo_id(NODE)):
         assert pe.hear(Frame(identifier, bytes(8))) == []
-    assert pe.core.clashed
+    assert pe.core.counts["node-ID clash", state_id(NODE)] > 0
 
 
 def test_ids_is_answered_at_once_when_we_are_asked_and_in_turn_when_all_are() -> None:

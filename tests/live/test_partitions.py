@@ -12,6 +12,7 @@ from unittest.mock import ANY
 import pytest
 
 from agent.one_pe import CONTROL, MONITOR, SERVO_1, TABLE
+from agent.recorded_devices import RecordedDriver
 from heronry_agent.core.schedule import HUNG_NS
 from heronry_agent.core.vocabulary import (
     Drive,
@@ -30,12 +31,12 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
+from heronry_agent.shell.devices import Devices
 from heronry_agent.shell.module_runner import Orders
 from heronry_agent.shell.partition_groups import PartitionGroups
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.partition_messages import Answer, Done, Load, Loaded, Start, Step, decode_answer
 from heronry_agent.shell.partition_process import PartitionProcess
-from heronry_tools.aircraft.plant import Plant
 
 pytestmark = pytest.mark.live
 
@@ -65,7 +66,9 @@ class Hosted:
             if module.index in images
         )
         self.entries = {module.index: module for module in modules}
-        self.host = PartitionHost(replace(TABLE, modules=modules), Plant(0), groups)
+        table = replace(TABLE, modules=modules)
+        self.driver = RecordedDriver()
+        self.host = PartitionHost(table, Devices(table, {"left": self.driver}), groups)
         self.releases = 0
 
     def do(self, action: object) -> ModuleEvent | None:
@@ -306,6 +309,26 @@ def test_others_are_warmed_up_when_the_pe_is_at_work(hosted: Hosted) -> None:
 @on("Misbehaving")
 def test_a_device_is_driven_here_and_not_there(hosted: Hosted) -> None:
     assert hosted.do(Drive(SERVO_1, 2.0)) == Driven(SERVO_1, 2.0)
+    assert hosted.driver.devices["left"].commands == [2.0]
+
+
+@on("Misbehaving")
+def test_a_device_is_made_safe_when_its_module_stops_and_not_while_it_changes_its_mode(hosted: Hosted) -> None:
+    hosted.start(SERVO_1)
+    hosted.do(StopModule(SERVO_1, keep=True))
+    assert hosted.driver.devices["left"].made_safe == 0
+    hosted.do(StopModule(SERVO_1))
+    assert hosted.driver.devices["left"].made_safe == 1
+
+
+def test_every_device_is_made_safe_when_the_agent_begins_anew_and_when_it_ends() -> None:
+    hosted = Hosted("Misbehaving")
+    hosted.start(SERVO_1)
+    hosted.host.abandon()
+    assert hosted.driver.devices["left"].made_safe == 1
+    hosted.start(SERVO_1)
+    hosted.host.close()
+    assert hosted.driver.devices["left"].made_safe == 2
 
 
 @on("Misbehaving")

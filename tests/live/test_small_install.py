@@ -6,6 +6,9 @@ import re
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from email.parser import Parser
 from pathlib import Path
 
@@ -17,22 +20,23 @@ from heronry_tools.cli import COMMANDS
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import state_id
+from heronry_wire.pe_table import PeTable
 
 pytestmark = pytest.mark.live
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"
 PATIENCE_S = 30.0
-AGENT_KIB = 35 * 1024  # python-can, canopen and asyncio alone take 27 MiB
+AGENT_KIB = 35 * 1024  # python-can and asyncio alone take 27 MiB
 _SHORT = ("--kill", "pe:tail_pe@1", "--for", "4", "--json")
-EXTRAS = ("cantools", "numpy", "ortools", "pydantic", "rich", "yaml")
+EXTRAS = ("cantools", "canopen", "numpy", "ortools", "pydantic", "rich", "yaml")
 
 # Python imports `sitecustomize` at its start: from then on what these name cannot be imported.
 _WITHOUT = """\
 import sys
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {modules!r}:
+        if name.partition(".")[0] in {modules!r} or name in {rooms!r}:
             raise ModuleNotFoundError("No module named " + repr(name), name=name)
 sys.meta_path.insert(0, Blocker())
 """
@@ -53,7 +57,7 @@ def environment(folder: Path, customization: str, *found_first: str) -> dict[str
 def small(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Where `pip install heronry` has installed no extra."""
     folder, own = tmp_path_factory.mktemp("small"), os.environ.get("PYTHONPATH", "")
-    small = environment(folder, _WITHOUT.format(modules=EXTRAS), own)
+    small = environment(folder, _WITHOUT.format(modules=EXTRAS, rooms=()), own)
     assert "No module named 'pydantic'" in run("-c", "import pydantic", env=small).stderr
     return small
 
@@ -67,31 +71,80 @@ def run(*arguments: str, env: dict[str, str] | None = None, cwd: Path = ROOT) ->
 # A node
 
 
-def test_an_agent_flies_on_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
-    table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
+@contextmanager
+def agent_on_a_bus(folder: Path, env: dict[str, str], table: Path) -> Iterator[tuple[str, int]]:
+    """An agent that has been heard for a second of its heartbeats: its bus, its process; it ends in order."""
     with (
-        start_hub(tmp_path / "can0.sock") as hub,
+        start_hub(folder / "can0.sock") as hub,
         can.Bus(interface="softbus", channel=str(hub.path)) as bus,
         subprocess.Popen(
             [sys.executable, "-m", "heronry_agent", "--table", str(table), "-i", "softbus", "-c", str(hub.path)],
-            env=small,
+            env=env,
             stderr=subprocess.PIPE,
             text=True,
         ) as agent,
     ):
         heard = 0
-        while heard < 50:  # a second of its heartbeats
+        while heard < 50:
             message = bus.recv(PATIENCE_S)
             assert message is not None, "the agent is silent"
             heard += message.arbitration_id == state_id(94)
-        resident = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{agent.pid}/status").read_text())
-        assert resident is not None
-        assert int(resident[1]) <= AGENT_KIB
-        agent.terminate()
-        _, said = agent.communicate(timeout=PATIENCE_S)
+        try:
+            yield str(hub.path), agent.pid
+        finally:
+            agent.terminate()
+            _, said = agent.communicate(timeout=PATIENCE_S)
         assert agent.returncode == 0
     assert "Traceback" not in said
     assert "cannot be run here" not in said  # every image of the spec can be loaded
+
+
+def test_an_agent_flies_on_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
+    table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
+    with agent_on_a_bus(tmp_path, small, table) as (_, pid):
+        resident = re.search(r"VmRSS:\s+(\d+) kB", Path(f"/proc/{pid}/status").read_text())
+        assert resident is not None
+        assert int(resident[1]) <= AGENT_KIB
+
+
+def test_an_agent_without_devices_and_with_images_of_its_own_loads_no_simulation(tmp_path: Path) -> None:
+    """All but the software bus, which is how it is heard here: no plant, no shipped image, no manager, no graph."""
+    table = PeTable.from_json(write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"].read_text())
+    own = tuple(replace(module, device=None, image="agent.modules_for_host:Steady") for module in table.modules)
+    (tmp_path / "own.table").write_text(replace(table, modules=own).to_json())
+    modules = (*EXTRAS, "heronry_dg", "heronry_manager")
+    rooms = ("heronry_tools.aircraft", "heronry_tools.sim", "heronry_tools.analysis", "heronry_tools.commands")
+    found_first = (str(ROOT / "tests"), os.environ.get("PYTHONPATH", ""))
+    bare = environment(tmp_path, _WITHOUT.format(modules=modules, rooms=rooms), *found_first)
+    with agent_on_a_bus(tmp_path, bare, tmp_path / "own.table"):
+        pass
+
+
+def test_the_doctor_of_a_small_install_says_what_it_cannot_ask(small: dict[str, str], tmp_path: Path) -> None:
+    table = write_tables(load(SPEC_FILE), ("tail_pe",), tmp_path)["tail_pe"]
+    with agent_on_a_bus(tmp_path, small, table) as (bus, _):
+        done = run(
+            "-m", "heronry_tools.cli", "doctor", "-i", "softbus", "-c", bus, "--seconds", "1", "--json", env=small
+        )
+    assert (done.returncode, done.stderr) == (1, "")
+    told = {one["check"]: one for one in json.loads(done.stdout)["findings"]}
+    assert told["versions"]["ok"]
+    assert told["tables"] == {
+        "check": "tables",
+        "ok": False,
+        "says": "no PE was asked for its spec: canopen is not installed",
+        "type": 'pip install "heronry[doctor]"',
+    }
+
+
+def test_send_table_says_before_it_plans_that_it_needs_canopen(tmp_path: Path) -> None:
+    without = environment(tmp_path, _WITHOUT.format(modules=("canopen",), rooms=()), os.environ.get("PYTHONPATH", ""))
+    done = run(
+        *("-m", "heronry_tools.cli", "send-table", "big_blue", "nav", "-i", "softbus", "-c", "/no/such.sock"),
+        env=without,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == 'heronry: canopen is not installed; add it with: pip install "heronry[manager]"\n'
 
 
 def test_the_doctor_looks_at_a_small_install(small: dict[str, str], tmp_path: Path) -> None:
@@ -142,7 +195,7 @@ def test_what_needs_the_manager_says_how_to_get_it(small: dict[str, str], argume
 
 def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> None:
     """It has what `heronry check --fast` needs; here it gets as far as to its bus."""
-    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",)), os.environ.get("PYTHONPATH", ""))
+    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
     done = run("-m", "heronry_tools.cli", "manager", "big_blue", "-i", "softbus", "-c", "/no/such.sock", env=without)
     said, failed = done.stderr.splitlines()
     assert (done.returncode, done.stdout) == (2, "")
@@ -154,7 +207,7 @@ def test_a_manager_without_its_solver_says_so_and_goes_on(tmp_path: Path) -> Non
 
 
 def test_a_demo_flies_and_reconfigures_without_a_solver(tmp_path: Path) -> None:
-    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",)), os.environ.get("PYTHONPATH", ""))
+    without = environment(tmp_path, _WITHOUT.format(modules=("ortools",), rooms=()), os.environ.get("PYTHONPATH", ""))
     done = run("-m", "heronry_tools.cli", "demo", "elevator_and_chute", *_SHORT, env=without)
     assert done.returncode == 0, done.stderr
     events = [json.loads(line) for line in done.stdout.splitlines()]
@@ -201,7 +254,7 @@ def test_the_wheel_holds_the_product_and_nothing_else(wheel: Path) -> None:
     ):
         assert line in entry_points
     needed = [line for line in Parser().parsestr(metadata).get_all("Requires-Dist", []) if "extra ==" not in line]
-    assert sorted(line.partition(">")[0] for line in needed) == ["canopen", "python-can"]
+    assert sorted(line.partition(">")[0] for line in needed) == ["python-can"]
 
 
 @pytest.fixture(scope="module")

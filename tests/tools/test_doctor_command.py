@@ -184,7 +184,7 @@ def test_tables_of_two_specs_are_found_and_so_is_who_does_not_say() -> None:
 def test_a_kernel_without_can_and_a_package_that_is_missing_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert wrong(judge_computer(needs_can=False)) == {}
     monkeypatch.setattr(computer, "knows_can", lambda: False)
-    monkeypatch.setattr(computer, "_PACKAGES", ("heronry", "no-such-package"))
+    monkeypatch.setattr(computer, "_NEEDED", ("heronry", "no-such-package"))
     assert wrong(judge_computer(needs_can=True)).keys() == {"versions", "kernel"}
 
 

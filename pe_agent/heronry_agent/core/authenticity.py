@@ -29,18 +29,20 @@ restart all of this begins anew, with nonces that come from another salt.
 A WELCOME of another node cannot be judged here. A gateway hands it on to where that node is, with the TAG that follows.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from hashlib import blake2s
 
 from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.mastership import Reign
+from heronry_agent.core.nonces import Nonces
+from heronry_agent.core.passing_welcomes import PassingWelcomes
 from heronry_agent.core.reporting import PAGE_1_EVERY, Facts
+from heronry_agent.core.state_seal import StateSeal
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, NO_NONCE, PAGE_1_BEAT, Key, Session
+from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, classify, management_id, state_id
@@ -48,10 +50,8 @@ from heronry_wire.management import WELCOME_KIND, Control, Operation, StatePage2
 from heronry_wire.sansio import Received, Send
 
 LONGEST_UNLOCK_S = 60
-_NONCE_BYTES = 7
 _NS_PER_S = 1_000_000_000
 _NODE_BYTE = 2  # of CONTROL
-_MOST_PASSING = 40
 
 Handler = Callable[[Received], None]
 
@@ -79,18 +79,15 @@ class Authenticity:
         secret: Secret,
     ) -> None:
         """`facts` gives what the state frames tell now, `pending` every EMCY that waits to be acknowledged."""
-        self._turn, self._index, self._reign, self._gateway, self._facts = turn, index, reign, gateway, facts
-        self._secret, self._pending = secret, pending
+        self._turn, self._index, self._reign, self._facts, self._key = turn, index, reign, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
-        self._state_id = state_id(index.node)
-        self._sessions: dict[int, Session] = {}  # by manager
-        self._first_beat: int | None  # number of the session's first page 0, rounded down to a whole 256
-        self._nonce, self._drawn, self._drawn_ns = NO_NONCE, 0, turn.now_ns
+        self._states = StateSeal(index.node, secret.key, reign, pending)
+        self._nonces = Nonces(secret.salt, index.lease_ns, turn.now_ns)
+        self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
         self._asked_ns: int | None = None
         self._believed_ns = turn.now_ns  # when a command was last believed
-        self._passing: deque[tuple[int, int]] = deque(maxlen=_MOST_PASSING)  # nodes whose WELCOME has no TAG yet; when
         self._beats = 0
         self._open_until_ns = turn.now_ns
 
@@ -123,19 +120,18 @@ class Authenticity:
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
         elif command is Command.CONTROL and is_welcome(data) and data[_NODE_BYTE] != self._index.node:
-            self._passing.append((data[_NODE_BYTE], self._turn.arrived_ns))
-            self._turn.out += self._gateway.toward(data[_NODE_BYTE], event.frame)
+            self._passing.hand_on(data[_NODE_BYTE], event.frame)
         else:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
     def opened(self, sealed: bytes) -> bytes | None:
         """Text of a table that was sealed with the key of the fleet; None where it was not."""
-        return self._secret.key.opened(sealed)
+        return self._key.opened(sealed)
 
     def obey(self, order: Control) -> None:
         """The reigning manager has said something about this PE's session or lock."""
         if order.operation is Operation.RENEW:
-            self._sessions.pop(self._reign.manager, None)
+            self._states.end_session()
         else:
             seconds = min(order.a, LONGEST_UNLOCK_S)
             self._open_until_ns = self._turn.now_ns + seconds * _NS_PER_S
@@ -146,15 +142,13 @@ class Authenticity:
         if event.port != self._index.uplink:
             turn.count("command from beyond", tag.can_id)
             return
-        self._forget_passing()
-        may_pass = bool(self._passing) and _kind(tag) == WELCOME_KIND
-        found = self._verifier.tagged(manager, tag.data, turn.arrived_ns, self._good_nonce(), is_counted=not may_pass)
+        may_pass = self._passing.wait() and _kind(tag) == WELCOME_KIND
+        nonce = self._nonces.good(turn.now_ns)
+        found = self._verifier.tagged(manager, tag.data, turn.arrived_ns, nonce, is_counted=not may_pass)
         if isinstance(found, Held):
             self._believe(manager, found, tag)
         elif may_pass:
-            node, _ = self._passing.popleft()
-            turn.count("answer to another node", tag.can_id)
-            turn.out += self._gateway.toward(node, tag)
+            self._passing.tagged(tag)
         else:
             turn.count(found.value, tag.can_id)
             is_lost = found is Refusal.UNPROVEN and turn.now_ns - self._believed_ns > self._index.lease_ns
@@ -166,8 +160,7 @@ class Authenticity:
         turn, event = self._turn, found.event
         self._believed_ns = turn.now_ns
         if found.command is Command.CONTROL and is_welcome(event.frame.data):
-            self._sessions[manager] = Session(manager, *self._verifier.places[manager])
-            self._first_beat = None
+            self._states.welcomed(manager, *self._verifier.places[manager])
             self._tell()
         turn.arrived_ns = found.arrived_ns
         before = len(turn.out)
@@ -175,14 +168,10 @@ class Authenticity:
         for action in turn.out[before:]:
             if isinstance(action, Send) and action.frame is event.frame:
                 turn.out.append(Send(action.port, tag))
-        if self._reign.manager == manager and self._session() is None:
+        if self._reign.manager == manager and self._states.session is None:
             self._ask()
 
-    def _forget_passing(self) -> None:
-        while self._passing and self._turn.arrived_ns - self._passing[0][1] > self._index.lease_ns:
-            self._passing.popleft()
-
-    # The nonce
+    # What is said of it
 
     def _ask(self) -> None:
         """Say a nonce, unless one was said within this period."""
@@ -190,31 +179,12 @@ class Authenticity:
         if self._asked_ns is not None and turn.now_ns - self._asked_ns < self._period_ns:
             return
         self._asked_ns = turn.now_ns
-        if self._good_nonce() == NO_NONCE:
-            self._drawn, self._drawn_ns = self._drawn + 1, turn.now_ns
-            digest = blake2s(self._drawn.to_bytes(8), key=self._secret.salt, digest_size=_NONCE_BYTES).digest()
-            self._nonce = int.from_bytes(digest) or 1
         facts = self._facts()
-        turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonce)))
-
-    def _good_nonce(self) -> int:
-        """Nonce to which an answer is still good."""
-        return self._nonce if self._turn.now_ns - self._drawn_ns <= self._index.lease_ns else NO_NONCE
-
-    # States
+        turn.out.append(self._say(StatePage2(facts.state, facts.flags, self._nonces.to_say(turn.now_ns))))
 
     def seal(self, beat: int | None, said: bytes, digest: int) -> int:
         """Tag of a page on the uplink: `beat` counts pages 0, of a page 1 it is None."""
-        session, node, key = self._session(), self._index.node, self._secret.key
-        if session is None:
-            return 0
-        if beat is None:
-            return key.state_tag(node, session, PAGE_1_BEAT, said, digest)
-        if self._first_beat is None:
-            self._first_beat = beat - beat % BEAT_SPAN
-        pending = self._pending()
-        emergency = pending[beat % len(pending)] if pending else NO_EMERGENCY
-        return key.state_tag(node, session, beat - self._first_beat, said, digest, emergency=emergency)
+        return self._states.tag(beat, said, digest)
 
     def beat(self) -> None:
         """A period is over: say the first nonce, and now and then what runs and what was refused."""
@@ -232,13 +202,8 @@ class Authenticity:
         page = StatePage3(facts.state, facts.flags, facts.digest, unproven % 0x10000, other % 0x10000)
         self._turn.out.append(self._say(page))
 
-    def _session(self) -> Session | None:
-        """Session with the manager that reigns."""
-        session = self._sessions.get(self._reign.manager)
-        return session if session is not None and session.term == self._reign.term else None
-
     def _say(self, page: StatePage2 | StatePage3) -> Send:
-        return Send(self._index.uplink, Frame(self._state_id, page.encode()))
+        return Send(self._index.uplink, Frame(state_id(self._index.node), page.encode()))
 
 
 def _kind(tag: Frame) -> int | None:

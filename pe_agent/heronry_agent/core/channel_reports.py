@@ -10,38 +10,49 @@ lost end of it three, a manager that restarts or takes over knows within one, an
 more. It is a report: no plan changes for it, since the bus is there.
 """
 
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
-from heronry_wire.sansio import NEVER_NS
+from heronry_wire.sansio import NEVER_NS, Send
 
 _NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 generic, bit 4 communication
 
 
 class ChannelReports:
-    """Reports of one PE."""
+    """Reports of one PE; `next_ns` is when to call `tick`."""
 
-    def __init__(self, node: int) -> None:
-        """`node` is the PE's."""
+    def __init__(self, turn: Turn, index: TableIndex) -> None:
+        self._turn, self._index = turn, index
         self.next_ns = NEVER_NS
-        self._emcy_id = emcy_id(node)
+        self._emcy_id = emcy_id(index.node)
         self._lost: set[tuple[int, int]] = set()  # port, channel
 
-    def told(self, port: int, lost: frozenset[int], now_ns: int) -> list[Frame]:
-        """The driver says which channels of a port are lost: what to send now."""
+    def told(self, port: int, lost: frozenset[int]) -> None:
+        """The driver says which channels of a port are lost: note it, and tell the manager what is new."""
+        self._note(self._index.table.ports[port].bus, lost)
         now_lost = {(port, channel) for channel in lost}
         back = sorted(one for one in self._lost - now_lost if one[0] == port)
         found = sorted(now_lost - self._lost)
         self._lost.difference_update(back)
         self._lost.update(found)
-        self.next_ns = now_ns + CHANNEL_REPORT_NS if self._lost else NEVER_NS
-        frames = [self._frame(FaultCode.CHANNEL_BACK, _NO_ERROR, *one) for one in back]
-        return frames + [self._frame(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one) for one in found]
+        self.next_ns = self._turn.now_ns + CHANNEL_REPORT_NS if self._lost else NEVER_NS
+        for one in back:
+            self._say(FaultCode.CHANNEL_BACK, _NO_ERROR, *one)
+        for one in found:
+            self._say(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one)
 
-    def tick(self, now_ns: int) -> list[Frame]:
+    def tick(self) -> None:
         """Tell of what is still lost."""
-        self.next_ns = now_ns + CHANNEL_REPORT_NS
-        return [self._frame(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one) for one in sorted(self._lost)]
+        self.next_ns = self._turn.now_ns + CHANNEL_REPORT_NS
+        for one in sorted(self._lost):
+            self._say(FaultCode.CHANNEL_LOST, _COMMUNICATION_ERROR, *one)
 
-    def _frame(self, code: FaultCode, register: int, port: int, channel: int) -> Frame:
-        return Frame(self._emcy_id, Emergency(code, register, ElementKind.CHANNEL, port, channel).encode())
+    def _note(self, bus: str, lost: frozenset[int]) -> None:
+        names = ", ".join(f"{bus}.{channel}" for channel in sorted(lost))
+        self._turn.note("channel", f"{names} carries nothing here" if lost else f"{bus} has both its channels")
+
+    def _say(self, code: FaultCode, register: int, port: int, channel: int) -> None:
+        message = Emergency(code, register, ElementKind.CHANNEL, port, channel)
+        self._turn.out.append(Send(self._index.uplink, Frame(self._emcy_id, message.encode())))

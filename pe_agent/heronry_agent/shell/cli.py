@@ -18,7 +18,7 @@ from can.cli import add_bus_arguments
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Note
-from heronry_agent.shell.devices import PLANT, find_device_driver
+from heronry_agent.shell.devices import Devices, open_drivers
 from heronry_agent.shell.driver import AgentDriver, hears_own_id, id_is_taken
 from heronry_agent.shell.incarnation import next_incarnation
 from heronry_agent.shell.partition_groups import open_groups
@@ -126,6 +126,8 @@ def _run(arguments: argparse.Namespace) -> int:
         return 0
     configs = bus_configs(table, arguments, arguments.bus)
     origin_ns = arguments.bench_origin if arguments.bench_origin is not None else time.monotonic_ns()
+    devices = Devices(table, open_drivers(table, origin_ns))
+    followed = devices.followed()
     with ExitStack() as undo:
         links: list[AnyLink] = []
         for port, config in zip(table.ports, configs, strict=True):
@@ -138,8 +140,6 @@ def _run(arguments: argparse.Namespace) -> int:
             incarnation = next_incarnation(arguments.state_dir, table.node_id)
             return AgentCore(table, incarnation, time.monotonic_ns(), secret=_secret(key), followed=followed)
 
-        devices = find_device_driver(PLANT)(origin_ns)
-        followed = devices.follows(device.name for device in table.devices if device.node == table.node_id)
         host = PartitionHost(table, devices, open_groups(tell))
         undo.callback(host.close)
         service = ServiceManager()

@@ -3,14 +3,24 @@
 Both go through the agent's own process, whatever runs the module: so an output is checked at the last moment (protocol
 rule 6), and a module that was stopped, or hangs, moves nothing. What is behind a device, its driver knows
 (`heronry_agent.device`).
+
+A device belongs to one driver; a PE may have several drivers, and loads those alone whose devices its modules are
+bolted to: a PE without devices loads none. A spec cannot name a driver yet, so every device is the plant's:
+`open_drivers` is the one place that knows, and the one where a driver's name in the table would be asked for.
+
+A driver is code of somebody else in the agent's own process. What it raises ends no agent: a reading that fails is a
+device that does not answer, a command that fails is a `DriveFailed`. One that stands still stops the agent's loop,
+which nothing here can prevent.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib.metadata import entry_points
 
 from heronry_agent.core.vocabulary import Drive, DriveFailed, Driven, Heard
 from heronry_agent.device import Device, DeviceDriver
 from heronry_agent.module import Value
+from heronry_agent.shell.module_runner import one_line
 from heronry_wire.errors import HeronryError
 from heronry_wire.pe_table import PeTable
 
@@ -18,38 +28,82 @@ _GROUP = "heronry.devices"
 PLANT = "plant"  # the driver of the shipped aircraft's simulated devices
 
 
-class UnknownDriverError(HeronryError, LookupError):
-    """No such device driver; the message says which there are."""
+class DeviceDriverError(HeronryError):
+    """A device driver that there is not, or that does not work; the message is one sentence."""
 
 
 def find_device_driver(name: str) -> Callable[[int], DeviceDriver]:
-    """Give the driver of this name: a callable, see `heronry_agent.device`; raises UnknownDriverError."""
+    """Give the driver of this name: a callable, see `heronry_agent.device`; raises DeviceDriverError."""
     offered = entry_points(group=_GROUP)
     if name not in offered.names:
         known = ", ".join(sorted(offered.names)) or "none"
-        raise UnknownDriverError(f"no device driver is named '{name}'; installed here: {known}")
+        raise DeviceDriverError(f"no device driver is named '{name}'; installed here: {known}")
     try:
         found: Callable[[int], DeviceDriver] = offered[name].load()
-    except (ImportError, AttributeError) as error:
-        raise UnknownDriverError(f"device driver '{name}' cannot be loaded ({error}); is it installed here?") from error
+    except Exception as error:
+        raise DeviceDriverError(
+            f"device driver '{name}' cannot be loaded ({one_line(error)}); is it installed here?"
+        ) from error
     return found
+
+
+def open_drivers(table: PeTable, origin_ns: int) -> dict[str, DeviceDriver]:
+    """Give the driver of each device that a module of this table is bolted to; raises DeviceDriverError.
+
+    origin_ns: when the flight took off, on the monotonic clock.
+    """
+    names = {module.device: PLANT for module in table.modules if module.device is not None}
+    made = {name: _started(name, origin_ns) for name in sorted(set(names.values()))}
+    return {device: made[name] for device, name in names.items()}
+
+
+def _started(name: str, origin_ns: int) -> DeviceDriver:
+    driver = find_device_driver(name)
+    try:
+        return driver(origin_ns)
+    except Exception as error:
+        raise DeviceDriverError(f"device driver '{name}' does not start: {one_line(error)}") from error
 
 
 class Devices:
     """What the modules of a table are bolted to."""
 
-    def __init__(self, table: PeTable, driver: DeviceDriver) -> None:
-        self._driver = driver
-        self._bolted_to: dict[int, Device | None] = {
-            module.index: None if module.device is None else driver.open(module.device) for module in table.modules
-        }
+    def __init__(self, table: PeTable, drivers: Mapping[str, DeviceDriver]) -> None:
+        """Open every device that a module is bolted to, once; `drivers` has the driver of each, by device.
+
+        Raises DeviceDriverError where a driver cannot open one.
+        """
+        self._drivers = drivers
+        self._every_driver = tuple({id(driver): driver for driver in drivers.values()}.values())
+        self._opened: dict[str, Device] = {}
+        self._bolted_to = {module.index: self._open(module.device) for module in table.modules}
+
+    def _open(self, name: str | None) -> Device | None:
+        if name is None:
+            return None
+        if name not in self._opened:
+            try:
+                self._opened[name] = self._drivers[name].open(name)
+            except Exception as error:
+                raise DeviceDriverError(f"device {name} cannot be opened by its driver: {one_line(error)}") from error
+        return self._opened[name]
+
+    def followed(self) -> frozenset[str]:
+        """Actuators of other PEs whose echoes the drivers need."""
+        followed: frozenset[str] = frozenset()
+        for driver in self._every_driver:
+            followed |= driver.follows(name for name, its_driver in self._drivers.items() if its_driver is driver)
+        return followed
 
     def read(self, module: int, now_ns: int) -> Value | None:
         """What a module's device says; None where it has none, or it does not answer, or says that it is wrong."""
         device = self._bolted_to[module]
         if device is None:
             return None
-        value, _, valid = device.read(now_ns)
+        try:
+            value, _, valid = device.read(now_ns)
+        except Exception:  # noqa: BLE001 - foreign code: whatever it raises, there is no reading
+            return None
         return value if valid else None
 
     def drive(self, order: Drive, now_ns: int) -> Driven | DriveFailed | None:
@@ -61,14 +115,29 @@ class Devices:
             moved_to = device.command(order.value, now_ns)
         except TypeError as error:
             return DriveFailed(order.module, str(error))
+        except Exception as error:  # noqa: BLE001 - foreign code may raise anything
+            return DriveFailed(order.module, one_line(error))
         return None if moved_to is None else Driven(order.module, moved_to)
 
     def make_safe(self, module: int, now_ns: int) -> None:
-        """Take the safe action of a module's device: nobody drives it from now on."""
+        """Take the safe action of a module's device: its module drives it no more."""
         device = self._bolted_to[module]
         if device is not None:
-            device.make_safe(now_ns)
+            _make_safe(device, now_ns)
+
+    def make_all_safe(self, now_ns: int) -> None:
+        """Take the safe action of every device: no module runs any more."""
+        for device in self._opened.values():
+            _make_safe(device, now_ns)
 
     def heard(self, echo: Heard, now_ns: int) -> None:
         """Follow what another PE has told one of its actuators."""
-        self._driver.heard(echo.device, echo.value, now_ns)
+        for driver in self._every_driver:
+            with suppress(Exception):  # foreign code; the next echo says the same
+                driver.heard(echo.device, echo.value, now_ns)
+
+
+def _make_safe(device: Device, now_ns: int) -> None:
+    """Take a safe action; where the driver fails at it there is nothing left that an agent could do."""
+    with suppress(Exception):
+        device.make_safe(now_ns)

@@ -3,6 +3,8 @@
 `package.module:Class` is imported as it stands, so that code of one's own needs no entry anywhere. A bare name is
 looked up in the catalogues that installed packages offer under the entry point `heronry.images`: each is a mapping of
 names to `package.module:Class`. Nothing is imported before it is asked for: a PE loads the code that it runs.
+
+A catalogue that cannot be loaded takes none of the others down; it is told where a name is looked for in vain.
 """
 
 import difflib
@@ -10,6 +12,7 @@ import importlib
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
+from typing import NamedTuple
 
 from heronry_agent.module import Module
 from heronry_wire.errors import HeronryError
@@ -27,7 +30,7 @@ def find_image(name: str) -> type[Module]:
     Raises UnknownImageError for a name that is neither in a catalogue nor an importable `package.module:Class` that
     is a `Module`.
     """
-    target = name if ":" in name else _catalogue().get(name, name)
+    target = name if ":" in name else _catalogues().images.get(name, name)
     module_name, _, class_name = target.partition(":")
     if not class_name or not module_name or module_name.startswith("."):
         raise UnknownImageError(_not_in_catalogue(name))
@@ -44,14 +47,28 @@ def find_image(name: str) -> type[Module]:
     return found
 
 
+class _Catalogues(NamedTuple):
+    """All catalogues of this installation as one, and one sentence about each that cannot be loaded."""
+
+    images: Mapping[str, str]
+    broken: tuple[str, ...]
+
+
 @cache
-def _catalogue() -> Mapping[str, str]:
-    """All catalogues of this installation as one; where two know a name, the first entry point by name has it."""
-    offered = sorted(entry_points(group=_GROUP), key=lambda one: one.name, reverse=True)
-    return {name: target for one in offered for name, target in one.load().items()}
+def _catalogues() -> _Catalogues:
+    """Load every catalogue; where two know a name, the first entry point by name has it."""
+    images: dict[str, str] = {}
+    broken: list[str] = []
+    for offered in sorted(entry_points(group=_GROUP), key=lambda one: one.name, reverse=True):
+        try:
+            images |= dict(offered.load())
+        except Exception as error:  # noqa: BLE001 - foreign code is imported here, and may raise anything
+            broken.append(f"; catalogue '{offered.name}' cannot be loaded ({type(error).__name__}: {error})")
+    return _Catalogues(images, tuple(broken))
 
 
 def _not_in_catalogue(name: str) -> str:
-    close = difflib.get_close_matches(name, _catalogue(), n=1)
+    known = _catalogues()
+    close = difflib.get_close_matches(name, known.images, n=1)
     hint = f"did you mean '{close[0]}'?" if close else "write package.module:Class for code of your own"
-    return f"there is no image '{name}'; {hint}"
+    return f"there is no image '{name}'; {hint}{''.join(known.broken)}"

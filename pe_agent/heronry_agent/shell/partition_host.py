@@ -1,6 +1,7 @@
 """The module host of a node: the modules live in partitions, and the agent's loop never waits for one.
 
-It takes the actions of the core and gives the events that `ModuleHost` gives in a simulator. A partition is
+It takes the actions of the core and gives events in answer. The simulator has a host of its own for the same actions
+and events, in one process (`heronry_tools.sim.world.module_host`). A partition is
 
     absent    until one of its modules is started; or it is warmed up, one partition a second once the PE is at work, so
               that no exec delays a reconfiguration in flight
@@ -39,9 +40,7 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_agent.device import DeviceDriver
 from heronry_agent.shell.devices import Devices
-from heronry_agent.shell.host import orders_of
 from heronry_agent.shell.partition_groups import PartitionGroups
 from heronry_agent.shell.partition_messages import (
     Answer,
@@ -57,6 +56,7 @@ from heronry_agent.shell.partition_messages import (
     decode_answer,
 )
 from heronry_agent.shell.partition_process import PartitionProcess
+from heronry_agent.shell.start_orders import orders_of
 from heronry_wire.pe_table import ModuleEntry, PeTable
 from heronry_wire.sansio import NEVER_NS
 
@@ -68,9 +68,13 @@ _REAP_NS = 2_000_000
 class PartitionHost:
     """The partitions of one PE."""
 
-    def __init__(self, table: PeTable, devices: DeviceDriver, groups: PartitionGroups | None = None) -> None:
-        """`groups`: the control groups in which partitions are to live, where there are any."""
-        self._devices = Devices(table, devices)
+    def __init__(self, table: PeTable, devices: Devices, groups: PartitionGroups | None = None) -> None:
+        """Have no process yet.
+
+        devices: those that the modules of the table are bolted to.
+        groups: the control groups in which partitions are to live, where there are any.
+        """
+        self._devices = devices
         self._groups = groups
         self._entries = {module.index: module for module in table.modules}
         self._processes: dict[str, PartitionProcess] = {}
@@ -139,13 +143,14 @@ class PartitionHost:
         return events
 
     def abandon(self) -> None:
-        """End all partitions; nobody is told. What is started from now on begins in new ones."""
+        """End all partitions, untold, and make every device safe. What is started from now on begins in new ones."""
         self._ending = [(process, False) for process, _ in self._ending]
         for name in list(self._processes):
             self._end(name, tell=False)
+        self._devices.make_all_safe(time.monotonic_ns())
 
     def close(self) -> None:
-        """End everything."""
+        """Abandon everything, and wait until no process is left."""
         self.abandon()
         while self._ending:
             self._reap()

@@ -23,6 +23,7 @@ _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
 _USUAL_HEARTBEAT_NS = 20_000_000
 _DIGEST_SUB = 3  # of object SPEC
+_INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
 examples:
   heronry doctor -i socketcan -c can0                      the interface, and what is heard on it
@@ -115,7 +116,10 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     yield from judge_hearing(heard, expected, arguments.seconds)
     if len(buses) > 1:
         yield judge_channels(heard, expected)
-    yield from judge_digests(digests, expected)
+    if digests is None:
+        yield Finding("tables", "no PE was asked for its spec: canopen is not installed", _INSTALL_CANOPEN)
+    else:
+        yield from judge_digests(digests, expected)
 
 
 def _expected(text: str) -> "Expected":
@@ -166,11 +170,19 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
     return heard
 
 
-def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None]:
-    """Ask PEs which spec their tables are of; None for one that does not answer. The bus is closed after that."""
-    import canopen  # noqa: PLC0415 - slow to import
-    from canopen.sdo.exceptions import SdoError  # noqa: PLC0415
+def _digests(bus: "can.BusABC", nodes: list[int]) -> dict[int, str | None] | None:
+    """Ask PEs which spec their tables are of, and close the bus.
 
+    Gives a digest by node, None for a node that does not answer. Gives None where there are PEs to ask and canopen,
+    which a node can do without, is not installed.
+    """
+    if not nodes:
+        return {}
+    try:
+        import canopen  # noqa: PLC0415 - slow to import
+        from canopen.sdo.exceptions import SdoError  # noqa: PLC0415
+    except ModuleNotFoundError:
+        return None
     from heronry_wire.canopen_objects import SPEC  # noqa: PLC0415
 
     told: dict[int, str | None] = dict.fromkeys(nodes)

@@ -54,6 +54,8 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Send the table; returns the exit code."""
+    import canopen  # noqa: F401, PLC0415 - where it is not installed, that is said before anything is planned
+
     from heronry_tools.console.errors import UserError  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.runtime.table_files import table_texts  # noqa: PLC0415

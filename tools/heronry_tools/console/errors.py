@@ -9,7 +9,7 @@ from typing import Final
 from heronry_wire.errors import HeronryError
 
 _EXTRAS: Final = {
-    **dict.fromkeys(("numpy", "ortools", "pydantic", "yaml"), "manager"),
+    **dict.fromkeys(("canopen", "numpy", "ortools", "pydantic", "yaml"), "manager"),
     **dict.fromkeys(("cantools", "rich"), "watch"),
     "distributed": "cluster",
     "highspy": "dev",

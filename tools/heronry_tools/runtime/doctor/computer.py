@@ -7,14 +7,15 @@ from importlib.metadata import PackageNotFoundError, version
 
 from heronry_tools.runtime.doctor.finding import Finding
 
-_PACKAGES = ("heronry", "python-can", "canopen")
+_NEEDED = ("heronry", "python-can")
+_WELCOME = ("canopen",)  # an extra
 
 
 def judge_computer(*, needs_can: bool) -> Iterator[Finding]:
     """Findings about software; `needs_can`: whether the bus asked for is SocketCAN."""
-    found = {name: _version(name) for name in _PACKAGES}
+    found = {name: _version(name) for name in (*_NEEDED, *_WELCOME)}
     told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)
-    missing = [name for name, number in found.items() if number is None]
+    missing = [name for name in _NEEDED if found[name] is None]
     remedy = f"pip install {' '.join(missing)}" if missing else None
     yield Finding("versions", f"Python {platform.python_version()}, {told or 'no package'}", remedy)
     if needs_can and not knows_can():

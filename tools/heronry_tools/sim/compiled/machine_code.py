@@ -44,11 +44,12 @@ _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
     "identifiers layout management packing sansio timing",
     "heronry_agent": "module",
-    "heronry_agent.core": "agent authenticity canopen_node command_acceptance faults gateway link_meter "
-    "mailboxes mastership output_authorization phase_requests publishing radio_port radio_queue reconfiguration "
-    "reporting restarts running_modules schedule staging table_index turn vocabulary without_manager",
+    "heronry_agent.core": "agent authenticity canopen_node command_acceptance condition deadlines faults gateway "
+    "inbound link_meter mailboxes mastership nonces output_authorization passing_welcomes phase_requests publishing "
+    "radio_port radio_queue radios reconfiguration reporting restarts running_modules schedule staging state_seal "
+    "table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
-    "heronry_agent.shell": "devices host module_runner",
+    "heronry_agent.shell": "devices module_runner start_orders",
     "heronry_manager.core": "announcing authenticity beacon deployment exclusion following health "
     "known_situation latched_faults manager overheard planning radio_links reconfiguration turn vocabulary",
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
@@ -59,7 +60,7 @@ _COMPILED = {
     "heronry_tools.sim.oracles": "authenticity blame checks commanded configurations end_state epochs "
     "exclusion freshness liveness load orphans planned_load proven_commands proven_states publishing queues radio "
     "reigning_term safe_mode service silence solitude terms violation",
-    "heronry_tools.sim.world": "bus clock frame_digest local_clock node nodes plant_view station",
+    "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host node nodes plant_view station",
 }
 # Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
 _MADE_OFTEN = frozenset(

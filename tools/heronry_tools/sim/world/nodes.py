@@ -37,7 +37,7 @@ from heronry_agent.core.vocabulary import (
     Stepped,
 )
 from heronry_agent.module import Datum, Value
-from heronry_agent.shell.host import ModuleHost
+from heronry_agent.shell.devices import Devices
 from heronry_dg.model import Spec
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.planning_policy import FromPlanner
@@ -61,6 +61,7 @@ from heronry_tools.sim.world.bus import SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.module_host import ModuleHost
 from heronry_tools.sim.world.node import Node
 from heronry_tools.sim.world.planning import Planners, Prepared
 from heronry_tools.sim.world.planning_driver import PlanningDriver
@@ -133,7 +134,8 @@ class SimulatedPe(Node):
         self.name = table.name
         self._drive, self._look, self._move = drive, look, move
         self._broken, self._broke = broken, broke
-        self._host = ModuleHost(table, PlantView(world, clock))
+        devices = {module.device for module in table.modules if module.device is not None}
+        self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
         missing = frozenset(self._host.missing_images)
         self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
         self._lease_ns = self.core.lease_ns

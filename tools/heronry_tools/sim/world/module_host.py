@@ -1,13 +1,13 @@
-"""The module host inside one process: what a simulator runs modules with.
+"""The module host of a simulated PE: it runs the modules inside the process of the simulator.
 
-The core asks, the host does, and the answer goes back as an event. `PartitionHost` takes the same actions and gives the
-same events, with the modules in processes apart, which is what a node does. Here nothing protects one module from
-another, and computing takes no time: whoever wants a module to hang or to be slow says so in its place.
+The core asks, the host does, and the answer goes back as an event. `heronry_agent.shell.partition_host` takes the same
+actions and gives the same events, with the modules in processes apart, which is what a node does. Here nothing protects
+one module from another, and computing takes no time: a fault that lets a module hang or be slow is made by the
+simulated PE (`nodes`), in place of the module.
 
 All images of the table are loaded when the host is made; the ones that cannot be are in `missing_images`.
 """
 
-from heronry_agent.core.schedule import NS_MHZ
 from heronry_agent.core.vocabulary import (
     Action,
     Drive,
@@ -21,24 +21,18 @@ from heronry_agent.core.vocabulary import (
     Stepped,
     StopModule,
 )
-from heronry_agent.device import DeviceDriver
 from heronry_agent.shell.devices import Devices
-from heronry_agent.shell.module_runner import ModuleRunner, Orders
+from heronry_agent.shell.module_runner import ModuleRunner
+from heronry_agent.shell.start_orders import orders_of
 from heronry_wire.pe_table import PeTable
-
-
-def orders_of(action: StartModule) -> Orders:
-    """What a StartModule means to the code of the module."""
-    entry, mode = action.entry, action.entry.modes[action.mode]
-    return Orders(entry.name, entry.image, mode.name, NS_MHZ // mode.rate_mhz, entry.device is not None)
 
 
 class ModuleHost:
     """The modules of one PE that exist now."""
 
-    def __init__(self, table: PeTable, devices: DeviceDriver) -> None:
-        """Load the images of a table."""
-        self._devices = Devices(table, devices)
+    def __init__(self, table: PeTable, devices: Devices) -> None:
+        """Load the images of a table; `devices` are those that its modules are bolted to."""
+        self._devices = devices
         self._partitions = {module.index: module.partition for module in table.modules}
         self._now_ns = 0
         self._runner = ModuleRunner(lambda: self._now_ns)
@@ -60,8 +54,7 @@ class ModuleHost:
                     self._devices.make_safe(action.module, now_ns)
             case EndPartition():
                 for module in (m for m, partition in self._partitions.items() if partition == action.partition):
-                    self._runner.stop(module)
-                    self._devices.make_safe(module, now_ns)
+                    self._runner.stop(module)  # the core stops each of them, too, which makes its device safe
             case Drive():
                 return self._devices.drive(action, now_ns)
             case Heard():

@@ -1,4 +1,4 @@
-"""The module host: whatever foreign code does, one answer comes out."""
+"""The module host of a simulated PE: whatever foreign code does, one answer comes out."""
 
 from dataclasses import replace
 
@@ -20,8 +20,9 @@ from heronry_agent.core.vocabulary import (
     StopModule,
 )
 from heronry_agent.module import Datum
-from heronry_agent.shell.host import ModuleHost
+from heronry_agent.shell.devices import Devices
 from heronry_tools.aircraft.plant import Plant
+from heronry_tools.sim.world.module_host import ModuleHost
 from heronry_wire.pe_table import ModuleEntry
 
 MODULE = SERVO_1
@@ -37,7 +38,8 @@ class Hosted:
     def __init__(self, name: str, device: str | None = "left") -> None:
         self.entry = entry(name, device)
         self.plant = Plant(0)
-        self.host = ModuleHost(replace(TABLE, modules=(self.entry,)), self.plant)
+        table = replace(TABLE, modules=(self.entry,))
+        self.host = ModuleHost(table, Devices(table, {} if device is None else {device: self.plant}))
         self.started = self.host.carry_out(StartModule(MODULE, self.entry, 0), 5)
         self._releases = 0
 

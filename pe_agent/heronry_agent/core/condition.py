@@ -1,0 +1,100 @@
+"""What the state frames of a PE tell, and which of them go out before their turn.
+
+`Condition` reads it from the parts when it is asked. A change that nobody commanded is noted on the way: that a manager
+is heard or not, that exclusive outputs are free or held back.
+
+`StateReports` says it: in its turn (`reporting`), and at once where a part has asked the turn for a page. With a key a
+page 0 goes out at once also where an EMCY was said, since it proves what that has said.
+"""
+
+from dataclasses import dataclass
+
+from heronry_agent.core.authenticity import Authenticity
+from heronry_agent.core.mastership import Reign
+from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.reporting import Facts, Reporting
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.staging import Staging
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_wire.management import PeFlags
+
+
+@dataclass
+class Condition:
+    """How one PE is."""
+
+    turn: Turn
+    index: TableIndex
+    reign: Reign
+    permission: Permission
+    staging: Staging
+    reconfiguration: Reconfiguration
+    modules: RunningModules
+    _hears_lease: bool = False  # as it was last noted
+    _is_held: bool = False  # the same, of exclusive outputs
+
+    def facts(self) -> Facts:
+        """What the state frames tell now."""
+        now_ns = self.turn.now_ns
+        hears_lease = self.reign.hears_lease(now_ns)
+        held = self.modules.has_exclusive_output and not self.permission.allows(now_ns)
+        self._note_changes(hears_lease, held)
+        flags = PeFlags.HEARS_LEASE if hears_lease else PeFlags(0)
+        if self.modules.faults.pending:
+            flags |= PeFlags.FAULT_PENDING
+        if held:
+            flags |= PeFlags.OUTPUT_HELD
+        running = self.reconfiguration.running
+        return Facts(
+            self.reconfiguration.state,
+            flags,
+            running.epoch,
+            running.digest,
+            *self.staging.told,
+            self.staging.reason,
+            self.modules.load_percent,
+        )
+
+    def _note_changes(self, hears_lease: bool, is_held: bool) -> None:
+        if hears_lease != self._hears_lease:
+            self._hears_lease = hears_lease
+            goes_on = "with what is critical" if self.index.table.without_manager == "safe_mode" else "as before"
+            self.turn.note("lease", "a manager is heard" if hears_lease else f"no manager is heard; going on {goes_on}")
+        if is_held != self._is_held:
+            self._is_held = is_held
+            self.turn.note("output", "exclusive outputs are held back" if is_held else "exclusive outputs are free")
+
+
+@dataclass
+class StateReports:
+    """The state frames of one PE."""
+
+    turn: Turn
+    condition: Condition
+    reporting: Reporting
+    modules: RunningModules
+    authenticity: Authenticity | None
+    _proven_changes: int = 0  # of faults, that a page 0 has gone out for
+
+    @property
+    def next_ns(self) -> int:
+        """When to call `tick`."""
+        return self.reporting.next_ns
+
+    def tick(self) -> None:
+        """Say what is due."""
+        self.turn.out += self.reporting.tick(self.turn.now_ns, self.condition.facts())
+        if self.authenticity is not None:
+            self.authenticity.beat()
+
+    def at_once(self) -> None:
+        """Say what this turn has changed."""
+        turn = self.turn
+        if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
+            self._proven_changes = self.modules.faults.changes
+            turn.wants_page_0 = True
+        if turn.wants_page_0 or turn.wants_page_1:
+            facts = self.condition.facts()
+            turn.out += self.reporting.at_once(facts, page_0=turn.wants_page_0, page_1=turn.wants_page_1)

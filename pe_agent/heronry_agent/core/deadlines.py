@@ -1,0 +1,57 @@
+"""The parts of an agent that act when their time has come, in the order in which they act then."""
+
+from dataclasses import dataclass
+
+from heronry_agent.core.canopen_node import CanopenNode
+from heronry_agent.core.channel_reports import ChannelReports
+from heronry_agent.core.condition import StateReports
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.staging import Staging
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.without_manager import WithoutManager
+
+
+@dataclass
+class Deadlines:
+    """Deadlines of one PE, but for the steps of its modules, which follow every event, and for its radios.
+
+    start_notes: what is noted when the PE boots up.
+    """
+
+    turn: Turn
+    staging: Staging
+    without_manager: WithoutManager
+    canopen: CanopenNode
+    state_reports: StateReports
+    modules: RunningModules
+    channels: ChannelReports
+    start_notes: tuple[str, ...]
+
+    def next_ns(self) -> int:
+        """When to call `tick`, or to release modules, if nothing comes before."""
+        due_ns = min(self.state_reports.next_ns, self.modules.next_ns)
+        due_ns = min(due_ns, self.modules.faults.next_ns)
+        due_ns = min(due_ns, self.staging.ask_ns)
+        due_ns = min(due_ns, self.canopen.next_ns)
+        due_ns = min(due_ns, self.without_manager.next_ns)
+        return min(due_ns, self.channels.next_ns)
+
+    def tick(self) -> None:
+        """Let every part act whose time has come."""
+        turn = self.turn
+        now_ns = turn.now_ns
+        if self.staging.tick(now_ns):
+            turn.wants_page_1 = True
+        if now_ns >= self.without_manager.next_ns:
+            self.without_manager.tick()
+        if now_ns >= self.canopen.next_ns:
+            if not self.canopen.booted:
+                for text in self.start_notes:
+                    turn.note("start", text)
+            self.canopen.tick()
+        if now_ns >= self.state_reports.next_ns:
+            self.state_reports.tick()
+        if now_ns >= self.modules.faults.next_ns:
+            self.modules.repeat_faults()
+        if now_ns >= self.channels.next_ns:
+            self.channels.tick()

@@ -1,0 +1,159 @@
+"""Which part of the agent takes a frame, by one look-up of its identifier.
+
+Handlers are of two kinds. *Fixed* ones take state frames and echoes of other PEs, commands (behind `authenticity` where
+the PE has a key), the CANopen services, and what comes from beyond a gateway. Those of *data* depend on what the
+configuration has this PE read or forward, and are found anew with each step of it (`rewire`). A later kind takes the
+place of an earlier one where two want an identifier; this node's own identifiers come last, since a frame under one of
+them is another node with its node-ID.
+
+*Quiet* are the identifiers whose frames move no deadline and no state frame: most of all that comes.
+"""
+
+from collections.abc import Callable, Collection, Iterable
+from functools import partial
+
+from heronry_agent.core.authenticity import Authenticity
+from heronry_agent.core.gateway import Gateway
+from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.publishing import ECHO_NODES
+from heronry_agent.core.reconfiguration import Reconfiguration
+from heronry_agent.core.running_modules import RunningModules
+from heronry_agent.core.table_index import TableIndex
+from heronry_agent.core.turn import Turn
+from heronry_agent.core.vocabulary import Heard
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Received
+
+Handler = Callable[[Received], None]
+
+_OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
+_STATE_BYTES = 8
+_PAGE_1 = 0x40  # the page is in the two highest bits of byte 0 of a state frame (management.STATE_0)
+
+
+class Inbound:
+    """The frames that one PE takes in."""
+
+    def __init__(
+        self,
+        turn: Turn,
+        index: TableIndex,
+        *,
+        permission: Permission,
+        reconfiguration: Reconfiguration,
+        modules: RunningModules,
+        gateway: Gateway,
+        authenticity: Authenticity | None,
+        commands: Iterable[tuple[int, Handler]],
+        services: Iterable[tuple[int, Handler]],
+        followed: Collection[str] | None,
+    ) -> None:
+        """Take no data yet.
+
+        commands: what takes the frames of managers; services: those of CANopen, both by identifier.
+        followed: actuators of other PEs whose echoes move the world here; None: all.
+        """
+        self._turn, self._index = turn, index
+        self._permission, self._reconfiguration, self._modules = permission, reconfiguration, modules
+        self._gateway, self._authenticity = gateway, authenticity
+        self.late_ns = index.table.ports[index.uplink].heartbeat_ns // 4  # a frame that is, was not taken when it came
+        self._clash_is_noted = False
+        self._fixed = self._fixed_handlers(commands, services, followed)
+        self.handlers = self._fixed  # by identifier; another object whenever they have changed
+        self.quiet = self._quiet_ids()
+
+    def rewire(self) -> None:
+        """Take the data that the configuration of now has this PE read or forward, and no others."""
+        self.handlers = self._fixed | self._data_handlers()
+        self.quiet = self._quiet_ids()
+
+    def take_back(self) -> None:
+        """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
+        self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
+
+    def _fixed_handlers(
+        self,
+        commands: Iterable[tuple[int, Handler]],
+        services: Iterable[tuple[int, Handler]],
+        followed: Collection[str] | None,
+    ) -> dict[int, Handler]:
+        handlers: dict[int, Handler] = dict.fromkeys(self._gateway.rising_ids, self._from_beyond)
+        handlers |= dict.fromkeys(map(state_id, PE_NODES), self._state)
+        handlers |= dict.fromkeys(_echo_ids(self._index.table, followed), self._echo)
+        handlers |= commands if self._authenticity is None else self._authenticity.guarded(commands)
+        handlers |= services
+        return handlers | dict.fromkeys((identify(self._index.node) for identify in _OWN), self._own_identifier)
+
+    def _data_handlers(self) -> dict[int, Handler]:
+        sources = self._index.table.sources
+        remote = self._reconfiguration.running.slice.remote
+        handlers: dict[int, Handler] = dict.fromkeys(self._gateway.data_ids, self._forward)
+        for source in remote.keys() & self._modules.mailboxes.boxes.keys():
+            handlers[sources[source].identifier] = partial(self._datum, source)
+        return handlers
+
+    def _quiet_ids(self) -> frozenset[int]:
+        quiet = (self._state, self._echo, self._from_beyond, self._forward)
+        often = (self._datum,) if self._authenticity is None else (self._datum, self._authenticity.hold)
+        return frozenset(
+            identifier
+            for identifier, handler in self.handlers.items()
+            if handler in quiet or (isinstance(handler, partial) and handler.func in often)
+        )
+
+    # Handlers
+
+    def _datum(self, source: int, event: Received) -> None:
+        if not self._modules.mailboxes.boxes[source].put(event.frame.data, self._turn.arrived_ns):
+            self._turn.count("foreign or malformed datum", event.frame.can_id)
+        self._forward(event)
+
+    def _forward(self, event: Received) -> None:
+        turn = self._turn
+        turn.out += self._gateway.data(event.port, event.frame, turn.now_ns, self._contested_until_ns)
+
+    def _contested_until_ns(self, now_ns: int) -> int | None:
+        """Until when what is exclusive may go up; not at all what came while nobody ran: its news may be behind it."""
+        turn = self._turn
+        return None if turn.arrived_ns <= turn.held_until_ns else self._permission.identifiers_until_ns(now_ns)
+
+    def _from_beyond(self, event: Received) -> None:
+        self._turn.out += self._gateway.up(event.port, event.frame)
+
+    def _state(self, event: Received) -> None:
+        """Another PE lives, and may show that we have been overtaken. Only the epoch of page 0 is read: this is hot."""
+        data = event.frame.data
+        if len(data) != _STATE_BYTES:
+            self._turn.count("malformed state", event.frame.can_id)
+            return
+        if data[0] < _PAGE_1:
+            if event.port == self._index.uplink:
+                self._permission.heard(self._turn.arrived_ns)
+            epoch, running = data[2] << 8 | data[3], self._reconfiguration.running.epoch
+            if epoch != running:
+                self._permission.saw_epoch(epoch, running)
+        if event.port != self._index.uplink:
+            self._from_beyond(event)
+
+    def _echo(self, event: Received) -> None:
+        """Another PE's actuator was told something, which moves the world here too, or an output ran there."""
+        heard = self._modules.heard_echo(event.frame)
+        if heard is not None:
+            self._turn.out.append(Heard(*heard))
+        self._from_beyond(event)
+
+    def _own_identifier(self, event: Received) -> None:
+        self._turn.count("node-ID clash", event.frame.can_id)
+        if self._authenticity is None and event.frame.can_id == state_id(self._index.node):
+            self._permission.clashed(self._turn.arrived_ns)
+        if not self._clash_is_noted:
+            self._clash_is_noted = True
+            self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")
+
+
+def _echo_ids(table: PeTable, followed: Collection[str] | None) -> Collection[int]:
+    """Identifiers under which the PEs of these actuators echo."""
+    if followed is None:
+        return ECHO_NODES.keys()
+    return {actuator_echo_id(device.node) for device in table.devices if device.name in followed}

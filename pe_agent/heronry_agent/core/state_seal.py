@@ -1,0 +1,51 @@
+"""How the states of a PE with a key are proven to its manager: sessions, and the tag of each page (protocol rule 11).
+
+A manager that has welcomed this PE has a session with it, under the number of its WELCOME; it chooses no number twice.
+Only the session with the manager of the term that counts is used: without one, pages are said untagged (0). Beats are
+counted from the session's first page 0, rounded down to a whole 256, since a page tells one byte of its number.
+
+The tag of a page 0 also covers an EMCY that waits to be acknowledged, in turn where there are several.
+"""
+
+from collections.abc import Callable, Sequence
+
+from heronry_agent.core.mastership import Reign
+from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
+
+
+class StateSeal:
+    """Tags the pages of one PE."""
+
+    def __init__(self, node: int, key: Key, reign: Reign, pending: Callable[[], Sequence[bytes]]) -> None:
+        """`pending` gives every EMCY that waits to be acknowledged."""
+        self._node, self._key, self._reign, self._pending = node, key, reign, pending
+        self._sessions: dict[int, Session] = {}  # by manager
+        self._first_beat: int | None = None
+
+    @property
+    def session(self) -> Session | None:
+        """Session with the manager whose term counts."""
+        session = self._sessions.get(self._reign.manager)
+        return session if session is not None and session.term == self._reign.term else None
+
+    def welcomed(self, manager: int, term: int, counter: int) -> None:
+        """A manager has opened a session; what it had before is over."""
+        self._sessions[manager] = Session(manager, term, counter)
+        self._first_beat = None
+
+    def end_session(self) -> None:
+        """The manager whose term counts ends its session."""
+        self._sessions.pop(self._reign.manager, None)
+
+    def tag(self, beat: int | None, said: bytes, digest: int) -> int:
+        """Tag of a page on the uplink, 0 without a session: `beat` counts pages 0, of a page 1 it is None."""
+        session = self.session
+        if session is None:
+            return 0
+        if beat is None:
+            return self._key.state_tag(self._node, session, PAGE_1_BEAT, said, digest)
+        if self._first_beat is None:
+            self._first_beat = beat - beat % BEAT_SPAN
+        pending = self._pending()
+        emergency = pending[beat % len(pending)] if pending else NO_EMERGENCY
+        return self._key.state_tag(self._node, session, beat - self._first_beat, said, digest, emergency=emergency)

@@ -1,0 +1,110 @@
+"""Every contract on imports bites: a breach of each is planted in a copy of the sources, and `lint-imports` is red."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+FOLDERS = tuple(SETTINGS["hatch"]["build"]["dev-mode-dirs"])
+CONTRACTS = {contract["name"]: contract for contract in SETTINGS["importlinter"]["contracts"]}
+
+
+class Breach(NamedTuple):
+    """A module in a room, and what it must not import there."""
+
+    room: str
+    imported: str
+
+
+BREACHES = {
+    "The house: tools above manager and agent, those above the graph, all above the wire": Breach(
+        "dbc/heronry_wire", "heronry_dg.model"
+    ),
+    "The agent knows the wire alone: no graph": Breach("pe_agent/heronry_agent/shell", "heronry_dg.model"),
+    "A node needs python-can alone": Breach("pe_agent/heronry_agent/shell", "canopen"),
+    "The rooms of the tools, from the command line down to the console": Breach(
+        "tools/heronry_tools/console", "heronry_tools.reports.plan"
+    ),
+    (
+        "The rooms of the simulator: scenarios and replays above flights, flights above oracles, faults and the world"
+    ): Breach("tools/heronry_tools/sim/world", "heronry_tools.sim.faults.fault"),
+    "Shells may use cores, and no core uses a shell": Breach(
+        "pe_agent/heronry_agent/core", "heronry_agent.shell.devices"
+    ),
+    "The manager: the shell above planner and plans made ahead": Breach(
+        "manager/heronry_manager/core", "heronry_manager.shell.driver"
+    ),
+    "What decides touches no clock, chance, file, socket, thread, process, bus or solver": Breach(
+        "manager/heronry_manager/core", "random"
+    ),
+}
+
+
+class Sources:
+    """A copy of all packages, and what `lint-imports` says of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        for package in FOLDERS:
+            ignored = shutil.ignore_patterns("__pycache__", "*.golden", "*.scenario")
+            shutil.copytree(ROOT / package, folder / package, ignore=ignored)
+        shutil.copy(ROOT / "pyproject.toml", folder)
+
+    def broken(self, breach: Breach | None = None) -> set[str]:
+        """Plant a breach, if there is one, and give the contracts that are broken then."""
+        planted = None if breach is None else self._folder / breach.room / "planted_breach.py"
+        if breach is not None and planted is not None:
+            planted.write_text(f"import {breach.imported}\n")
+        search_path = os.pathsep.join(str(self._folder / package) for package in FOLDERS)
+        done = subprocess.run(
+            [Path(sys.executable).with_name("lint-imports"), "--no-logo"],
+            cwd=self._folder,
+            env={**os.environ, "PYTHONPATH": search_path, "COLUMNS": "500"},
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        if planted is not None:
+            planted.unlink()
+        said = " ".join(done.stdout.split())
+        broken = {name for name in CONTRACTS if f"{name} BROKEN" in said}
+        assert done.returncode == bool(broken), done.stdout + done.stderr
+        assert all(f"{name} KEPT" in said for name in CONTRACTS.keys() - broken), done.stdout
+        return broken
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> Sources:
+    return Sources(tmp_path_factory.mktemp("sources"))
+
+
+def test_every_contract_has_a_breach_here() -> None:
+    assert BREACHES.keys() == CONTRACTS.keys()
+
+
+def test_the_sources_break_none(sources: Sources) -> None:
+    assert sources.broken() == set()
+
+
+@pytest.mark.parametrize("name", BREACHES)
+def test_a_breach_is_red(sources: Sources, name: str) -> None:
+    assert name in sources.broken(BREACHES[name])
+
+
+@pytest.mark.parametrize(
+    "forbidden",
+    CONTRACTS["What decides touches no clock, chance, file, socket, thread, process, bus or solver"][
+        "forbidden_modules"
+    ],
+)
+def test_nothing_that_a_core_must_not_touch_is_misspelt(forbidden: str) -> None:
+    """A module that does not exist forbids nothing."""
+    __import__(forbidden)
