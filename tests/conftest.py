@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-settings.register_profile("untimed", settings.default, deadline=None)
+from thoroughness import part_of
+
+settings.register_profile("untimed", settings.default, deadline=None, max_examples=part_of(100))
 settings.load_profile("untimed")
 
 # Markers that few files have: a run that asks for one of them alone imports no other file.

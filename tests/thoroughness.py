@@ -2,7 +2,7 @@
 
 Two ways. A case among many, or a whole test, has the marker `soak`: `make test` leaves those out by `-m 'not soak'`. An
 enumeration by numbers, or by drawn examples, asks here how far it is to go; HERONRY_SOAK=1 in the environment says: to
-its end. What `make test` tries is the same each time.
+its end.
 """
 
 import os

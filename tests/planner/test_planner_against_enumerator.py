@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from planner.comparison import MUST_APPEAR, compare, crossing_case
 from planner.enumerator import TooManyError
 from planner.random_specs import random_case
+from thoroughness import part_of
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=part_of(150), deadline=None)
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_the_plan_is_legal_and_as_good_as_any(rng: random.Random, crossing: bool) -> None:
     case = crossing_case(rng, modules=5) if crossing else random_case(rng, modules=5)
