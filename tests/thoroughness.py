@@ -6,13 +6,13 @@ its end.
 """
 
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import TypeVar
 
 import pytest
 from _pytest.mark.structures import ParameterSet
 
-Case = TypeVar("Case")
+Thing = TypeVar("Thing")
 
 IS_WHOLE = os.environ.get("HERONRY_SOAK", "") not in ("", "0")
 
@@ -22,7 +22,12 @@ def part_of(number: int, share: int = 5) -> int:
     return number if IS_WHOLE else max(1, number // share)
 
 
-def mostly_soak(cases: Iterable[Case], always: Collection[Case]) -> list[ParameterSet]:
+def sample(things: Sequence[Thing], share: int = 5) -> Sequence[Thing]:
+    """Give the things to try: all of them, or in `make test` the first of every `share`."""
+    return things if IS_WHOLE else things[::share]
+
+
+def mostly_soak(cases: Iterable[Thing], always: Collection[Thing]) -> list[ParameterSet]:
     """Give a test's cases as parameters: those in `always` for every run, the others for `make soak`."""
     listed = list(cases)
     unknown = [case for case in always if case not in listed]

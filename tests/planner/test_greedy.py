@@ -68,6 +68,7 @@ def test_what_was_asked_before_changes_no_plan(rng: random.Random, crossing: boo
     assert used.plan(case.now, case.running).to_json() == planned(case).to_json()
 
 
+@pytest.mark.soak
 def test_it_is_never_better_than_the_best_and_seldom_worse() -> None:
     compared, fewer, utility, best_utility, same = 0, 0, 0, 0, 0
     for seed in range(250):

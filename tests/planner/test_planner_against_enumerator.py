@@ -3,6 +3,7 @@
 import random
 from collections import Counter
 
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +25,7 @@ def test_the_plan_is_legal_and_as_good_as_any(rng: random.Random, crossing: bool
         assert wrong is None
 
 
+@pytest.mark.soak
 def test_the_same_holds_on_cases_that_use_every_gate_rule_and_level() -> None:
     counts: Counter[str] = Counter()
     for seed in range(200):
