@@ -107,6 +107,7 @@ def heard_at_the_end(log: Path) -> set[str]:
     return {name for name in spec.functions if witness.served(name, last_ns)}
 
 
+@pytest.mark.timing
 def test_two_kills_within_one_heartbeat_and_a_return(nothing_left: None) -> None:
     kills = ("--kill", "pe:nav@1", "--kill", "pe:air@1.01", "--restore", "pe:nav@2.5")
     ran = demo(TRIPLEX, *kills, "--for", "5", "--json")
@@ -119,6 +120,7 @@ def test_two_kills_within_one_heartbeat_and_a_return(nothing_left: None) -> None
     assert last["down"] == ["pe:air"]
 
 
+@pytest.mark.timing
 def test_a_kill_during_a_reconfiguration(nothing_left: None) -> None:
     """The second PE dies about when the first one has been declared: its epoch is abandoned or replaced."""
     ran = demo(TRIPLEX, "--kill", "pe:nav@1", "--kill", "pe:air@1.09", "--for", "4", "--json")
