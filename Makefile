@@ -1,7 +1,7 @@
 # What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test coverage lint clean
+.PHONY: help demo test soak coverage lint clean
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules --no-print-directory
 
@@ -16,8 +16,9 @@ help:
 	@echo
 	@echo '  make demo      watch an aircraft lose processors and keep flying (first time: installs into .venv)'
 	@echo '                 options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
-	@echo '  make test      all tests: ordinary ones, live processes, a real SocketCAN vcan0, and flights of fresh seeds'
-	@echo '  make coverage  the ordinary ones again, and which branches of the code they miss'
+	@echo '  make test      tests, in minutes: ordinary ones, live processes, a real SocketCAN vcan0, and flights of fresh seeds'
+	@echo '  make soak      the same, and all that is long, to its end: for a night'
+	@echo '  make coverage  the ordinary ones, long ones too, and which branches of the code they miss'
 	@echo '  make lint      style, types, and which room may import which'
 	@echo '  make clean     remove .venv and everything that tools left in this folder'
 	@echo
@@ -26,23 +27,32 @@ help:
 demo: .venv/ready-to-run
 	@.venv/bin/heronry demo $(ARGS)
 
-# Three runs: in parallel what computes, one by one what starts processes, and on a CAN bus what needs one. Processes are
-# flown by this computer's clock, and it may stand still for longer than a heartbeat: what fails there is tried once
-# more, and said to have been. Then flights that nobody has flown yet: one that goes wrong prints what replays it.
-test: .venv/ready-to-test
-	$(PYTEST) -m 'not live and not vcan' -n 2
-	$(PYTEST) -m 'live and not vcan' --reruns 1 -r R
-	tools/with-vcan --timeout 1800 $(PYTEST) -m vcan --reruns 1 -r R
-	$(FRESH) elevator_and_chute --runs 100
-	$(FRESH) dg_specs/examples/demux_actuators.dg.yaml --standby --runs 100
-	$(FRESH) dg_specs/examples/replicated_bus.dg.yaml --runs 50
-	$(FRESH) dg_specs/examples/radio_link.dg.yaml --standby --runs 50
-	$(FRESH) tests/scenarios/both_sides.dg.yaml --standby --runs 50
-	$(FRESH) big_blue --runs 10
+# Four runs: in parallel what computes; in parallel, and more than there are processors, what starts processes and mostly
+# waits for them; one by one what holds only where this computer keeps up with heartbeats; and on a CAN bus what needs
+# one. Processes are flown by this computer's clock, and it may stand still for longer than a heartbeat: what fails there
+# is tried once more, and said to have been. Then flights that nobody has flown yet: one that goes wrong prints what
+# replays it. Both targets do all of this: what is long (tests/thoroughness.py) in part in `test`, to its end in `soak`.
+test: BUT := and not soak
+test: FLIGHTS := 40
+test: FLIGHTS_OF_BIG_BLUE := 8
+soak: FLIGHTS := 500
+soak: FLIGHTS_OF_BIG_BLUE := 100
+soak coverage: export HERONRY_SOAK := 1
+test soak: .venv/ready-to-test
+	$(PYTEST) -m 'not live and not vcan $(BUT)' -n 2 --dist worksteal
+	$(PYTEST) -m 'live and not timing and not vcan $(BUT)' -n 4 --dist loadfile --reruns 1 -r R
+	$(PYTEST) -m 'timing and not vcan $(BUT)' --reruns 1 -r R
+	tools/with-vcan --timeout 1800 $(PYTEST) -m 'vcan $(BUT)' --reruns 1 -r R
+	$(FRESH) elevator_and_chute --runs $(FLIGHTS)
+	$(FRESH) dg_specs/examples/demux_actuators.dg.yaml --standby --runs $(FLIGHTS)
+	$(FRESH) dg_specs/examples/replicated_bus.dg.yaml --runs $(FLIGHTS)
+	$(FRESH) dg_specs/examples/radio_link.dg.yaml --standby --runs $(FLIGHTS)
+	$(FRESH) tests/scenarios/both_sides.dg.yaml --standby --runs $(FLIGHTS)
+	$(FRESH) big_blue --runs $(FLIGHTS_OF_BIG_BLUE)
 
-# By branches; half as long again as without, so it is no part of `make test`. Cores and codec have to have all of them.
+# By branches, and with all that is long: no part of `make test`. Cores and codec have to have all of them.
 coverage: .venv/ready-to-test
-	$(PYTEST) -m 'not live and not vcan' -n 2 --cov
+	$(PYTEST) -m 'not live and not vcan' -n 2 --dist worksteal --cov
 	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m lab.mutation.flight_code)"
 
 lint: .venv/ready-to-test

@@ -25,6 +25,7 @@ from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import Activate, Alive, Control, Lease, Operation, Ping, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Tick
+from thoroughness import part_of
 
 SLICES = (FLYING, Slice((RUN_SERVO_2, RUN_MONITOR), remote={0: NEIGHBOUR, 1: FAR}), Slice())
 
@@ -98,7 +99,7 @@ happenings = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=part_of(300), deadline=None)
 @given(st.sampled_from([TABLE, GATEWAY_TABLE]), st.lists(happenings, max_size=40), st.data())
 def test_the_core_takes_anything(table: PeTable, story: list, data: st.DataObject) -> None:
     now_ns = 0

@@ -17,6 +17,7 @@ from agent.canopen_master import refusal
 from heronry_agent.core.sdo_server import BLOCK_PAUSE_NS, SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
 from heronry_wire.sansio import NEVER_NS
 from heronry_wire.sdo import Abort, abort_message, crc, read_head
+from thoroughness import part_of
 
 MS = 1_000_000
 SEGMENT_NS = 300_000
@@ -397,7 +398,7 @@ requests = st.one_of(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=part_of(300))
 @given(st.lists(st.one_of(requests, st.integers(0, 2 * TIME_OUT_NS)), max_size=40))
 def test_whatever_comes_is_answered_with_at_most_one_frame_and_harms_nothing(story: list[bytes | int]) -> None:
     line = Line()

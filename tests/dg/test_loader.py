@@ -21,6 +21,7 @@ from heronry_dg.loader import load, loads
 from heronry_dg.model import Bus, Contingency, Demux, Device, Function, Manager, Mode, Module, Pe, Spec, Variable, When
 from heronry_dg.schema import SpecForm
 from heronry_dg.shipped import UnknownSpecError, shipped_spec_names, shipped_spec_path
+from thoroughness import part_of
 
 FIGURE_3 = shipped_spec_path("elevator_and_chute")
 FIGURE_3_TEXT = FIGURE_3.read_text()
@@ -290,13 +291,13 @@ def assert_loads_or_is_refused_in_sentences(text: str) -> None:
         )
 
 
-@settings(max_examples=300)
+@settings(max_examples=part_of(300))
 @given(mutilated())
 def test_a_mutilated_spec_loads_or_is_refused_in_sentences(text: str) -> None:
     assert_loads_or_is_refused_in_sentences(text)
 
 
-@settings(max_examples=200)
+@settings(max_examples=part_of(200))
 @given(scribbled())
 def test_a_scribbled_spec_loads_or_is_refused_in_sentences(text: str) -> None:
     assert_loads_or_is_refused_in_sentences(text)

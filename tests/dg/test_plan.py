@@ -30,6 +30,7 @@ from heronry_dg.situation import Situation, situation
 from heronry_dg.why_not import Feasible, feasible
 from planner.enumerator import Enumerator
 from planner.random_specs import random_case
+from thoroughness import part_of
 
 FIGURE_3 = load(shipped_spec_path("elevator_and_chute"))
 CHUTE = Configuration(
@@ -172,7 +173,7 @@ def test_bus_load_is_the_share_of_the_bit_rate() -> None:
 
 
 @given(st.randoms(use_true_random=False))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=part_of(50))
 def test_a_plan_is_read_back_as_it_was(rng: random.Random) -> None:
     case = random_case(rng, modules=4)
     _, best = Enumerator(case.spec, case.now).best(case.running)
@@ -318,7 +319,7 @@ json_values = st.recursive(
 
 
 @given(st.data())
-@settings(max_examples=200)
+@settings(max_examples=part_of(200))
 def test_whatever_stands_anywhere_in_a_plan_it_is_read_or_refused(data: st.DataObject) -> None:
     document = json.loads(chute_plan().to_json())
     inner, key = document, data.draw(st.sampled_from(sorted(document)))

@@ -116,14 +116,16 @@ class Ground:
 
 
 _NO_VCAN = pytest.mark.skipif(not Path("/sys/class/net/vcan0").exists(), reason="there is no vcan0")
-
-
-@pytest.fixture(
-    params=[
-        pytest.param("softbus", marks=pytest.mark.live),
-        pytest.param("socketcan", marks=[pytest.mark.vcan, _NO_VCAN]),
-    ]
+_SOFTBUS = pytest.param("softbus", marks=pytest.mark.live)
+_SOCKETCAN = [pytest.mark.vcan, _NO_VCAN]
+on_every_bus = pytest.mark.parametrize("ground", [_SOFTBUS, pytest.param("socketcan", marks=_SOCKETCAN)], indirect=True)
+# What an agent does by itself hardly depends on its bus, and a user-mode Linux takes seconds to start one.
+mostly_on_softbus = pytest.mark.parametrize(
+    "ground", [_SOFTBUS, pytest.param("socketcan", marks=[*_SOCKETCAN, pytest.mark.soak])], indirect=True
 )
+
+
+@pytest.fixture
 def ground(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Ground]:
     ground = Ground(tmp_path, request.param)
     yield ground
@@ -136,6 +138,7 @@ def end(agent: subprocess.Popen[str]) -> tuple[int, list[str]]:
     return agent.returncode, said.splitlines()
 
 
+@on_every_bus
 def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> None:
     agent = ground.start()
     boot_up = ground.hear(lambda frame: frame.can_id == heartbeat_id(NODE))[-1]
@@ -153,6 +156,7 @@ def test_it_boots_is_configured_drives_and_stops_in_order(ground: Ground) -> Non
     assert "Traceback" not in "\n".join(said)
 
 
+@mostly_on_softbus
 def test_code_that_cannot_be_loaded_is_told_and_refused_from_then_on(ground: Ground) -> None:
     table = replace(LIVE_TABLE, modules=tuple(replace(m, image="nonsense") for m in LIVE_TABLE.modules))
     ground.table.write_text(table.to_json())
@@ -170,6 +174,7 @@ def _reason(frame: Frame) -> Reason:
     return page.reason
 
 
+@on_every_bus
 def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
     agent = ground.start()
     ground.hear_page_0()
@@ -196,6 +201,7 @@ def test_after_a_pause_old_frames_are_no_news(ground: Ground) -> None:
     ground.hear(lambda frame: frame.can_id == DEMAND_ID)
 
 
+@on_every_bus
 def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
     ground.start()
     ground.hear_page_0()
@@ -205,12 +211,14 @@ def test_a_second_node_with_the_same_id_does_not_start(ground: Ground) -> None:
     assert ground.hear_page_0().sequence > 0
 
 
+@mostly_on_softbus
 def test_it_ends_with_whoever_started_it(ground: Ground) -> None:
     agent = ground.start("--until-eof", "--quiet")
     ground.hear_page_0()
     assert end(agent) == (0, [])  # waiting for its end closes its standard input
 
 
+@mostly_on_softbus
 def test_a_restart_is_a_new_incarnation_and_unconfigured(ground: Ground) -> None:
     keeping = ("--state-dir", str(ground.folder / "state"))
     first = ground.start(*keeping)
@@ -225,6 +233,7 @@ def test_a_restart_is_a_new_incarnation_and_unconfigured(ground: Ground) -> None
     assert page.state is PeState.UNCONFIGURED
 
 
+@mostly_on_softbus
 def test_verbose_says_at_the_end_what_was_not_understood(ground: Ground) -> None:
     agent = ground.start("--verbose")
     ground.hear_page_0()

@@ -64,10 +64,12 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SdoClient, "RESPONSE_TIMEOUT", PATIENCE_S)
 
 
-@pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
-    with start_hub(tmp_path / "can0.sock", 1_000_000) as hub:
-        desk = Desk(tmp_path, "softbus", str(hub.path))
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    """One for all tests: each leaves the agent unconfigured, with the table that it has."""
+    folder = tmp_path_factory.mktemp("desk")
+    with start_hub(folder / "can0.sock", 1_000_000) as hub:
+        desk = Desk(folder, "softbus", str(hub.path))
         yield desk
         desk.close()
 

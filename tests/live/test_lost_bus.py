@@ -149,6 +149,7 @@ def test_whose_node_id_was_taken_meanwhile_stays_silent_until_it_is_free(ground:
     agent.end()
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("ground", [pytest.param("softbus", marks=pytest.mark.live)], indirect=True)
 def test_a_flood_of_frames_that_it_must_read_stops_no_heartbeat(ground: Ground) -> None:
     """A neighbour's state frames, as fast as the bus takes them: they outrank those of this PE, and leave it gaps."""

@@ -241,6 +241,7 @@ def test_every_node_says_who_it_is(aircraft: Aircraft) -> None:
     assert answers(aircraft, request(Service.IDS, 0, message_code=200), len(nodes)) == dict.fromkeys(nodes, own)
 
 
+@pytest.mark.timing
 def test_a_manager_that_was_killed_comes_back_with_a_higher_term_and_reboots_nobody(aircraft: Aircraft) -> None:
     aircraft.start_agents()
     first = aircraft.start_manager()
@@ -269,6 +270,7 @@ def running_state(aircraft: Aircraft, pe: str, wanted: PeState, epoch: int = 0) 
         assert not (epoch and isinstance(page, StatePage0) and page.state is PeState.UNCONFIGURED)
 
 
+@pytest.mark.timing
 def test_a_loss_that_was_thought_of_before_is_told_in_order(aircraft: Aircraft) -> None:
     agents = aircraft.start_agents()
     manager = aircraft.start_manager()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from live.slow_spec import SLOW_SCENARIO
+from thoroughness import mostly_soak
 
 pytestmark = pytest.mark.live
 SCENARIOS = Path("tests/scenarios")
@@ -38,14 +39,17 @@ def test_two_computers_die_and_one_comes_back() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "a_failed_module_is_cleared_by_the_operator",
-        "a_keyed_takeover_in_another_phase",
-        "a_pause_longer_than_the_lease",
-        "a_paused_manager_returns",
-        Path(SLOW_SCENARIO).stem,
-        "the_operator_fails_a_pe",
-    ],
+    mostly_soak(
+        [
+            "a_failed_module_is_cleared_by_the_operator",
+            "a_keyed_takeover_in_another_phase",
+            "a_pause_longer_than_the_lease",
+            "a_paused_manager_returns",
+            Path(SLOW_SCENARIO).stem,
+            "the_operator_fails_a_pe",
+        ],
+        ["a_keyed_takeover_in_another_phase", "a_pause_longer_than_the_lease", "the_operator_fails_a_pe"],
+    ),
 )
 def test_managers_are_killed_and_paused_and_orders_given(name: str) -> None:
     assert all(one["holds"] for one in flown(name)["expectations"])

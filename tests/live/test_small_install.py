@@ -40,6 +40,16 @@ class Blocker:
             raise ModuleNotFoundError("No module named " + repr(name), name=name)
 sys.meta_path.insert(0, Blocker())
 """
+_ALL_HELP = """\
+import sys
+from heronry_tools.cli import main
+for name in sys.argv[1:]:
+    print()
+    try:
+        main([name, "--help"])
+    except SystemExit as ended:
+        assert ended.code == 0, (name, ended.code)
+"""
 _WITHOUT_CHECKOUT = """\
 import glob, sys
 own = {folder!r}
@@ -164,10 +174,12 @@ def test_help_needs_no_extra(small: dict[str, str], module: str) -> None:
     assert done.stdout.startswith("usage: ")
 
 
-@pytest.mark.parametrize("command", sorted(name for names in COMMANDS.values() for name in names))
-def test_the_help_of_every_command_needs_no_extra(small: dict[str, str], command: str) -> None:
-    done = run("-m", "heronry_tools.cli", command, "--help", env=small)
+def test_the_help_of_every_command_needs_no_extra(small: dict[str, str]) -> None:
+    """All in one process: what cannot be imported there cannot be for any of them."""
+    commands = sorted(name for names in COMMANDS.values() for name in names)
+    done = run("-c", _ALL_HELP, *commands, env=small)
     assert (done.returncode, done.stderr) == (0, "")
+    assert [done.stdout.count(f"\nusage: heronry {name}") for name in commands] == [1] * len(commands)
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,7 @@ from heronry_manager.core.memory import (
 )
 from heronry_manager.shell.journal import Journal, JournalError, recovered, whole_journal, written
 from manager.one_manager import SPEC_TEXT, two_tails
+from thoroughness import part_of
 
 SPEC = two_tails()
 OTHER_SPEC = loads(SPEC_TEXT.replace("rate_hz: 40", "rate_hz: 20"), "two_tails.dg.yaml")
@@ -114,7 +115,7 @@ def test_any_single_bit_that_has_changed_costs_nothing() -> None:
 
 
 @given(st.data())
-@settings(max_examples=300)
+@settings(max_examples=part_of(300))
 def test_whatever_is_damaged_the_facts_were_true_once_and_no_number_is_new(data: st.DataObject) -> None:
     changed = bytearray(DATA)
     for _ in range(data.draw(st.integers(1, 6))):

@@ -14,6 +14,7 @@ from heronry_wire.identifiers import MANAGER_NODES
 from heronry_wire.management import ElementKind, Emergency, FaultCode, PeState, Prepare, is_newer
 from heronry_wire.sansio import Send
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
+from thoroughness import part_of
 
 PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")
 FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)
@@ -160,7 +161,7 @@ class _TwoReigns:
 
 
 @given(st.lists(st.tuples(st.sampled_from(MANAGER_NODES), st.sampled_from("grrsgggg")), max_size=120))
-@settings(max_examples=100)
+@settings(max_examples=part_of(100))
 def test_no_epoch_number_is_given_twice_by_whomever_and_after_whatever_restart(steps: list[tuple[int, str]]) -> None:
     reigns, given_by = _TwoReigns(), dict.fromkeys(MANAGER_NODES, 0)
     numbers: set[int] = set()

@@ -32,6 +32,7 @@ from lab.planner_race.generator import fault_cases, generate
 from planner.comparison import MOST_STRUCTURES, crossing_case
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import Case, random_case
+from thoroughness import part_of
 
 BIG_BLUE = load(shipped_spec_path("big_blue"))
 ELEVATOR = load(shipped_spec_path("elevator_and_chute"))
@@ -51,13 +52,13 @@ def planned(case: Case) -> Plan:
     return found
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=part_of(150), deadline=None)
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_whatever_is_down_the_plan_is_legal_and_worth_what_it_says(rng: random.Random, crossing: bool) -> None:
     planned(draw(rng, crossing, modules=8))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=part_of(40), deadline=None)
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_what_was_asked_before_changes_no_plan(rng: random.Random, crossing: bool) -> None:
     case = draw(rng, crossing)
@@ -67,6 +68,7 @@ def test_what_was_asked_before_changes_no_plan(rng: random.Random, crossing: boo
     assert used.plan(case.now, case.running).to_json() == planned(case).to_json()
 
 
+@pytest.mark.soak
 def test_it_is_never_better_than_the_best_and_seldom_worse() -> None:
     compared, fewer, utility, best_utility, same = 0, 0, 0, 0, 0
     for seed in range(250):

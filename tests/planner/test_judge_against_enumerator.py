@@ -14,12 +14,13 @@ from heronry_dg.verify import verify
 from planner.enumerator import Enumerator, TooManyError
 from planner.mutants import MUTATIONS, Tally, canonical, judge_mutants, mutated
 from planner.random_specs import features, random_case
+from thoroughness import part_of
 
 MOST = 300  # configurations of one spec that are looked at
 
 
 @given(st.randoms(use_true_random=False))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=part_of(150), deadline=None)
 def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> None:
     case = random_case(rng, modules=5)
     enumerator = Enumerator(case.spec, case.now)
@@ -51,7 +52,7 @@ def test_every_kind_of_mutation_makes_something_illegal_that_the_judge_rejects()
 
 
 @given(st.randoms(use_true_random=False))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=part_of(100), deadline=None)
 def test_they_agree_on_what_faults_leave_and_on_who_is_urgent(rng: random.Random) -> None:
     case = random_case(rng)
     enumerator = Enumerator(case.spec, case.now)
@@ -65,7 +66,7 @@ def test_they_agree_on_what_faults_leave_and_on_who_is_urgent(rng: random.Random
 
 
 @given(st.randoms(use_true_random=False))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=part_of(60), deadline=None)
 def test_nothing_legal_is_better_than_the_best(rng: random.Random) -> None:
     case = random_case(rng, modules=5)
     enumerator = Enumerator(case.spec, case.now)

@@ -3,15 +3,17 @@
 import random
 from collections import Counter
 
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planner.comparison import MUST_APPEAR, compare, crossing_case
 from planner.enumerator import TooManyError
 from planner.random_specs import random_case
+from thoroughness import part_of
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=part_of(150), deadline=None)
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_the_plan_is_legal_and_as_good_as_any(rng: random.Random, crossing: bool) -> None:
     case = crossing_case(rng, modules=5) if crossing else random_case(rng, modules=5)
@@ -23,6 +25,7 @@ def test_the_plan_is_legal_and_as_good_as_any(rng: random.Random, crossing: bool
         assert wrong is None
 
 
+@pytest.mark.soak
 def test_the_same_holds_on_cases_that_use_every_gate_rule_and_level() -> None:
     counts: Counter[str] = Counter()
     for seed in range(200):

@@ -20,6 +20,7 @@ from heronry_manager.planner.safe_mode import safe_mode
 from heronry_manager.planner.sweep import Answer, Outcome, Question, Scope, Sweep
 from planner.comparison import crossing_case
 from planner.random_specs import random_spec
+from thoroughness import part_of
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 
@@ -65,7 +66,7 @@ def test_pruning_changes_nothing_on_figure_3() -> None:
     assert swept.tally.pruned_share() > 0.7
 
 
-@settings(max_examples=12)
+@settings(max_examples=part_of(12))
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_pruning_changes_nothing_on_random_specs(rng: random.Random, crossing: bool) -> None:
     spec = crossing_case(rng, modules=4).spec if crossing else random_spec(rng, modules=4)
@@ -107,7 +108,7 @@ def test_more_faults_than_elements_are_all_of_them() -> None:
     assert scope.set_count() == 2
 
 
-@settings(max_examples=40)
+@settings(max_examples=part_of(40))
 @given(st.randoms(use_true_random=False), st.booleans(), st.data())
 def test_a_plan_stays_legal_exactly_as_long_as_nothing_it_uses_is_lost(
     rng: random.Random, crossing: bool, data: st.DataObject

@@ -29,6 +29,7 @@ from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.management import Step
 from planner.comparison import crossing_case
 from planner.random_specs import random_case, random_running, random_situation
+from thoroughness import part_of
 
 # Two sensors that do not fit on the bus together; which one is read is decided on `sink`, and nothing moves.
 SWAP = """
@@ -162,7 +163,7 @@ def pair(rng: random.Random) -> tuple[Spec, Configuration, Configuration, Situat
     return tight(rng, spec, before, after), before, after, replace(now, limits={})
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=part_of(60), deadline=None)
 @given(st.randoms(use_true_random=False))
 def test_what_is_chosen_is_accepted_and_the_agents_exceed_nothing(rng: random.Random) -> None:
     spec, before, after, now = pair(rng) if rng.random() < 0.3 else squeezed(rng, buses=rng.randint(1, 3))
@@ -178,7 +179,7 @@ def test_what_is_chosen_is_accepted_and_the_agents_exceed_nothing(rng: random.Ra
     assert len(blind.steps) >= len(way.steps)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=part_of(40), deadline=None)
 @given(st.randoms(use_true_random=False))
 def test_from_anything_that_a_user_says_runs_there_is_a_way_that_the_judge_accepts(rng: random.Random) -> None:
     case = random_case(rng, modules=6)

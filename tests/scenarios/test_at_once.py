@@ -37,6 +37,7 @@ def test_the_whole_aircraft_without_its_flight_computer_ends_with_the_best_plan(
     assert first["times_ns"]["decide"] < 5 * MS
 
 
+@pytest.mark.soak
 def test_the_whole_aircraft_flies_without_a_solver() -> None:
     """Level 3 may fall short of the best: nothing else may."""
     simulation = Simulation(big_blue(), planners=Planners.GREEDY)

@@ -5,6 +5,7 @@ import pytest
 from heronry_manager.core.vocabulary import ClearElement
 from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from thoroughness import sample
 
 
 def successor(simulation: Simulation, after_ns: int) -> None:
@@ -68,7 +69,7 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     recorded.run_for(500 * MS)
     known_ns = recorded.events_of("pe_lost")[-1]["t_ns"]
     wrong = {}
-    for frame in management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"]):
+    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails())
         simulation.at_end_of(frame, lambda flight=simulation: successor(flight, 150 * MS))
         simulation.kill("tail_pe")

@@ -9,11 +9,12 @@ import pytest
 
 from heronry_tools.sim.flight.simulation import Simulation
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from thoroughness import mostly_soak, part_of, sample
 
 
 @pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
 def test_a_pe_is_cut_off_and_mended_after_any_time(pe: str) -> None:
-    for seed in range(12):
+    for seed in range(part_of(12, 3)):
         simulation = flying(two_tails(), seed, decide_ns=2 * MS)
         simulation.cut(pe)
         simulation.run_for(Random(seed).choice((30, 66, 70, 80, 95, 110, 150, 400)) * MS)
@@ -22,10 +23,14 @@ def test_a_pe_is_cut_off_and_mended_after_any_time(pe: str) -> None:
         times_are_told(simulation)
 
 
+CUTS = [("flight", 68), ("flight", 90), ("nav", 105), ("tail_a", 90), ("comms", 300)]
+
+
 @pytest.mark.parametrize(
-    ("pe", "cut_ms"), [("flight", 68), ("flight", 90), ("nav", 105), ("tail_a", 90), ("comms", 300)]
+    "cut", mostly_soak(CUTS, [("flight", 90), ("comms", 300)]), ids=lambda cut: f"{cut[0]}-{cut[1]}"
 )
-def test_a_pe_of_big_blue_is_cut_off_and_mended(pe: str, cut_ms: int) -> None:
+def test_a_pe_of_big_blue_is_cut_off_and_mended(cut: tuple[str, int]) -> None:
+    pe, cut_ms = cut
     simulation = flying(big_blue(), cut_ms, decide_ns=2 * MS)
     simulation.cut(pe)
     simulation.run_for(cut_ms * MS)
@@ -35,7 +40,7 @@ def test_a_pe_of_big_blue_is_cut_off_and_mended(pe: str, cut_ms: int) -> None:
 
 def test_a_driver_that_was_cut_off_does_not_take_the_word_of_one_that_has_restarted() -> None:
     """Its DEMUX has been given away when its wire is mended, and the first it hears is a PE that runs nothing yet."""
-    for mended_ms in range(4, 20, 2):
+    for mended_ms in sample(range(4, 20, 2), 3):
         simulation = flying(two_tails(), 36, decide_ns=2 * MS)
         simulation.cut("tail_pe")
         simulation.run_for(30 * MS)
@@ -59,7 +64,7 @@ def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
     recorded.run_for(10_000 * MS)
     assert [step["step"] for step in recorded.events_of("epoch_step")] == ["GO_ALL", "BREAK", "GO_ALL"]
     known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
-    for frame in management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"]):
+    for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails(), decide_ns=2 * MS)
         simulation.at_end_of(frame, lambda flight=simulation: flight.deafen("tail_pe", 150 * MS))
         servo_sticks(simulation)

@@ -189,6 +189,7 @@ def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
     assert simulation.events_of("unknown_epoch") == []
 
 
+@pytest.mark.soak
 def test_big_blue_is_released_and_glides_by_its_own_rules() -> None:
     simulation = Simulation(big_blue())
     simulation.world = Plant(-85_000 * MS)  # high up, on its line, with its wings out

@@ -13,15 +13,17 @@ from heronry_dg.model import Spec
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent
 from scenarios.flights import MS, big_blue, flying, management_frames, times_are_told, two_tails
+from thoroughness import mostly_soak, sample
 
 BEAT_NS = 20 * MS
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [("flight", "nav"), ("tail_a", "tail_b"), ("payload", "flight"), ("comms", "wing"), ("nav", "ground")],
-)
-def test_two_die_within_one_heartbeat(first: str, second: str) -> None:
+TOGETHER = [("flight", "nav"), ("tail_a", "tail_b"), ("payload", "flight"), ("comms", "wing"), ("nav", "ground")]
+
+
+@pytest.mark.parametrize("pair", mostly_soak(TOGETHER, [("flight", "nav"), ("comms", "wing")]), ids="-".join)
+def test_two_die_within_one_heartbeat(pair: tuple[str, str]) -> None:
+    first, second = pair
     offset_ns = Random(f"{first}{second}").randrange(BEAT_NS)
     simulation = flying(big_blue())
     simulation.kill(first)
@@ -81,7 +83,7 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
     frames = frames_of(two_tails(), story)
     assert len(frames) > 10
     wrong = {}
-    for frame in frames:
+    for frame in sample(frames):
         simulation = flown_again(two_tails(), story, frame, lambda flight: flight.kill(second))
         assert second not in simulation.pes
         violations = simulation.settle()
@@ -93,7 +95,7 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
 
 def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None:
     wrong = {}
-    for frame in frames_of(two_tails(), gets_tail_back):
+    for frame in sample(frames_of(two_tails(), gets_tail_back)):
         simulation = flown_again(two_tails(), gets_tail_back, frame, lambda flight: flight.kill("tail_pe"))
         violations = simulation.settle()
         if violations:
@@ -103,7 +105,7 @@ def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None
 
 def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> None:
     wrong = {}
-    for frame in frames_of(two_tails(), servo_sticks)[::6]:
+    for frame in sample(frames_of(two_tails(), servo_sticks)[::6]):
         simulation = flown_again(two_tails(), servo_sticks, frame, lambda flight: flight.kill("control_pe"))
         violations = simulation.settle()
         if violations:
@@ -111,6 +113,7 @@ def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> Non
     assert wrong == {}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("first", "second"), [("flight", "nav"), ("tail_a", "comms"), ("payload", "tail_b")])
 def test_a_second_pe_of_big_blue_dies_at_some_messages(first: str, second: str) -> None:
     def story(simulation: Simulation) -> str:

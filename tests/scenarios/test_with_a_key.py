@@ -7,6 +7,7 @@ from heronry_tools.sim.world.bus import Sent, Tampering
 from heronry_wire.identifiers import FIRST_MANAGER, Command, management_id, state_id
 from heronry_wire.management import Control, Operation, decode_command
 from scenarios.flights import KEY, MS, flying, two_tails
+from thoroughness import sample
 
 TAG = management_id(FIRST_MANAGER, Command.TAG)
 CONTROL = management_id(FIRST_MANAGER, Command.CONTROL)
@@ -56,5 +57,5 @@ def ends_well(frame: Sent, tampering: Tampering) -> list[object]:
 def test_a_tag_a_question_or_an_answer_is_lost_or_doubled(copies: int) -> None:
     aimed = [sent for sent in recorded() if sent.frame.can_id == TAG or is_welcome(sent) or is_question(sent)]
     assert len(aimed) > 20
-    wrong = {sent: found for sent in aimed[:: 1 + copies] if (found := ends_well(sent, Tampering(copies)))}
+    wrong = {sent: found for sent in sample(aimed[:: 1 + copies]) if (found := ends_well(sent, Tampering(copies)))}
     assert wrong == {}

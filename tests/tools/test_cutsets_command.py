@@ -24,6 +24,7 @@ from lab.cut_set_enumeration import shipped
 from planner.comparison import crossing_case
 from planner.enumerator import Enumerator, TooManyError
 from planner.random_specs import random_spec
+from thoroughness import part_of
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 
@@ -42,7 +43,7 @@ def test_cut_sets_of_shipped_specs_agree_with_enumeration(spec: str, capsys: pyt
     assert "no disagreements" in capsys.readouterr().out
 
 
-@settings(max_examples=15)
+@settings(max_examples=part_of(15))
 @given(st.randoms(use_true_random=False), st.booleans())
 def test_cut_sets_of_random_specs_agree_with_brute_force(rng: random.Random, crossing: bool) -> None:
     """Brute force allocates identifiers by what is wanted, which is less here: so nothing is due."""

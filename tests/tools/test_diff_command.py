@@ -19,6 +19,7 @@ from heronry_tools.analysis.diff.consequences import Consequences
 from heronry_tools.analysis.diff.elements import element_changes
 from heronry_tools.cli import main
 from planner.random_specs import random_spec
+from thoroughness import part_of
 
 ELEVATOR_AND_CHUTE = shipped_spec_path("elevator_and_chute").read_text()
 
@@ -200,7 +201,7 @@ def test_points_of_failure_are_those_that_a_plan_for_every_element_finds() -> No
     assert Consequences().of(spec)[None].hangs_on == expected
 
 
-@settings(max_examples=50)
+@settings(max_examples=part_of(50))
 @given(st.randoms(use_true_random=False))
 def test_so_they_are_in_random_specs(rng: random.Random) -> None:
     spec = random_spec(rng, modules=5)

@@ -20,6 +20,7 @@ from heronry_tools.reports.render.ranks import ranked
 from heronry_tools.reports.render.shapes import wrapped
 from heronry_tools.reports.render.sheets import sheets
 from planner.random_specs import random_spec
+from thoroughness import part_of
 
 SHIPPED = ("elevator_and_chute", "big_blue")
 
@@ -134,7 +135,7 @@ def test_a_graph_that_is_not_wide_stays_in_one_piece() -> None:
     assert sheet.graph == shipped("elevator_and_chute")
 
 
-@settings(max_examples=60)
+@settings(max_examples=part_of(60))
 @given(st.randoms(use_true_random=False))
 def test_a_random_graph_has_none_either(rng: random.Random) -> None:
     graph = graph_of(random_spec(rng))
@@ -147,7 +148,7 @@ def test_a_random_graph_has_none_either(rng: random.Random) -> None:
     assert sorted(drawn + [loop.edge for loop in layout.loops]) == list(range(len(graph.edges)))
 
 
-@settings(max_examples=60)
+@settings(max_examples=part_of(60))
 @given(st.randoms(use_true_random=False))
 def test_data_flows_to_the_right_but_for_feedback_out_of_variables_that_start_with_a_value(rng: random.Random) -> None:
     graph = graph_of(random_spec(rng))

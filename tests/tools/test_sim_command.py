@@ -9,6 +9,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import KINDS
 from heronry_tools.sim.faults.protocol_state import STATES
 from heronry_tools.sim.flight.campaign import Coverage, fly_all
+from thoroughness import mostly_soak
 
 ESTIMATOR = "  state_estimator: {"
 
@@ -224,20 +226,33 @@ def test_a_campaign_flies_in_parallel_as_it_does_alone_and_says_what_it_has_reac
     assert any(line.startswith("strikes in state") and line.split()[3:] == list(STATES) for line in lines)
 
 
+def name_of(part: object) -> str:
+    return part.split()[0] if isinstance(part, str) else str(getattr(part, "__name__", part))
+
+
 def members(group: int) -> int:
     """How many processes of a group run."""
     found = subprocess.run(["ps", "-eo", "pgid=,stat="], check=True, capture_output=True, text=True).stdout
     return sum(line.split()[0] == str(group) and "Z" not in line for line in found.splitlines())
 
 
+FLIES, PLANS = "sim elevator_and_chute --runs 100 --seconds 60", "contingencies big_blue -o plans"
+STARTING, STARTED = 2, 4  # processes: a first one is being started, or all are; the others import
+ENDINGS = list(product((FLIES, PLANS), (STARTING, STARTED), (os.kill, os.killpg), (signal.SIGINT, signal.SIGTERM)))
+ALWAYS = [
+    (FLIES, STARTING, os.kill, signal.SIGTERM),
+    (FLIES, STARTED, os.killpg, signal.SIGINT),
+    (PLANS, STARTING, os.killpg, signal.SIGTERM),
+    (PLANS, STARTED, os.kill, signal.SIGINT),
+]
+
+
 @pytest.mark.live
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("end", [os.kill, os.killpg])
-@pytest.mark.parametrize("there", [2, 4])  # a first process is being started, or all are; the others import
-@pytest.mark.parametrize("words", ["sim elevator_and_chute --runs 100 --seconds 60", "contingencies big_blue -o plans"])
+@pytest.mark.parametrize("ending", mostly_soak(ENDINGS, ALWAYS), ids=lambda ending: " ".join(map(name_of, ending)))
 def test_what_has_processes_of_its_own_and_is_ended_ends_at_once_and_leaves_nothing_behind(
-    words: str, there: int, end: Callable[[int, int], None], number: signal.Signals, tmp_path: Path
+    ending: tuple[str, int, Callable[[int, int], None], signal.Signals], tmp_path: Path
 ) -> None:
+    words, there, end, number = ending
     with subprocess.Popen(
         [sys.executable, "-m", "heronry_tools.cli", *words.split(), "--jobs", "2"],
         cwd=tmp_path,

@@ -21,6 +21,7 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.nodes import Driven
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
+from thoroughness import part_of
 
 Written = tuple[Callable[[], Spec], str, int | None]
 
@@ -67,7 +68,7 @@ def texts(draw: st.DrawFn) -> Written:
 
 
 @given(texts())
-@settings(max_examples=400)
+@settings(max_examples=part_of(400))
 def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: Written) -> None:
     make, text, level = written
     spec = make()

@@ -21,6 +21,7 @@ from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.management import LEASE_PERIODS, Lease, SliceHead, Step
 from scenarios.flights import KEY, MS, big_blue, two_tails
+from thoroughness import mostly_soak
 
 OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
 
@@ -41,7 +42,7 @@ def flying(seed: int = 1, key: Key | None = None) -> Simulation:
 # What befalls two managers
 
 
-@pytest.mark.parametrize("target", ["manager", "primary", "standby"])
+@pytest.mark.parametrize("target", mostly_soak(["manager", "primary", "standby"], ["primary"]))
 @pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.strikes == MANAGER])
 def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind: str, target: str) -> None:
     outcome = flight(f"0.1 {kind} {target} for 0.4")

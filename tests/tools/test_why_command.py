@@ -31,6 +31,7 @@ from heronry_tools.cli import main
 from heronry_tools.commands import why as why_command
 from heronry_tools.console.errors import UserError
 from planner.random_specs import random_spec
+from thoroughness import part_of
 
 CHUTE = load(shipped_spec_path("elevator_and_chute"))
 TIGHT = replace(CHUTE, pes={name: replace(pe, cpu_millis=150) for name, pe in CHUTE.pes.items()})
@@ -202,7 +203,7 @@ def test_only_capacities_have_an_amount() -> None:
 # What makes reasons irreducible, and repairs smallest
 
 
-@settings(max_examples=15)
+@settings(max_examples=part_of(15))
 @given(st.randoms(use_true_random=False), st.data())
 def test_each_reason_is_needed_and_each_repair_is_least(rng: random.Random, data: st.DataObject) -> None:
     spec = random_spec(rng, modules=5)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from heronry_wire.frame import Frame, WireError, parse_frame
 from heronry_wire.timing import WORST_BLOCKING_BITS, Errors, Message, Response, analyse, exact_bits, worst_bits
+from thoroughness import part_of
 
 # -- lengths --------------------------------------------------------------------------------------------------
 
@@ -77,7 +78,7 @@ frames = st.one_of(
 )
 
 
-@settings(max_examples=500)
+@settings(max_examples=part_of(500))
 @given(frames)
 def test_the_byte_tables_agree_with_the_bit_by_bit_coder(frame: Frame) -> None:
     bits = exact_bits(frame)
@@ -226,7 +227,7 @@ def message_sets(draw: st.DrawFn, *, whole: bool) -> list[Message]:
     return messages
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=part_of(200), deadline=None)
 @given(
     message_sets(whole=False),
     st.sampled_from([0, 55, 135, 160]),
@@ -272,7 +273,7 @@ def longest_seen(
     return longest
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=part_of(150), deadline=None)
 @given(st.data(), message_sets(whole=True), st.sampled_from([0, 55, 135]))
 def test_no_run_of_a_bus_takes_longer_than_the_analysis_says(
     data: st.DataObject, messages: list[Message], blocker_bits: int
