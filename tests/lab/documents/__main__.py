@@ -1,8 +1,9 @@
 """Write the tables of a documentation page anew: `python -m lab.documents docs/*.md`.
 
-A page says where a table belongs, and everything between the two marks is replaced:
+A page says where a table belongs, and everything between the two marks is replaced; the first mark names the command,
+so that a reader of the page's source does not edit the table:
 
-    <!-- table: identifiers -->
+    <!-- table: identifiers (generated: python -m lab.documents PAGE) -->
     ...
     <!-- end of table -->
 
@@ -29,7 +30,8 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "objects": canopen_tables.objects,
 }
 
-_PLACE = re.compile(r"<!-- table: (?P<name>[^>]+) -->\n.*?<!-- end of table -->", re.DOTALL)
+_PLACE = re.compile(r"<!-- table: (?P<name>[^>(]+?)(?: \([^)]*\))? -->\n.*?<!-- end of table -->", re.DOTALL)
+_COMMAND = "generated: python -m lab.documents PAGE"
 
 
 def filled(page: str) -> str:
@@ -39,7 +41,7 @@ def filled(page: str) -> str:
 
 def _table(place: re.Match[str]) -> str:
     name = place["name"]
-    return f"<!-- table: {name} -->\n\n{TABLES[name]()}\n\n<!-- end of table -->"
+    return f"<!-- table: {name} ({_COMMAND}) -->\n\n{TABLES[name]()}\n\n<!-- end of table -->"
 
 
 def main(argv: Sequence[str] | None = None) -> None:
