@@ -15,14 +15,14 @@ from heronry_wire.timing import worst_bits
 from lab.documents.markdown import code, table
 
 _USES = {
-    Use.NMT: "CANopen NMT: obeyed by a PE that runs nothing and hears no manager",
+    Use.NMT: "CANopen NMT: executed by a PE that runs nothing and hears no manager",
     Use.EMERGENCY_EVENT: "CANaerospace emergency event of node n: a fault that is flight-critical",
     Use.NODE_SERVICE: "CANaerospace node services; answered on channel 0 (128 asks, 129 answers)",
     Use.MANAGEMENT: "management, of manager",
     Use.EMCY: "CANopen EMCY of node n: a fault",
     Use.TIME: "CANopen TIME: left free for it",
     Use.STATE: "state of PE n",
-    Use.GATEWAY: "gateways: how a radio is doing",
+    Use.GATEWAY: "gateways: the condition of a radio",
     Use.STANDARD_DATA: "data with a standard CANaerospace identifier",
     Use.SDO_RESPONSE: "CANopen SDO, answer of PE n",
     Use.SDO_REQUEST: "CANopen SDO, request to PE n",
@@ -30,7 +30,7 @@ _USES = {
     Use.HEARTBEAT: "CANopen heartbeat of node n",
     Use.ACTUATOR_ECHO: "output echo of PE n",
     Use.BULK: "bulk and debug; not used yet",
-    Use.UNASSIGNED: "nobody's",
+    Use.UNASSIGNED: "not assigned",
 }
 _LAYOUTS = {
     Command.LEASE: (management.LEASE,),
