@@ -24,7 +24,7 @@ from heronry_agent.core.staging import UNCONFIGURED, Staging
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Standing, _Record
-from heronry_manager.core.manager import ManagerCore, Reign
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.reconfiguration import Reconfiguration, Stage
 from heronry_tools.sim.faults.drawing import drawn_acts
@@ -126,7 +126,7 @@ def sessions(authenticity: Authenticity) -> States:
 MACHINES = (
     Machine(of(Standing), _Record, "standing"),
     Machine(of(Stage), Reconfiguration, "stage"),
-    Machine(of(Reign), ManagerCore, "_reign"),
+    Machine(of(Mastership), Claim, "state"),
     Machine("NOTHING COLLECTING STAGED", Staging, look=staging),
     Machine("FREE HELD", Exclusion, look=lambda x: {(pe, t): "HELD" for pe, held in x._holds.items() for t in held}),
     Machine("ATTENDED RESTING", PeReconfiguration, look=lambda x: {"": "RESTING" if x.resting else "ATTENDED"}),
