@@ -7,10 +7,12 @@ object, and look up in it at each call what is known now.
     exclusion       what PEs that are silent may still drive
     situation       what has failed, what has shrunk, and the phase
     deployment      what runs, what is being prepared, and what each PE says that it runs
+    advice          of a manager that only advises: what it has told last
     following       what another manager, who is active, says and does
     authenticity    with a key: what has been proven; else None
 """
 
+from heronry_manager.core.advice import Advice
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.exclusion import Exclusion
@@ -39,6 +41,7 @@ class Knowledge:
         self.deployment = Deployment(
             turn, spec, self.health, self.exclusion, settings.on_board, frames_per_command=1 if key is None else 2
         )
+        self.advice = Advice(turn, self.health, self.deployment)
         self.following = Following(
             spec, turn, self.situation, self.exclusion, settings.window_ns, on_board=settings.on_board
         )

@@ -81,7 +81,7 @@ class Reactions:
                 if pe in turn.memory.quarantined:
                     turn.keep(Released(pe))
                 turn.emit("pe_joined", pe=pe, cause=change.cause)
-                self._known.deployment.joined(pe)
+                self._known.deployment.observed.joined(pe)
                 self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
 
     def _lost(self, change: HealthChange) -> None:

@@ -36,6 +36,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.plan import Plan
 from heronry_manager.core.compilation import CompiledConfiguration
 from heronry_wire.management import (
     SLICE_BYTES_PER_FRAME,
@@ -134,7 +135,7 @@ class Reconfiguration:
 
     term: int
     epoch: int
-    configuration: Configuration
+    plan: Plan
     compiled: CompiledConfiguration
     placed: dict[str, set[str]]  # exclusive tokens by PE
     participants: list[Participant]
@@ -167,6 +168,11 @@ class Reconfiguration:
             self._send_prepare()
             for progress in self._progress.values():
                 self._ask(progress, self.started_ns)
+
+    @property
+    def configuration(self) -> Configuration:
+        """What is to run; of its plan only the proof may become another one."""
+        return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
         """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""

@@ -127,7 +127,7 @@ class Replanning:
             self._turn.emit("plan_unchanged", request=answer.request)
             self._settle()
         elif self._settings.advise:
-            deployment.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
+            self._known.advice.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
             self._planning.causes.clear()
         else:
             deployment.prepare(answer.plan, self._planning.causes)
@@ -157,7 +157,7 @@ class Replanning:
         """When advising: see what another manager has brought about, and what is to be said of it."""
         known = self._known
         is_reigning = self._claim.state is Mastership.REIGNING
-        if is_reigning and known.deployment.follow(known.situation.now(), known.following.runs):
+        if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
             self._planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
 
