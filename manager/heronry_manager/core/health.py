@@ -35,10 +35,11 @@ against anybody: the driver hands over all frames before it lets a deadline pass
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, auto
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.sansio import NEVER_NS
 
@@ -55,6 +56,51 @@ class Standing(Enum):
     SUSPECT = "suspect"
     DOWN = "down"
     RETURNING = "returning"
+
+
+class StandingEvent(Enum):
+    """What changes that."""
+
+    HEARD = auto()
+    LATE = auto()
+    SILENT = auto()
+    FAILED = auto()  # or rebooted, barred, beyond a radio that is gone
+    WINDOW_CLOSES = auto()
+    HOLD_DOWN_ENDS = auto()
+    VOUCHED_FOR = auto()
+    AWAITED_AGAIN = auto()
+    QUARANTINED = auto()
+
+
+TRANSITIONS = TransitionTable(
+    {Standing.WAITING: "start"},
+    (
+        (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),
+        (Standing.WAITING, StandingEvent.WINDOW_CLOSES, Standing.DOWN, "the start-up window closes"),
+        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "it was to prove itself and falls silent"),
+        (Standing.WAITING, StandingEvent.FAILED, Standing.DOWN, "the operator fails it"),
+        (Standing.WAITING, StandingEvent.QUARANTINED, Standing.DOWN, "it was in quarantine before a restart"),
+        (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, is PINGed"),
+        (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or deaf for T_lease"),
+        (Standing.SUSPECT, StandingEvent.HEARD, Standing.UP, "heard"),
+        (
+            *(Standing.SUSPECT, StandingEvent.SILENT, Standing.DOWN),
+            "silent for as many periods as it may miss and a quarter",
+        ),
+        (Standing.SUSPECT, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
+        (Standing.DOWN, StandingEvent.HEARD, Standing.RETURNING, "heard"),
+        (Standing.DOWN, StandingEvent.FAILED, Standing.DOWN, ""),
+        (Standing.DOWN, StandingEvent.QUARANTINED, Standing.DOWN, ""),
+        (Standing.RETURNING, StandingEvent.HOLD_DOWN_ENDS, Standing.UP, "hold-down is over"),
+        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "the manager before counted on it"),
+        (Standing.RETURNING, StandingEvent.SILENT, Standing.DOWN, "silent again"),
+        (Standing.RETURNING, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
+        *(
+            (before, StandingEvent.AWAITED_AGAIN, Standing.WAITING, "another term begins, and cannot believe it yet")
+            for before in (Standing.WAITING, Standing.DOWN, Standing.RETURNING)
+        ),
+    ),
+)
 
 
 class Change(Enum):
@@ -100,6 +146,10 @@ class _Record:
     spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
     said: int | None = None  # incarnation that it has said last, proven or not
     said_since_ns: int = 0
+
+    def move(self, event: StandingEvent) -> None:
+        """Let the standing be what an event makes of it."""
+        self.standing = TRANSITIONS.after(self.standing, event)
 
     def says(self, incarnation: int, now_ns: int) -> None:
         if incarnation != self.said:
@@ -218,14 +268,16 @@ class Health:
             case Standing.UP:
                 pass
             case Standing.WAITING:
-                record.standing, record.joined_ns = Standing.UP, now_ns
+                record.move(StandingEvent.HEARD)
+                record.joined_ns = now_ns
                 changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
                 self._close_window_if_all_heard()
             case Standing.SUSPECT:
-                record.standing = Standing.UP
+                record.move(StandingEvent.HEARD)
                 changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
             case Standing.DOWN if not record.barred:
-                record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
+                record.move(StandingEvent.HEARD)
+                record.returning_since_ns = now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
             case Standing.RETURNING | Standing.DOWN:  # pragma: no branch - nothing else is left
@@ -254,14 +306,15 @@ class Health:
         """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_counted_on(record.name):
-                record.standing, record.cause, record.awaited_again = Standing.WAITING, None, True
+                record.move(StandingEvent.AWAITED_AGAIN)
+                record.cause, record.awaited_again = None, True
                 record.spoke_ns = now_ns
                 self._window_closes_ns = now_ns + window_ns
 
     def vouched_for(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
         """A reign begins: these were counted on by the one before, and still run what it gave them."""
         return [
-            self._join(record, now_ns, "the manager before counted on it")
+            self._join(record, now_ns, StandingEvent.VOUCHED_FOR, "the manager before counted on it")
             for record in map(self._records.__getitem__, sorted(pes))
             if record.standing is Standing.RETURNING
         ]
@@ -292,7 +345,8 @@ class Health:
     def quarantine(self, pe: str, losses: int) -> None:
         """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
         record = self._records[pe]
-        record.standing, record.losses, record.cause = Standing.DOWN, losses, f"it was lost {losses} times"
+        record.move(StandingEvent.QUARANTINED)
+        record.losses, record.cause = losses, f"it was lost {losses} times"
         self._close_window_if_all_heard()
 
     def is_quarantined(self, pe: str) -> bool:
@@ -325,7 +379,7 @@ class Health:
             self._window_closes_ns = None
             for record in self._records.values():
                 if record.standing is Standing.WAITING:
-                    record.standing = Standing.DOWN
+                    record.move(StandingEvent.WINDOW_CLOSES)
                     cause = record.cause = "not heard in the start-up window"
                     changes.append(HealthChange(record.name, Change.ABSENT, cause, None))
         return changes
@@ -350,34 +404,45 @@ class Health:
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
         last = record.heard_ns
         if record.standing is Standing.WAITING and record.awaited_again and now_ns >= record.fallen_silent_ns():
-            record.standing, record.cause = Standing.DOWN, "not heard any more, before it could be believed"
+            record.move(StandingEvent.SILENT)
+            record.cause = "not heard any more, before it could be believed"
             self._close_window_if_all_heard()
             return [HealthChange(record.name, Change.ABSENT, record.cause, last)]
         if record.standing is Standing.UP and now_ns >= record.suspect_ns():
-            record.standing = Standing.SUSPECT
+            record.move(StandingEvent.LATE)
             return [HealthChange(record.name, Change.SUSPECTED, "a heartbeat period was missed", last)]
         if record.standing is Standing.SUSPECT and now_ns >= record.declare_ns():
-            return self._lose(record, last, now_ns, f"silent for {record.misses} heartbeat periods")
+            return self._lose(
+                record, last, now_ns, f"silent for {record.misses} heartbeat periods", event=StandingEvent.SILENT
+            )
         if record.standing is Standing.RETURNING:
             if now_ns >= record.declare_ns():
-                record.standing = Standing.DOWN
+                record.move(StandingEvent.SILENT)
             elif not record.is_held_down(now_ns):
-                return [self._join(record, now_ns, "back, and its hold-down is over")]
+                return [self._join(record, now_ns, StandingEvent.HOLD_DOWN_ENDS, "back, and its hold-down is over")]
         return []
 
-    def _join(self, record: _Record, now_ns: int, why: str) -> HealthChange:
-        record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
+    def _join(self, record: _Record, now_ns: int, event: StandingEvent, why: str) -> HealthChange:
+        record.move(event)
+        record.joined_ns, record.cause = now_ns, None
         return HealthChange(record.name, Change.JOINED, why, record.heard_ns)
 
     def _lose(
-        self, record: _Record, last_ns: int | None, now_ns: int, cause: str, change: Change = Change.LOST
+        self,
+        record: _Record,
+        last_ns: int | None,
+        now_ns: int,
+        cause: str,
+        change: Change = Change.LOST,
+        *,
+        event: StandingEvent = StandingEvent.FAILED,
     ) -> list[HealthChange]:
         counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
         if counted_on:
             forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
             record.losses, record.lost_ns = 1 if forgiven else record.losses + 1, now_ns
             record.cause = cause
-        record.standing = Standing.DOWN
+        record.move(event)
         self._close_window_if_all_heard()
         return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
 
