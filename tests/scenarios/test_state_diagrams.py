@@ -25,14 +25,19 @@ from heronry_agent.core.staging import UNCONFIGURED, Staging
 from heronry_manager.core import health, mastership, reconfiguration
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.health import Change, Health, Standing
+from heronry_manager.core.mastership import Claim
+from heronry_manager.core.memory import Memory
 from heronry_manager.core.radio_links import RadioLinks
+from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.transitions import TransitionTable
+from heronry_manager.core.turn import Turn
 from heronry_tools.sim.faults.drawing import drawn_acts
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.scenario.in_simulator import fly
 from heronry_tools.sim.scenario.script import read_script
 from heronry_wire.channel_watch import ChannelWatch
-from heronry_wire.management import FaultCode
+from heronry_wire.management import MAX_TERM, FaultCode
 from lab.conformance.drills import drilled
 from scenarios.flights import two_tails
 
@@ -179,6 +184,26 @@ def noting_what_has_changed(
     return call
 
 
+def rare() -> None:
+    """Let happen what may, and what none of the flights and drills comes to."""
+    spec = two_tails()
+    first, second, *_ = spec.pes
+    known = Health(spec, 0, 10**9)
+    known.bar(first, "failed", 0)
+    for pe in (first, second):
+        known.quarantine(pe, 2)
+    known.heard(second, 1, 1)
+    assert [change.change for change in known.vouched_for([second], 1)] == [Change.JOINED]
+    known.fail(second, "failed", 2)
+    known.heard(second, 1, 2)
+    for _ in range(2):
+        known.await_again([second], 3, 10**9)
+    known.tick(10**9)
+    assert known.standing(second) is Standing.DOWN
+    memory = Memory(term=MAX_TERM)
+    assert not Claim(ManagerSettings(spec, 126), Turn(126, 0, term=MAX_TERM, memory=memory)).begin_term()
+
+
 def test_what_happens_is_drawn_and_what_is_drawn_happens() -> None:
     seen: dict[str, Changes] = defaultdict(set)
     found: set[tuple[Enum, Enum]] = set()
@@ -193,6 +218,7 @@ def test_what_happens_is_drawn_and_what_is_drawn_happens() -> None:
             assert fly(read_script(Path(f"tests/scenarios/{name}.scenario"))).holds
         for name in DRILLS:
             assert drilled(name)[0] is None
+        rare()
     for machine in MACHINES:
         drawn, happened = machine.drawn(), seen[machine.states]
         assert (happened - drawn, drawn - happened) == (set(), set()), f"not drawn, and not seen, of {machine.states}"
