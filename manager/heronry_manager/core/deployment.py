@@ -20,21 +20,20 @@ what runs is given a new number, without that PE. It is asked with every state, 
 *Adopting*: what runs when this manager begins may be taken over as it is (`adoption`). Who only advises tells what it
 would do, and takes for done what it sees (`advice`).
 
-How an epoch is made and remembered is said in `epochs`, its number in `numbering`; what is lost, late or doubled, in
-`observation` and `reconfiguration`; what a PE may still drive, in `exclusion`.
+How an epoch is made and remembered is said in `epochs`, its steps in `activation`, its number in `numbering`; what is
+lost, late or doubled, in `observation` and `reconfiguration`; what a PE may still drive, in `exclusion`.
 """
 
 from collections.abc import Iterable, Mapping
 
-from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.objective import Placement, placement
 from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
-from heronry_dg.transition import Transitions
 from heronry_manager.contingency.on_board import ContingencyNumbers
+from heronry_manager.core.activation import Activation
 from heronry_manager.core.adoption import Adoption
-from heronry_manager.core.epochs import Epochs, module_changes
+from heronry_manager.core.epochs import Epochs
 from heronry_manager.core.exclusion import Exclusion
 from heronry_manager.core.health import Health
 from heronry_manager.core.memory import Runs
@@ -79,8 +78,7 @@ class Deployment:
             *(turn, spec, health, exclusion, self.observed), on_board=on_board, frames_per_command=frames_per_command
         )
         self._adoption = Adoption(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
-        self._transitions = Transitions(spec)
-        self._before: Configuration | None = None  # what ran before the current epoch
+        self._activation = Activation(turn, spec, health, exclusion, self.observed, epochs=self.epochs)
         self.current: Reconfiguration | None = None  # the last epoch whose ACTIVATE went out
         self.next: Reconfiguration | None = None  # being prepared
         self._has_given_up = False  # an epoch, since the current one was activated
@@ -286,64 +284,16 @@ class Deployment:
         """Move the epochs as far as they will go, and send what they have to say; gives one that is done by that."""
         if self.next is not None and self.next.all_staged():
             self._activate(self.next)
-        done = self._advance_current(self.current) if self.current is not None else None
-        for epoch in (self.current, self.next):
+        current = self.current
+        is_done = current is not None and self._activation.move_on(current)
+        for epoch in (current, self.next):
             self._flush(epoch)
-        return done
-
-    def _advance_current(self, current: Reconfiguration) -> Reconfiguration | None:
-        self._free(current)
-        broken = current.stage is Stage.BREAKING and current.all_broken() and current.identifiers_free_ns is None
-        if broken or (current.stage is Stage.HOLDING and current.demux_free_ns is None):
-            current.go(self._turn.now_ns)
-            self._emit_step(current)
-        if current.stage is not Stage.GOING or not current.all_active():
-            return None
-        current.finish()
-        self._emit_reconfigured(current)
-        return current
+        return current if is_done else None
 
     def _activate(self, epoch: Reconfiguration) -> None:
-        must_break = self._must_break(epoch)
-        self._free(epoch)
-        self._exclusion.activated(epoch.placed)
-        self._before = None if self.current is None else self.current.configuration
+        self._activation.begin(epoch, self.current)
         self.current, self.next, self._has_given_up = epoch, None, False
         self._stopped.clear()
-        self.epochs.remember(epoch)
-        epoch.activate(must_break, self._turn.now_ns)
-        self._emit_step(epoch)
-
-    def _must_break(self, epoch: Reconfiguration) -> set[str]:
-        """PEs that must be BROKEN before any goes: they give up something exclusive, or make room on a bus.
-
-        One that runs what this term has not given it is waited for too, unless it is beyond a radio.
-        """
-        counted_on = self._health.counted_on()
-        may_run = {pe: self._may_run(pe) for pe in counted_on}
-        strangers = {pe for pe, known in may_run.items() if known is None and pe in self.epochs.wired}
-        exclusive = self._exclusion.must_break(epoch.placed, counted_on) | strangers
-        known = {pe: configurations or () for pe, configurations in may_run.items()}
-        return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
-
-    def _may_run(self, pe: str) -> list[Configuration] | None:
-        """What a PE may be running, as far as it has been seen; None: nobody knows."""
-        seen, current = self.observed[pe], self.current
-        if seen.state is PeState.UNCONFIGURED:
-            return []
-        known = self.epochs.known(seen.epoch)
-        if known is None or known.compiled.digest != seen.digest:
-            return None
-        late = [current.configuration] if current is not None and current is not known else []
-        return [known.configuration, *late]
-
-    def _free(self, epoch: Reconfiguration) -> None:
-        """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
-        if epoch.stage in (Stage.DONE, Stage.GOING):
-            return
-        counted_on, now_ns = self._health.counted_on(), self._turn.now_ns
-        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, counted_on, now_ns)
-        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, counted_on, now_ns)
 
     def _flush(self, epoch: Reconfiguration | None) -> None:
         if epoch is None:
@@ -351,27 +301,3 @@ class Deployment:
         for message in epoch.outbox:
             self._turn.send(COMMAND_OF[type(message)], message)
         epoch.outbox.clear()
-
-    def _emit_step(self, epoch: Reconfiguration) -> None:
-        waiting = sorted(epoch.must_break) if epoch.stage is Stage.BREAKING else []
-        self._turn.emit("epoch_step", epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
-
-    def _emit_reconfigured(self, epoch: Reconfiguration) -> None:
-        times, now_ns = epoch.times, self._turn.now_ns
-        change = module_changes(self._before, epoch.configuration)
-        staged_ns = times.staged_ns or now_ns
-        first = min(epoch.causes, key=lambda cause: cause.known_ns)
-        self._turn.emit(
-            "reconfigured",
-            epoch=epoch.epoch,
-            causes=[cause.what for cause in epoch.causes],
-            times_ns={
-                "detect": first.known_ns - first.since_ns,
-                "decide": times.prepared_ns - first.known_ns,
-                "distribute": staged_ns - times.prepared_ns,
-                "activate": now_ns - staged_ns,
-            },
-            moved=change.moved,
-            started=change.started,
-            stopped=change.stopped,
-        )
