@@ -66,7 +66,7 @@ class Activation:
 
     def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
         """What a PE may be running, as far as it has been seen; None: nobody knows."""
-        seen = self._observed[pe]
+        seen = self._observed.of[pe]
         if seen.state is PeState.UNCONFIGURED:
             return []
         known = self._epochs.known(seen.epoch)

@@ -35,7 +35,7 @@ class Adoption:
     def of_plan(self, plan: Plan) -> Reconfiguration | None:
         """Give the epoch that runs if it is exactly this plan, everywhere; else None."""
         compiled = self._epochs.compiled(plan.configuration)
-        seen = [self._observed[pe] for pe in self._health.counted_on()]
+        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
         runs, newest = self._turn.memory.runs, self._observed.newest_epoch()
         if runs is not None and is_newer(runs.epoch, newest):
@@ -54,7 +54,7 @@ class Adoption:
             return None
         configuration = self._epochs.decoded(runs)
         compiled = self._epochs.compiled(configuration)
-        seen = [self._observed[pe] for pe in self._health.counted_on()]
+        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
         inside = [one for one in seen if one.state is PeState.ACTIVE and one.epoch == runs.epoch]
         clean = all(one.digest == compiled.digest == runs.digest for one in inside)
         if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
@@ -72,9 +72,9 @@ class Adoption:
         self._exclusion.activated(adopted.placed)  # a PE that is missing may still hold what it was given
         for pe in self._health.counted_on():
             self._exclusion.unknown(pe)  # before it hears this term it may take up what another manager gave it
-            if self._observed[pe].state is PeState.UNCONFIGURED:
+            if self._observed.of[pe].state is PeState.UNCONFIGURED:
                 continue
-            self._observed[pe].configured = True
+            self._observed.of[pe].configured = True
             adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
         self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
         return adopted

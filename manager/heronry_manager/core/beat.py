@@ -32,18 +32,13 @@ class Beat:
     def begin(self) -> None:
         """Begin a term: the first beat is due now."""
         settings = self._settings
-        self._beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
+        self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
         self._announcer = Announcer(settings.spec, self._known.situation)
         self._has_to_leave_out = False  # a PE that is counted on no more, and that the last ALIVE has named
 
-    @property
-    def next_ns(self) -> int:
-        """When the next beat is due."""
-        return self._beacon.next_ns
-
     def is_due(self) -> bool:
-        """Tell whether it is."""
-        return self._turn.now_ns >= self._beacon.next_ns
+        """Tell whether the next beat is due."""
+        return self._turn.now_ns >= self.beacon.next_ns
 
     def beat(self) -> None:
         """LEASE, ALIVE, PING for each suspect, and a fact."""
@@ -51,7 +46,7 @@ class Beat:
         known.situation.channels.beat()
         suspects = [pe for pe in known.health.counted_on() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()
-        self._turn.ask(*self._beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
+        self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
         self._tell_held(fact)
         if fact is not None and fact[0] is ElementKind.PHASE:
@@ -59,7 +54,7 @@ class Beat:
 
     def ping(self, pe: str) -> None:
         """Ask a PE for its state."""
-        self._turn.ask(self._beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
+        self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
 
     def must_leave_out(self) -> None:
         """A PE is counted on no more, and the last ALIVE has named it."""
@@ -68,7 +63,7 @@ class Beat:
     def leave_out(self) -> None:
         """Say at once that a PE is counted on no more, where there is one: until then it drives what it was given."""
         if self._has_to_leave_out:
-            self._turn.ask(self._beacon.alive(self._turn.term, self._named()))
+            self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
 
     def alive_left(self, frame: Frame) -> None:
         """An ALIVE of this manager is on the bus: a PE that it leaves out is counted on no more from now on."""

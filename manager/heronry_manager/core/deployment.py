@@ -51,7 +51,7 @@ from heronry_wire.management import (
     is_newer,
     newest_epoch,
 )
-from heronry_wire.sansio import require
+from heronry_wire.sansio import NEVER_NS, require
 
 # STALE_TERM: a PE that names an epoch of this term refuses the commands of another manager.
 _IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))
@@ -118,12 +118,15 @@ class Deployment:
             return Lease(self._turn.term, 0, Step.PREPARED, 0)
         return Lease(self._turn.term, current.epoch, current.step, current.compiled.digest)
 
-    def next_deadlines_ns(self) -> list[int]:
-        """When `tick` has something to do."""
-        if self._turn.silent:
-            return []
-        deadlines = [epoch.next_deadline_ns() for epoch in (self.current, self.next) if epoch is not None]
-        return [deadline for deadline in deadlines if deadline is not None]
+    def next_deadline_ns(self) -> int:
+        """When `tick` has something to do; NEVER_NS where it has not."""
+        due_ns = NEVER_NS
+        if not self._turn.silent:
+            for epoch in (self.current, self.next):
+                epoch_ns = None if epoch is None else epoch.next_deadline_ns()
+                if epoch_ns is not None and epoch_ns < due_ns:
+                    due_ns = epoch_ns
+        return due_ns
 
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
@@ -185,7 +188,7 @@ class Deployment:
 
     def is_active(self, pe: str) -> bool:
         """Tell whether a PE runs something, as it has said last."""
-        return self.observed[pe].state is PeState.ACTIVE
+        return self.observed.of[pe].state is PeState.ACTIVE
 
     def lost(self, pe: str) -> None:
         """A PE is no longer counted on."""
@@ -202,14 +205,14 @@ class Deployment:
     def is_overtaken_by(self, pe: str) -> bool:
         """Tell whether a PE runs a newer epoch than the last one that was opened here."""
         last = self.next or self.current
-        return last is not None and is_newer(self.observed[pe].epoch, last.epoch)
+        return last is not None and is_newer(self.observed.of[pe].epoch, last.epoch)
 
     def everybody_runs_it(self) -> bool:
         """Tell whether everybody counted on runs the current epoch, and all of it."""
         current = self.current
         if current is None or self._stopped & current.configuration.modules.keys():
             return False
-        return all(self.observed[pe].epoch == current.epoch for pe in self._health.counted_on())
+        return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.counted_on())
 
     def runs(self, plan: Plan) -> bool:
         """Tell whether what runs is this already, and take the plan for that of the current epoch.
@@ -223,7 +226,7 @@ class Deployment:
             return False
         if is_newer(self.observed.newest_epoch(), current.epoch):
             return False
-        late = [pe for pe in self._health.counted_on() if self.observed[pe].epoch != current.epoch]
+        late = [pe for pe in self._health.counted_on() if self.observed.of[pe].epoch != current.epoch]
         if any(self._needs_new(pe, current) for pe in late):
             return False
         for who in self.epochs.participants(late, plan, current.contingency):

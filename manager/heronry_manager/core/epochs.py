@@ -115,7 +115,7 @@ class Epochs:
         ]
 
     def _participant(self, pe: str, contingency: int, *, awaited: bool) -> Participant:
-        seen = self._observed[pe]
+        seen = self._observed.of[pe]
         known = self._known.get(seen.epoch)
         node = self._spec.pes[pe].node_id
         return Participant(
@@ -142,7 +142,7 @@ class Epochs:
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch
-        shown = {self._observed[pe].epoch for pe in self._health.counted_on()}  # a PE that is late may be at one still
+        shown = {self._observed.of[pe].epoch for pe in self._health.counted_on()}  # where a PE may be late
         for forgotten in [number for number in self._known if number not in shown][:-_REMEMBERED]:
             del self._known[forgotten]
 

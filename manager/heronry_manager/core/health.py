@@ -389,16 +389,19 @@ class Health:
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:
-                case Standing.WAITING if record.awaited_again:
-                    due_ns = min(due_ns, record.fallen_silent_ns())
                 case Standing.UP:
-                    due_ns = min(due_ns, record.suspect_ns())
+                    record_ns = record.suspect_ns()
                 case Standing.SUSPECT:
-                    due_ns = min(due_ns, record.declare_ns())
+                    record_ns = record.declare_ns()
+                case Standing.WAITING if record.awaited_again:
+                    record_ns = record.fallen_silent_ns()
+                case Standing.RETURNING if record.deaf_since_ns is None:
+                    record_ns = min(record.declare_ns(), record.returning_since_ns + record.hold_down_ns())
                 case Standing.RETURNING:
-                    due_ns = min(due_ns, record.declare_ns())
-                    if record.deaf_since_ns is None:
-                        due_ns = min(due_ns, record.returning_since_ns + record.hold_down_ns())
+                    record_ns = record.declare_ns()
+                case _:
+                    continue
+            due_ns = min(due_ns, record_ns)
         return None if due_ns == NEVER_NS else due_ns
 
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:

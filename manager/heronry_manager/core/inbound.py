@@ -51,7 +51,7 @@ class Inbound:
     ) -> None:
         self._is_advising, self._turn, self._claim, self._known = settings.advise, turn, claim, known
         self._reports, self._reactions, self._succession = reports, reactions, succession
-        self._identification = IdentificationService(settings.node)
+        self.identification = IdentificationService(settings.node)  # `tick` is due when that is
         pes = settings.spec.pes.values()
         self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
         self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
@@ -84,17 +84,13 @@ class Inbound:
         elif frame.can_id in self._known.situation.links.records:
             self._reactions.take(self._known.situation.link_reported(frame))
         elif frame.can_id == REQUEST_ID:
-            self._identification.asked(0, frame, self._turn.now_ns)
+            self.identification.asked(0, frame, self._turn.now_ns)
         elif frame.can_id in self._manager_ids:
             self._command(*self._manager_ids[frame.can_id], frame)
 
     def tick(self) -> None:
         """Answer who asks for identification, where that is due."""
-        self._turn.ask(*self._identification.tick(self._turn.now_ns))
-
-    def next_deadline_ns(self) -> int:
-        """When `tick` has something to do; NEVER_NS where it has not."""
-        return self._identification.next_ns
+        self._turn.ask(*self.identification.tick(self._turn.now_ns))
 
     def _state(self, pe: str, data: bytes) -> None:
         page = decode_state(data)

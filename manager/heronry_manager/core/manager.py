@@ -160,22 +160,21 @@ class ManagerCore:
 
     def next_deadline_ns(self) -> int | None:
         """When to call with Tick at the latest."""
-        state, known, asked_ns = self._claim.state, self._known, self._inbound.next_deadline_ns()
+        state, known, due_ns = self._claim.state, self._known, self._inbound.identification.next_ns
         if state is Mastership.RETIRED:
             return None
         if state is Mastership.LISTENING:
             until_ns = self._claim.listens_until_ns
-            return until_ns if asked_ns == NEVER_NS else min(asked_ns, until_ns or asked_ns)
-        due_ns = asked_ns
+            return until_ns if due_ns == NEVER_NS else min(due_ns, until_ns or due_ns)
         if state is Mastership.STANDBY:
-            others = (known.following.next_deadline_ns(), known.health.next_deadline_ns())
+            other_ns = known.following.next_deadline_ns()
         else:
-            due_ns = min(due_ns, self._beat.next_ns, *known.deployment.next_deadlines_ns())
-            others = (known.health.next_deadline_ns(), self._replanning.next_deadline_ns())
-        for other_ns in others:
-            if other_ns is not None:
-                due_ns = min(due_ns, other_ns)
-        return due_ns
+            due_ns = min(due_ns, self._beat.beacon.next_ns, known.deployment.next_deadline_ns())
+            other_ns = self._replanning.planning.again_ns
+        if other_ns is not None:
+            due_ns = min(due_ns, other_ns)
+        health_ns = known.health.next_deadline_ns()
+        return due_ns if health_ns is None else min(due_ns, health_ns)
 
     def validate(self) -> None:
         """Check what must hold between two steps; raises InvariantError with the recent events."""
@@ -242,7 +241,7 @@ class ManagerCore:
             "term": self._turn.term,
             "state": self._claim.state.value,
             "advises": self._settings.advise,
-            "planning": self._replanning.is_waiting,
+            "planning": self._replanning.planning.waiting,
             "journal": self._journal_problem,
             "key": None if key is None else key.fingerprint,
         }

@@ -124,8 +124,8 @@ class Claim:
     # Listening
 
     def hears_a_pe(self) -> bool:
-        """A PE speaks; tells whether that ends a silence: then T_lease is listened for before a term begins."""
-        if self.state is not Mastership.LISTENING or self.listens_until_ns is not None:
+        """A PE speaks while this manager listens; tells whether it had fallen silent, and now listens for T_lease."""
+        if self.listens_until_ns is not None:
             return False
         self.listens_until_ns = self._turn.now_ns + self._lease_ns
         return True

@@ -35,20 +35,17 @@ class Observations:
     """What all PEs say, whether they are counted on or not."""
 
     def __init__(self, pes: Iterable[str]) -> None:
-        self._observed = {pe: Observed() for pe in pes}
+        self.of = {pe: Observed() for pe in pes}
         self._newest_lost = NO_EPOCH  # newest epoch that some PE ran when it was lost
-
-    def __getitem__(self, pe: str) -> Observed:
-        return self._observed[pe]
 
     def begin_term(self) -> None:
         """Begin to speak: no PE has heard this term yet."""
-        for seen in self._observed.values():
+        for seen in self.of.values():
             seen.hears = False
 
     def take(self, pe: str, page: StatePage0) -> Observed | None:
         """Take page 0 of a PE; gives what is known of it now, or None where the page is late."""
-        seen = self._observed[pe]
+        seen = self.of[pe]
         if seen.is_late(page):
             return None
         seen.said = page.incarnation, page.sequence
@@ -58,13 +55,13 @@ class Observations:
 
     def joined(self, pe: str) -> None:
         """A PE is counted on again: it has been given nothing yet."""
-        self._observed[pe].configured = False
+        self.of[pe].configured = False
 
     def lost(self, pe: str) -> None:
         """A PE is no longer counted on."""
-        self._newest_lost = newest_epoch((self._newest_lost, self._observed[pe].epoch))
-        self._observed[pe] = Observed()
+        self._newest_lost = newest_epoch((self._newest_lost, self.of[pe].epoch))
+        self.of[pe] = Observed()
 
     def newest_epoch(self) -> int:
         """Newest epoch that a PE has said it runs, whether it is counted on or not."""
-        return newest_epoch((self._newest_lost, *(seen.epoch for seen in self._observed.values())))
+        return newest_epoch((self._newest_lost, *(seen.epoch for seen in self.of.values())))

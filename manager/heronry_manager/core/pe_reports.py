@@ -14,7 +14,7 @@ it hears, and listens anew.
 
 from heronry_manager.core.beat import Beat
 from heronry_manager.core.knowledge import Knowledge
-from heronry_manager.core.mastership import Claim
+from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.reactions import Reactions
 from heronry_manager.core.replanning import Replanning
 from heronry_manager.core.settings import ManagerSettings
@@ -56,7 +56,7 @@ class PeReports:
 
     def page(self, pe: str, page: StatePage | None) -> None:
         """A page of a PE's state; None: one that is not believed."""
-        if self._claim.hears_a_pe():
+        if self._claim.state is Mastership.LISTENING and self._claim.hears_a_pe():
             self._known.begin()
             if self._settings.key is None:  # with one no PE can be believed before this manager is active
                 self._known.health.in_flight(self._turn.now_ns)  # who was down before need not be waited for

@@ -43,7 +43,7 @@ class Replanning:
         self, settings: ManagerSettings, turn: Turn, claim: Claim, known: Knowledge, planning: Planning
     ) -> None:
         self._settings, self._turn = settings, turn
-        self._claim, self._known, self._planning = claim, known, planning
+        self._claim, self._known, self.planning = claim, known, planning
 
     # The situation has changed
 
@@ -53,7 +53,7 @@ class Replanning:
             return
         now_ns = self._turn.now_ns
         since_ns = now_ns if change.since_ns is None else change.since_ns
-        self._planning.causes.append(Cause(change.cause, now_ns, since_ns))
+        self.planning.causes.append(Cause(change.cause, now_ns, since_ns))
         self._known.deployment.abandon(change.cause)
         if self._claim.state is not Mastership.LISTENING and not self._known.health.starting():
             self.ask()
@@ -61,7 +61,7 @@ class Replanning:
     def limit(self, change: LimitChanged) -> None:
         """A radio has another limit: if what runs is as good as any under it, nothing is to be done."""
         plan = self._known.deployment.plan
-        if plan is not None and self._planning.idle and self._known.situation.spares(plan):
+        if plan is not None and self.planning.idle and self._known.situation.spares(plan):
             self._settle()
         else:
             self.need(PlanNeeded(change.cause))
@@ -69,18 +69,14 @@ class Replanning:
     def need_higher_epoch(self, pe: str) -> None:
         """A PE that hears of a newer epoch than its own drives nothing exclusive (rule 6): it needs one above that."""
         is_reigning = self._claim.state is Mastership.REIGNING
-        if is_reigning and not self._planning.is_owed and self._known.deployment.is_overtaken_by(pe):
+        if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
     def take_over(self, cause: Cause) -> None:
         """A term begins where another manager has ended."""
-        self._planning.causes.append(cause)
+        self.planning.causes.append(cause)
         if not self._known.health.starting():
             self.ask()
-
-    def forget(self) -> None:
-        """Another manager plans now, or none."""
-        self._planning.forget()
 
     # Plans
 
@@ -94,48 +90,39 @@ class Replanning:
             self._ask()
 
     def _ask(self) -> None:
-        self._planning.ask(self._known.situation.now(), self._known.deployment.running)
+        self.planning.ask(self._known.situation.now(), self._known.deployment.running)
 
     def tick(self) -> None:
         """Ask where the start-up window has just closed, or the planner has failed a while ago."""
         is_first = self._claim.state is Mastership.STARTING and not self._known.health.starting()
-        if is_first or self._planning.is_due_again():
+        if is_first or self.planning.is_due_again():
             self.ask()
-
-    def next_deadline_ns(self) -> int | None:
-        """When `tick` has something to do, but for the start-up window."""
-        return self._planning.again_ns
-
-    @property
-    def is_waiting(self) -> bool:
-        """Tell whether a plan is awaited."""
-        return self._planning.waiting
 
     def ready(self, answer: PlanReady) -> None:
         """The planner has answered."""
         deployment = self._known.deployment
-        if not self._planning.awaits(answer):
+        if not self.planning.awaits(answer):
             return
-        if self._planning.keeps_to(deployment.plan, answer):
+        if self.planning.keeps_to(deployment.plan, answer):
             self._settle()
             return
-        self._planning.takes(answer)
+        self.planning.takes(answer)
         if self._settings.advise:
             self._known.following.planned(answer.plan)
         if self._runs_already(answer.plan):
-            self._planning.causes.clear()
+            self.planning.causes.clear()
             self._turn.emit("plan_unchanged", request=answer.request)
             self._settle()
         elif self._settings.advise:
             self._known.advice.advise(answer.plan, self._known.unknown_epoch(), self._known.following.runs)
-            self._planning.causes.clear()
+            self.planning.causes.clear()
         else:
-            deployment.prepare(answer.plan, self._planning.causes)
+            deployment.prepare(answer.plan, self.planning.causes)
 
     def failed(self, answer: PlanFailed) -> None:
         """The planner could not answer."""
-        if self._planning.failed(answer) and self._planning.at_leisure:
-            self._planning.causes.clear()
+        if self.planning.failed(answer) and self.planning.at_leisure:
+            self.planning.causes.clear()
             self._settle()
 
     def _runs_already(self, plan: Plan) -> bool:
@@ -150,7 +137,7 @@ class Replanning:
         """Move the epochs on; one that is done has taken its causes into account."""
         done = self._known.deployment.advance()
         if done is not None:
-            self._planning.done(done.causes)
+            self.planning.done(done.causes)
             self._settle()
 
     def look_at_what_runs(self) -> None:
@@ -158,13 +145,13 @@ class Replanning:
         known = self._known
         is_reigning = self._claim.state is Mastership.REIGNING
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
-            self._planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
+            self.planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
 
     def _weigh(self) -> None:
         """It has become known what runs: where that may stay, a better plan is asked for in the background."""
-        if self._may_stay() and not self._planning.waiting:
-            self._planning.causes.clear()
+        if self._may_stay() and not self.planning.waiting:
+            self.planning.causes.clear()
             self._settle()
         else:
             self._ask()
@@ -185,10 +172,10 @@ class Replanning:
         """Say that nothing is under way, if nothing is."""
         deployment = self._known.deployment
         running, plan = deployment.running, deployment.plan
-        if running is None or deployment.next is not None or self._planning.waiting:
+        if running is None or deployment.next is not None or self.planning.waiting:
             return
         now = self._known.situation.now()
-        if plan is not None and not plan.optimal and not self._planning.at_leisure:
-            self._planning.ask_at_leisure(now, running)
+        if plan is not None and not plan.optimal and not self.planning.at_leisure:
+            self.planning.ask_at_leisure(now, running)
         else:
             self._turn.ask(Settled(now, running))

@@ -131,5 +131,5 @@ class Succession:
         self._claim.fall_silent()
 
     def _forget(self) -> None:
-        self._replanning.forget()
+        self._replanning.planning.forget()
         self._known.begin()
