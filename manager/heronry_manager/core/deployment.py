@@ -1,24 +1,25 @@
-"""From a plan to what runs: epochs are opened, activated and finished here, and what each PE runs is followed.
+"""From a plan to what runs: which epoch is current, which one is being prepared, and what the PEs say of them.
 
 Two epochs are at work at most: `next` is being prepared, `current` is the last one whose ACTIVATE went out (how each of
-them goes is `reconfiguration`'s to say). The next one takes the current one's place when everybody has staged it; a
-change of the situation before that abandons its number. The current one is repeated by LEASE until then, and whoever
-comes late is still served.
+them goes is `reconfiguration`'s to say). The next one takes the current one's place when every awaited PE has staged
+it; a change of the situation before that abandons its number. The current one is repeated by LEASE until then, and a
+PE that comes late is still served.
 
 Observed stays apart: a PE is known to run an epoch by its state frames alone (`observation`). What they say that cannot
 be is given back as a sentence, and the core fails that PE: it runs nothing although it was configured; it runs what no
 manager commanded; it cannot stage its slice.
 
-*Admitting*: who comes back, and has nothing to do in the plan that runs already, is given the current epoch; nobody
-else is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first; and
-so it does where it may have staged a newer one that was given up since: nobody goes back to an older.
+*Admitting*: a PE that comes back, and has nothing to do in the plan that runs already, is given the current epoch; no
+other PE is troubled. With something to do there it needs a new one, since what is exclusive must be asked about first;
+and so it does where it may have staged a newer one that was given up since: no PE goes back to an older one.
 
-*Overtaken*: a PE that was cut off, and is not counted on yet, may run a newer epoch, of a manager that reigned on its
-side of a broken bus. Whoever hears that drives nothing exclusive until it runs one that is newer still (rule 6), so
-what runs is given a new number, without that PE. It is asked with every state, so nothing is lost with one.
+*Overtaken*: a PE that was cut off, and is not counted on yet, may run a newer epoch, of a manager that was active on
+its side of a broken bus. A PE that hears it drives nothing exclusive until it runs one that is newer still (rule 6), so
+what runs is given a new number, without the PE that was cut off. It is asked with every state, so nothing is lost with
+one.
 
-*Adopting*: what runs when this manager begins may be taken over as it is (`adoption`). Who only advises tells what it
-would do, and takes for done what it sees (`advice`).
+*Adopting*: what runs when this manager begins may be taken over as it is (`adoption`). A manager that only advises
+tells what it would do, and takes for done what it sees (`advice`).
 
 How an epoch is made and remembered is said in `epochs`, its steps in `activation`, its number in `numbering`; what is
 lost, late or doubled, in `observation` and `reconfiguration`; what a PE may still drive, in `exclusion`.
