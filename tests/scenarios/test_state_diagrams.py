@@ -22,14 +22,15 @@ from heronry_agent.core.faults import Faults
 from heronry_agent.core.phase_requests import _Watch
 from heronry_agent.core.reconfiguration import Reconfiguration as PeReconfiguration
 from heronry_agent.core.staging import UNCONFIGURED, Staging
-from heronry_manager.core import health, mastership, reconfiguration
+from heronry_manager.core import mastership, reconfiguration, standing
 from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.exclusion import Exclusion
-from heronry_manager.core.health import Change, Health, Standing
+from heronry_manager.core.health import Change, Health
 from heronry_manager.core.mastership import Claim
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.standing import Standing
 from heronry_manager.core.transitions import TransitionTable
 from heronry_manager.core.turn import Turn
 from heronry_tools.sim.faults.drawing import drawn_acts
@@ -134,7 +135,7 @@ MACHINES = (
     Machine("ASKING IN_SESSION", PeAuthenticity, look=lambda x: {"": "IN_SESSION" if x._session() else "ASKING"}),
     Machine("NO_SESSION OFFERED OPEN", Authenticity, look=sessions),
 )
-TABLES = {"health": health.TRANSITIONS, "epochs": reconfiguration.TRANSITIONS, "mastership": mastership.TRANSITIONS}
+TABLES = {"standing": standing.TRANSITIONS, "epochs": reconfiguration.TRANSITIONS, "mastership": mastership.TRANSITIONS}
 
 
 @contextmanager

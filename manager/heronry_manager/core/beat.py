@@ -11,9 +11,9 @@ from collections.abc import Iterable
 
 from heronry_manager.core.announcing import Announcer, Fact
 from heronry_manager.core.beacon import Beacon
-from heronry_manager.core.health import Standing
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.standing import Standing
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command

@@ -1,12 +1,7 @@
 """Which PEs the manager counts on: suspect, ask, declare, and let back in.
 
-One record per PE, moved by what is heard of it and by time alone (never by what was commanded):
-
-    WAITING    never heard, the start-up window is open
-    UP         heard within its period
-    SUSPECT    a period was missed; it has been PINGed; still counted on
-    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
-    RETURNING  heard again; counted on after a hold-down without a gap
+One record per PE, moved by what is heard of it and by time alone (never by what was commanded): WAITING, UP, SUSPECT,
+DOWN or RETURNING, as the table in `standing` says.
 
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
 return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
@@ -35,72 +30,17 @@ against anybody: the driver hands over all frames before it lets a deadline pass
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import Enum
 
 from heronry_dg.model import Spec
+from heronry_manager.core.standing import TRANSITIONS, Standing, StandingEvent
 from heronry_manager.core.topology import command_period_ns, uplink_bus
-from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.sansio import NEVER_NS
 
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
 FORGIVEN_AFTER_NS = 60_000_000_000  # who has been counted on for this long begins anew
-
-
-class Standing(Enum):
-    """Where a PE stands."""
-
-    WAITING = "waiting"
-    UP = "up"
-    SUSPECT = "suspect"
-    DOWN = "down"
-    RETURNING = "returning"
-
-
-class StandingEvent(Enum):
-    """What changes that."""
-
-    HEARD = auto()
-    LATE = auto()
-    SILENT = auto()
-    FAILED = auto()  # or rebooted, barred, beyond a radio that is gone
-    WINDOW_CLOSES = auto()
-    HOLD_DOWN_ENDS = auto()
-    VOUCHED_FOR = auto()
-    AWAITED_AGAIN = auto()
-    QUARANTINED = auto()
-
-
-TRANSITIONS = TransitionTable(
-    {Standing.WAITING: "start"},
-    (
-        (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),
-        (Standing.WAITING, StandingEvent.WINDOW_CLOSES, Standing.DOWN, "the start-up window closes"),
-        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "it was to prove itself and falls silent"),
-        (Standing.WAITING, StandingEvent.FAILED, Standing.DOWN, "the operator fails it"),
-        (Standing.WAITING, StandingEvent.QUARANTINED, Standing.DOWN, "it was in quarantine before a restart"),
-        (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, is PINGed"),
-        (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or deaf for T_lease"),
-        (Standing.SUSPECT, StandingEvent.HEARD, Standing.UP, "heard"),
-        (
-            *(Standing.SUSPECT, StandingEvent.SILENT, Standing.DOWN),
-            "silent for as many periods as it may miss and a quarter",
-        ),
-        (Standing.SUSPECT, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
-        (Standing.DOWN, StandingEvent.HEARD, Standing.RETURNING, "heard"),
-        (Standing.DOWN, StandingEvent.FAILED, Standing.DOWN, ""),
-        (Standing.DOWN, StandingEvent.QUARANTINED, Standing.DOWN, ""),
-        (Standing.RETURNING, StandingEvent.HOLD_DOWN_ENDS, Standing.UP, "hold-down is over"),
-        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "the manager before counted on it"),
-        (Standing.RETURNING, StandingEvent.SILENT, Standing.DOWN, "silent again"),
-        (Standing.RETURNING, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
-        *(
-            (before, StandingEvent.AWAITED_AGAIN, Standing.WAITING, "another term begins, and cannot believe it yet")
-            for before in (Standing.WAITING, Standing.DOWN, Standing.RETURNING)
-        ),
-    ),
-)
 
 
 class Change(Enum):

@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import Any
 
-from heronry_manager.core import health, mastership, reconfiguration
+from heronry_manager.core import mastership, reconfiguration, standing
 from heronry_manager.core.transitions import TransitionTable
 
 
@@ -14,7 +14,7 @@ def mastership_of_a_manager() -> str:
 
 def standing_of_a_pe() -> str:
     """Whether a manager counts on a PE."""
-    return _diagram(health.TRANSITIONS)
+    return _diagram(standing.TRANSITIONS)
 
 
 def stage_of_an_epoch() -> str:
