@@ -497,7 +497,7 @@ def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_what_it_s
 
 def test_slices_leave_room_for_their_tags() -> None:
     plain, tagged = OneManager(), OneManager(key=KEY)
-    assert plain.core._deployment._bitrate == 2 * tagged.core._deployment._bitrate
+    assert plain.core._known.deployment.epochs.bitrate == 2 * tagged.core._known.deployment.epochs.bitrate
 
 
 def test_alive_goes_out_as_ever(manager: OneManager) -> None:

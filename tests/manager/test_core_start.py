@@ -2,7 +2,8 @@
 
 import pytest
 
-from heronry_manager.core.manager import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id

@@ -13,8 +13,8 @@ from heronry_manager.core.health import (
     Change,
     Health,
     HealthChange,
-    Standing,
 )
+from heronry_manager.core.standing import Standing
 from heronry_wire.management import LEASE_PERIODS
 
 MS = 1_000_000

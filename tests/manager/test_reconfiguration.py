@@ -5,6 +5,9 @@ import itertools
 import pytest
 
 from heronry_dg.configuration import Configuration, Running
+from heronry_dg.objective import score
+from heronry_dg.plan import make_plan
+from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
 from heronry_wire.management import Activate, PeState, Prepare, SliceBody, SliceHead, Step
@@ -22,7 +25,8 @@ def opened(
 
     With `on_board` it is contingency number 7, which these PEs hold.
     """
-    compiled = Compiler(two_tails()).configuration(FLYING)
+    spec = two_tails()
+    compiled = Compiler(spec).configuration(FLYING)
     participants = [
         Participant(
             pe=pe,
@@ -37,7 +41,7 @@ def opened(
     return Reconfiguration(
         term=1,
         epoch=300,
-        configuration=FLYING,
+        plan=make_plan(spec, Situation(), FLYING, score(spec, Situation(), FLYING, None), optimal=True),
         compiled=compiled,
         placed={},
         participants=participants,

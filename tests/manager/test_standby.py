@@ -10,9 +10,10 @@ from heronry_dg.situation import Situation
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.manager import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory, Runs
 from heronry_manager.core.overheard import Overheard
+from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
 from heronry_manager.planner.exact import plan

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.inbound import Inbound
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.faults.fault import read_act
 from heronry_tools.sim.faults.forger import Forger
@@ -25,10 +25,10 @@ def test_whatever_a_forger_says_every_pe_does_what_its_managers_have_said(seed: 
 
 
 def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    def believe(self: ManagerCore, pe: str, data: bytes) -> None:
-        self._on_emergency(pe, decode_emergency(data))
+    def believe(self: Inbound, pe: str, data: bytes) -> None:
+        self._reports.emergency(pe, decode_emergency(data))
 
-    monkeypatch.setattr(ManagerCore, "_hear_emergency", believe)
+    monkeypatch.setattr(Inbound, "_emergency", believe)
     outcome = play(SPEC, Scenario(1, 2.0, (read_act(SPEC, ACTS[0]),)))
     assert outcome.violations
 

@@ -14,8 +14,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager.core import health, radio_links, reconfiguration
-from heronry_manager.core import manager as core
+from heronry_manager.core import health, radio_links, reconfiguration, settings
 from heronry_manager.core.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
@@ -457,7 +456,7 @@ def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
 
 
 def test_a_manager_that_says_yes_to_a_phase_and_stays_where_it_is_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(KnownSituation, "enter", lambda *_: None)
+    monkeypatch.setattr(KnownSituation, "enter", lambda *_: ())
     stories = flown(big_blue(), "1 order_phase phase:glide", seconds=2)
     assert ("phase", "ascent is told in term 1, and asked for was glide") in stories
     assert ("phase", "the phase is glide, and ascent is told") in stories
@@ -772,7 +771,7 @@ def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbe
 
 def test_the_judges_know_the_limits_that_are_promised() -> None:
     assert {name: value for name, value in vars(promised).items() if name.isupper()} == {
-        "START_UP_WINDOW_NS": core.START_UP_WINDOW_NS,
+        "START_UP_WINDOW_NS": settings.START_UP_WINDOW_NS,
         "PATIENCE_PERIODS": reconfiguration.PATIENCE_PERIODS,
         "FRESH_PERIODS": mailboxes.FRESH_PERIODS,
         "HOLD_DOWN_PERIODS": health.HOLD_DOWN_PERIODS,

@@ -39,7 +39,7 @@ from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_manager.core.exclusion import Exclusion
-from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.known_situation import Changes, KnownSituation
 from heronry_manager.core.memory import Runs, TermBegun
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.topology import uplink_bus
@@ -94,21 +94,25 @@ class Following:
         self._behind_ns: int | None = None  # since when its term is lower than one that is known
         self._digests: OrderedDict[int, int] = OrderedDict()  # by epoch, as LEASE has named them
 
-    def heard(self, node: int, message: ManagementMessage) -> None:
-        """A manager has spoken."""
+    def heard(self, node: int, message: ManagementMessage) -> Changes:
+        """A manager has spoken; gives what follows from a fact that it has told."""
         if isinstance(message, Lease):
             self._lease(node, message)
         if node != self.node:
-            return
+            return ()
         match message:
             case Alive(term, _, nodes) if term == self.term:
                 self._counted_on = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
                 self._exclusion.named(self._counted_on, self._turn.now_ns)
-                self._situation.overheard_beat(node)
             case Control(term) if term == self.term:
-                self._situation.overheard(node, message)
+                return self._situation.overheard(node, message)
             case _:
                 self._overheard.take(message)
+        return ()
+
+    def is_beat(self, node: int, message: ManagementMessage) -> bool:
+        """Tell whether this is an ALIVE of the manager that is followed: with it a fact was told, if one was due."""
+        return node == self.node and isinstance(message, Alive) and message.term == self.term
 
     def _lease(self, node: int, lease: Lease) -> None:
         now_ns = self._turn.now_ns

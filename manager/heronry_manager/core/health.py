@@ -1,12 +1,7 @@
 """Which PEs the manager counts on: suspect, ask, declare, and let back in.
 
-One record per PE, moved by what is heard of it and by time alone (never by what was commanded):
-
-    WAITING    never heard, the start-up window is open
-    UP         heard within its period
-    SUSPECT    a period was missed; it has been PINGed; still counted on
-    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
-    RETURNING  heard again; counted on after a hold-down without a gap
+One record per PE, moved by what is heard of it and by time alone (never by what was commanded): WAITING, UP, SUSPECT,
+DOWN or RETURNING, as the table in `standing` says.
 
 A new incarnation means a reboot, even if no beat was missed: what ran there runs no more. It counts as a fault and a
 return at once. So does a PE that says it is UNCONFIGURED although it was given a configuration (`lost_configuration`).
@@ -38,6 +33,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from heronry_dg.model import Spec
+from heronry_manager.core.standing import TRANSITIONS, Standing, StandingEvent
 from heronry_manager.core.topology import command_period_ns, uplink_bus
 from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.sansio import NEVER_NS
@@ -45,16 +41,6 @@ from heronry_wire.sansio import NEVER_NS
 HOLD_DOWN_PERIODS = 10
 LONGEST_HOLD_DOWN_NS = 60_000_000_000
 FORGIVEN_AFTER_NS = 60_000_000_000  # who has been counted on for this long begins anew
-
-
-class Standing(Enum):
-    """Where a PE stands."""
-
-    WAITING = "waiting"
-    UP = "up"
-    SUSPECT = "suspect"
-    DOWN = "down"
-    RETURNING = "returning"
 
 
 class Change(Enum):
@@ -100,6 +86,10 @@ class _Record:
     spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
     said: int | None = None  # incarnation that it has said last, proven or not
     said_since_ns: int = 0
+
+    def move(self, event: StandingEvent) -> None:
+        """Let the standing be what an event makes of it."""
+        self.standing = TRANSITIONS.after(self.standing, event)
 
     def says(self, incarnation: int, now_ns: int) -> None:
         if incarnation != self.said:
@@ -218,14 +208,16 @@ class Health:
             case Standing.UP:
                 pass
             case Standing.WAITING:
-                record.standing, record.joined_ns = Standing.UP, now_ns
+                record.move(StandingEvent.HEARD)
+                record.joined_ns = now_ns
                 changes.append(HealthChange(pe, Change.JOINED, "heard for the first time", last))
                 self._close_window_if_all_heard()
             case Standing.SUSPECT:
-                record.standing = Standing.UP
+                record.move(StandingEvent.HEARD)
                 changes.append(HealthChange(pe, Change.ANSWERED, "heard again in time", last))
             case Standing.DOWN if not record.barred:
-                record.standing, record.returning_since_ns = Standing.RETURNING, now_ns
+                record.move(StandingEvent.HEARD)
+                record.returning_since_ns = now_ns
                 wait_ms = record.hold_down_ns() // 1_000_000
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
             case Standing.RETURNING | Standing.DOWN:  # pragma: no branch - nothing else is left
@@ -254,14 +246,15 @@ class Health:
         """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
         for record in map(self._records.__getitem__, sorted(pes)):
             if not record.barred and not self.is_counted_on(record.name):
-                record.standing, record.cause, record.awaited_again = Standing.WAITING, None, True
+                record.move(StandingEvent.AWAITED_AGAIN)
+                record.cause, record.awaited_again = None, True
                 record.spoke_ns = now_ns
                 self._window_closes_ns = now_ns + window_ns
 
     def vouched_for(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
         """A reign begins: these were counted on by the one before, and still run what it gave them."""
         return [
-            self._join(record, now_ns, "the manager before counted on it")
+            self._join(record, now_ns, StandingEvent.VOUCHED_FOR, "the manager before counted on it")
             for record in map(self._records.__getitem__, sorted(pes))
             if record.standing is Standing.RETURNING
         ]
@@ -292,7 +285,8 @@ class Health:
     def quarantine(self, pe: str, losses: int) -> None:
         """A PE was in quarantine before a restart: it is held down as it was, once it is heard."""
         record = self._records[pe]
-        record.standing, record.losses, record.cause = Standing.DOWN, losses, f"it was lost {losses} times"
+        record.move(StandingEvent.QUARANTINED)
+        record.losses, record.cause = losses, f"it was lost {losses} times"
         self._close_window_if_all_heard()
 
     def is_quarantined(self, pe: str) -> bool:
@@ -325,7 +319,7 @@ class Health:
             self._window_closes_ns = None
             for record in self._records.values():
                 if record.standing is Standing.WAITING:
-                    record.standing = Standing.DOWN
+                    record.move(StandingEvent.WINDOW_CLOSES)
                     cause = record.cause = "not heard in the start-up window"
                     changes.append(HealthChange(record.name, Change.ABSENT, cause, None))
         return changes
@@ -335,49 +329,63 @@ class Health:
         due_ns = NEVER_NS if self._window_closes_ns is None else self._window_closes_ns
         for record in self._records.values():
             match record.standing:
-                case Standing.WAITING if record.awaited_again:
-                    due_ns = min(due_ns, record.fallen_silent_ns())
                 case Standing.UP:
-                    due_ns = min(due_ns, record.suspect_ns())
+                    record_ns = record.suspect_ns()
                 case Standing.SUSPECT:
-                    due_ns = min(due_ns, record.declare_ns())
+                    record_ns = record.declare_ns()
+                case Standing.WAITING if record.awaited_again:
+                    record_ns = record.fallen_silent_ns()
+                case Standing.RETURNING if record.deaf_since_ns is None:
+                    record_ns = min(record.declare_ns(), record.returning_since_ns + record.hold_down_ns())
                 case Standing.RETURNING:
-                    due_ns = min(due_ns, record.declare_ns())
-                    if record.deaf_since_ns is None:
-                        due_ns = min(due_ns, record.returning_since_ns + record.hold_down_ns())
+                    record_ns = record.declare_ns()
+                case _:
+                    continue
+            due_ns = min(due_ns, record_ns)
         return None if due_ns == NEVER_NS else due_ns
 
     def _tick_one(self, record: _Record, now_ns: int) -> list[HealthChange]:
         last = record.heard_ns
         if record.standing is Standing.WAITING and record.awaited_again and now_ns >= record.fallen_silent_ns():
-            record.standing, record.cause = Standing.DOWN, "not heard any more, before it could be believed"
+            record.move(StandingEvent.SILENT)
+            record.cause = "not heard any more, before it could be believed"
             self._close_window_if_all_heard()
             return [HealthChange(record.name, Change.ABSENT, record.cause, last)]
         if record.standing is Standing.UP and now_ns >= record.suspect_ns():
-            record.standing = Standing.SUSPECT
+            record.move(StandingEvent.LATE)
             return [HealthChange(record.name, Change.SUSPECTED, "a heartbeat period was missed", last)]
         if record.standing is Standing.SUSPECT and now_ns >= record.declare_ns():
-            return self._lose(record, last, now_ns, f"silent for {record.misses} heartbeat periods")
+            return self._lose(
+                record, last, now_ns, f"silent for {record.misses} heartbeat periods", event=StandingEvent.SILENT
+            )
         if record.standing is Standing.RETURNING:
             if now_ns >= record.declare_ns():
-                record.standing = Standing.DOWN
+                record.move(StandingEvent.SILENT)
             elif not record.is_held_down(now_ns):
-                return [self._join(record, now_ns, "back, and its hold-down is over")]
+                return [self._join(record, now_ns, StandingEvent.HOLD_DOWN_ENDS, "back, and its hold-down is over")]
         return []
 
-    def _join(self, record: _Record, now_ns: int, why: str) -> HealthChange:
-        record.standing, record.joined_ns, record.cause = Standing.UP, now_ns, None
+    def _join(self, record: _Record, now_ns: int, event: StandingEvent, why: str) -> HealthChange:
+        record.move(event)
+        record.joined_ns, record.cause = now_ns, None
         return HealthChange(record.name, Change.JOINED, why, record.heard_ns)
 
     def _lose(
-        self, record: _Record, last_ns: int | None, now_ns: int, cause: str, change: Change = Change.LOST
+        self,
+        record: _Record,
+        last_ns: int | None,
+        now_ns: int,
+        cause: str,
+        change: Change = Change.LOST,
+        *,
+        event: StandingEvent = StandingEvent.FAILED,
     ) -> list[HealthChange]:
         counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
         if counted_on:
             forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
             record.losses, record.lost_ns = 1 if forgiven else record.losses + 1, now_ns
             record.cause = cause
-        record.standing = Standing.DOWN
+        record.move(event)
         self._close_window_if_all_heard()
         return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
 

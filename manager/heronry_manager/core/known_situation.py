@@ -1,4 +1,11 @@
-"""The situation as the manager knows it: what is down, what has shrunk, and the phase. A change asks for a plan.
+"""The situation as the manager knows it: what is down, what has shrunk, and the phase.
+
+Whatever changes it gives back what follows, as values, in the order in which that is to be done (`reactions`):
+
+    HealthChange      a PE is counted on no more: it was latched, or its radio is gone
+    PlanNeeded        what runs was planned for another situation
+    LimitChanged      a radio has another limit: what runs may be as good as any under it
+    ModuleReleased    a module is taken for well again that its PE has stopped: only another epoch starts it
 
 Down is what is latched (`latched_faults`), and every PE that is not counted on (`health`). What a radio has left is
 `radio_links`'s to say, and the phase is `mission_phase`'s; `lost_channels` and `restarts_told` are told of, and are no
@@ -17,7 +24,8 @@ All of it outlives a restart (`memory`), and so does a quarantine: who is held d
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from heronry_dg.model import Spec
 from heronry_dg.plan import Plan
@@ -40,26 +48,41 @@ _KINDS = frozenset(ElementKind)
 _TURNS = 3  # in which something that is latched may stay untold
 
 
+@dataclass(frozen=True, slots=True)
+class PlanNeeded:
+    """The situation is another one, for this cause.
+
+    since_ns: the last sign of the old situation, where it is older than this moment.
+    """
+
+    cause: str
+    since_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitChanged:
+    """A radio carries more or less than it did."""
+
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleReleased:
+    """A module counts as well again, and does not run before an epoch starts it."""
+
+    module: str
+
+
+SituationChange = HealthChange | PlanNeeded | LimitChanged | ModuleReleased
+Changes = Sequence[SituationChange]
+
+
 class KnownSituation:
     """What is down, and the phase."""
 
-    def __init__(
-        self,
-        spec: Spec,
-        turn: Turn,
-        health: Health,
-        take: Callable[[list[HealthChange]], None],
-        replan: Callable[[str], None],
-        *,
-        limited: Callable[[str], None],
-        stopped: Callable[[str], None],
-    ) -> None:
-        """`take` is given changes of health that were made here, `limited` those of radios, `replan` any other.
-
-        stopped: is told of a module that is taken for well again, and that its PE has stopped.
-        """
+    def __init__(self, spec: Spec, turn: Turn, health: Health) -> None:
+        """Know what is remembered, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
-        self._take, self._replan, self._limited, self._stopped = take, replan, limited, stopped
         self._mission = MissionPhase(spec)
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns  # for which a frame may wait
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
@@ -89,8 +112,9 @@ class KnownSituation:
         fits = all(1000 * (used.bits_per_s + 1) <= room[bus] for bus, used in plan.buses.items())
         return fits and all(limits.get(element, 1) <= share for element, share in plan.now.limits.items())
 
-    def link_reported(self, frame: Frame) -> None:
+    def link_reported(self, frame: Frame) -> Changes:
         """A gateway says how a radio is doing."""
+        changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
         anybody = any(self._health.is_counted_on(pe) for pe in beyond)
         for change in self.links.heard(frame, self._turn.now_ns, anybody_beyond=anybody):
@@ -99,13 +123,14 @@ class KnownSituation:
             match change.what:
                 case "gone":
                     self._turn.emit("link_gone", bus=radio.bus, by=radio.gateway)
-                    self._take(self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns))
+                    changes += self._health.cut_off(sorted(radio.beyond), cause, self._turn.now_ns)
                 case "back":
                     self._turn.emit("link_back", bus=radio.bus, by=radio.gateway)
                 case _:
                     share = f"{change.step / 10:g}%"
                     self._turn.emit("link_limited", bus=radio.bus, by=radio.gateway, share=share)
-                    self._limited(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}")
+                    changes.append(LimitChanged(f"bus:{radio.bus} has {share} of its bandwidth, says {radio.gateway}"))
+        return changes
 
     def _remember(self) -> None:
         """Take up what was known before a restart."""
@@ -125,26 +150,25 @@ class KnownSituation:
         missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
-    def reported(self, pe: str, emergency: Emergency) -> bool:
-        """A PE reports a fault; tells whether that was understood."""
+    def reported(self, pe: str, emergency: Emergency) -> Changes | None:
+        """A PE reports a fault; gives what follows, or None where that was not understood."""
         element = self.failed.element(emergency.kind, emergency.index)
         if element is None:
-            return False
+            return None
         if emergency.code is FaultCode.MODULE_RESTARTED:
             self._restarts.reported(pe, element, emergency.detail)
-            return True
-        self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
-        return True
+            return ()
+        return self.latch(LatchedFault(element, pe, emergency.code.name, emergency.detail, self._turn.now_ns))
 
-    def requested(self, pe: str, request: Emergency) -> bool:
-        """A PE asks for a phase; tells whether that was heard."""
+    def requested(self, pe: str, request: Emergency) -> Changes | None:
+        """A PE asks for a phase; gives what follows, or None where that was not heard."""
         incarnation = self._health.incarnation(pe) if self._health.is_counted_on(pe) else None
         if incarnation is None or not self._mission.knows(request.index):
-            return False
+            return None
         is_new = self._request_obeyed(pe, incarnation, request.detail)
         if is_new and self._mission.allows(request.index, request.detail):
-            self.enter(list(self._spec.phases)[request.index], pe)
-        return True
+            return self.enter(list(self._spec.phases)[request.index], pe)
+        return ()
 
     def _request_answered(self, pe: str, detail: int) -> None:
         """Another manager has said, perhaps a moment ago, that it has obeyed a request of the incarnation of then."""
@@ -159,75 +183,76 @@ class KnownSituation:
         self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
         return True
 
-    def overheard(self, manager: int, told: Control) -> None:
-        """Another manager reigns, and has said what it holds, what is cleared, or which request it has obeyed."""
-        by = f"manager {manager}"
+    def overheard(self, manager: int, told: Control) -> Changes:
+        """Another manager is active, and has said what it holds, what is cleared, or which request it has obeyed."""
         if told.operation is Operation.ACKNOWLEDGE and told.a == ElementKind.PHASE:
             if told.node in self._pe_of_node and self._has_just_told_phase:
                 self._request_answered(self._pe_of_node[told.node], told.b)
-            return
+            return ()
         self._has_just_told_phase = told.operation is Operation.HOLDS and told.a == ElementKind.PHASE
         if self._has_just_told_phase:
-            if self._mission.knows(told.b) and told.b != self._told_phase:
-                self._told_phase, phase = told.b, list(self._spec.phases)[told.b]
-                if phase != self.phase:
-                    self.enter(phase, by)
-            return
+            return self._phase_told(manager, told.b)
         kind = ElementKind(told.a) if told.a in _KINDS else None
         element = None if kind is None else self.failed.element(kind, told.b)
         if element is not None and told.operation is Operation.HOLDS:
             self._untold[element] = 0
-            self.latch(LatchedFault(element, by, HELD_CODE, 0, self._turn.now_ns))
-        elif element is not None and told.operation is Operation.CLEAR:
-            self.clear(element, by)
+            return self.latch(LatchedFault(element, f"manager {manager}", HELD_CODE, 0, self._turn.now_ns))
+        if element is not None and told.operation is Operation.CLEAR:
+            return self.clear(element, f"manager {manager}") or ()
+        return ()
 
-    def overheard_beat(self, manager: int) -> None:
-        """Another manager reigns, and has told something if it was its turn: what it does not hold is cleared."""
+    def _phase_told(self, manager: int, index: int) -> Changes:
+        if not self._mission.knows(index) or index == self._told_phase:
+            return ()
+        self._told_phase, phase = index, list(self._spec.phases)[index]
+        return () if phase == self.phase else self.enter(phase, f"manager {manager}")
+
+    def held_no_longer(self) -> list[str]:
+        """Another manager is active, and has told a fact if one was due: gives what it does not hold any more."""
         supposed = {one.element for one in self.failed.all() if self._turn.silent and one.code == OPERATOR_CODE}
         elements = self.failed.elements - supposed
         self._untold = Counter({element: self._untold[element] + 1 for element in elements})
         longest = _TURNS * ANNOUNCED_EVERY * (1 + len(elements))  # the phase has its turn, too
-        for element in sorted(elements):
-            if self._untold[element] > longest:
-                self.clear(element, f"manager {manager}")
+        return [element for element in sorted(elements) if self._untold[element] > longest]
 
-    def latch(self, fault: LatchedFault) -> None:
+    def latch(self, fault: LatchedFault) -> Changes:
         """An element has failed, as somebody says."""
         is_news = fault.element not in self.failed.elements
         if self.failed.latch(fault):
             self._turn.keep(Latched(fault.element, fault.by, fault.code, fault.detail))
         if not is_news:
-            return
+            return ()
         self._turn.emit("fault_reported", element=fault.element, by=fault.by, detail=fault.detail, code=fault.code)
-        cause = f"{fault.element} failed, reported by {fault.by}"
         kind, _, name = fault.element.partition(":")
-        counted_on = kind == "pe" and self._health.is_counted_on(name)
-        changes = self._health.bar(name, f"failed, reported by {fault.by}", self._turn.now_ns) if kind == "pe" else []
-        self._take(changes)
-        if not counted_on:
-            self._replan(cause)
+        changes: list[SituationChange] = []
+        if kind == "pe":
+            changes += self._health.bar(name, f"failed, reported by {fault.by}", self._turn.now_ns)
+        if not changes:  # else what follows from the loss of the PE is that
+            changes.append(PlanNeeded(f"{fault.element} failed, reported by {fault.by}"))
+        return changes
 
-    def clear(self, element: str, by: str) -> bool:
-        """An element is taken for well again; tells whether anything was held against it."""
+    def clear(self, element: str, by: str) -> Changes | None:
+        """An element is taken for well again; gives what follows, or None where nothing was held against it."""
         fault = self.failed.clear(element)
         kind, _, name = element.partition(":")
         let_in = kind == "pe" and self._health.forgive(name)
         if fault is None and not let_in:
-            return False
+            return None
+        changes: list[SituationChange] = []
         if fault is not None:
             self._turn.keep(Cleared(element))
             if kind == "module" and fault.code != OPERATOR_CODE:
-                self._stopped(name)
+                changes.append(ModuleReleased(name))
         if name in self._turn.memory.quarantined and let_in:
             self._turn.keep(Released(name))
         self._turn.emit("fault_cleared", element=element, by=by)
         if kind != "pe":  # a PE is planned with when it has joined
-            self._replan(f"{element} cleared by {by}")
-        return True
+            changes.append(PlanNeeded(f"{element} cleared by {by}"))
+        return changes
 
-    def enter(self, phase: str, by: str) -> None:
+    def enter(self, phase: str, by: str) -> Changes:
         """Somebody wants another mission phase."""
         before, self._mission.current = self._mission.current, phase
         self._turn.keep(PhaseEntered(phase))
         self._turn.emit("phase_changed", phase=phase, before=before, by=by)
-        self._replan(f"phase {phase}, asked for by {by}")
+        return (PlanNeeded(f"phase {phase}, asked for by {by}"),)

@@ -11,18 +11,21 @@
 
 To a manager that only advises all but the last is a supposition: it tells what it would do then.
 
-An order is answered when it is understood, not when it has been carried out: the plan and the epoch follow, and the
-status tells. Said twice, the second one changes nothing. Who may say it is for whoever delivers it to decide.
+What is to be done for an order is given back (`Outcome`), and is done in this order: what follows from the changed
+situation, the command to the PEs, the reply. An order is answered when it is understood, not when it has been carried
+out: the plan and the epoch follow, and the status tells. Said twice, the second one changes nothing. Who may say it is
+for whoever delivers it to decide.
 """
 
-from heronry_dg.model import Spec
+from dataclasses import dataclass
+
 from heronry_dg.situation import UnknownElementError, checked_element, checked_phase
-from heronry_manager.core.health import Health
-from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.known_situation import Changes
 from heronry_manager.core.latched_faults import OPERATOR_CODE, LatchedFault
+from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
-from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, Reply, UnlockPe
-from heronry_wire.identifiers import Command
+from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, UnlockPe
 from heronry_wire.management import Control, Operation
 
 OPERATOR = "the operator"
@@ -31,69 +34,80 @@ _EVERYBODY = 0
 _ONLY_ADVISES = "this manager only advises: say it to the one that reigns"
 
 
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What an order leads to."""
+
+    done: bool
+    sentence: str
+    changes: Changes = ()
+    command: Control | None = None  # to the PEs
+
+
 class OperatorOrders:
     """Carries out orders."""
 
-    def __init__(self, spec: Spec, turn: Turn, health: Health, situation: KnownSituation, *, has_key: bool) -> None:
-        self._has_key = has_key
-        self._spec, self._turn = spec, turn
-        self._health, self._situation = health, situation
+    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
+        self._spec, self._has_key = settings.spec, settings.key is not None
+        self._turn, self._known = turn, known
 
-    def obey(self, number: int, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Reply:
+    def obey(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
         """Carry out an order; what names nothing in the spec is refused with a sentence that says what there is."""
         try:
             match order:
                 case EnterPhase(phase):
-                    return Reply(number, True, self._enter(checked_phase(self._spec, phase)))
+                    return self._enter(checked_phase(self._spec, phase))
                 case FailElement(element):
-                    return self._fail(number, checked_element(self._spec, element))
+                    return self._fail(checked_element(self._spec, element))
                 case ClearElement(element):
-                    return self._clear(number, checked_element(self._spec, element))
+                    return self._clear(checked_element(self._spec, element))
                 case UnlockPe(element):  # pragma: no branch - nothing else is left
-                    return self._unlock(number, checked_element(self._spec, element))
+                    return self._unlock(checked_element(self._spec, element))
         except UnknownElementError as error:
-            return Reply(number, False, str(error))
+            return Outcome(False, str(error))
 
-    def _enter(self, phase: str) -> str:
-        before = self._situation.phase
+    def _enter(self, phase: str) -> Outcome:
+        before = self._known.situation.phase
         if phase == before:
-            return f"the phase is {phase} already"
-        self._situation.enter(phase, OPERATOR)
-        return f"the phase is {phase} from now on, it was {before}; {self._what_follows('a plan for it is on its way')}"
+            return Outcome(True, f"the phase is {phase} already")
+        changes = self._known.situation.enter(phase, OPERATOR)
+        follows = self._what_follows("a plan for it is on its way")
+        return Outcome(True, f"the phase is {phase} from now on, it was {before}; {follows}", changes)
 
-    def _fail(self, number: int, element: str) -> Reply:
-        if element == self._situation.own_bus:
+    def _fail(self, element: str) -> Outcome:
+        situation = self._known.situation
+        if element == situation.own_bus:
             why = f"{element} carries this manager's commands, and a plan without it would stop everything"
-            return Reply(number, False, f"{why}: name what has failed on it")
+            return Outcome(False, f"{why}: name what has failed on it")
         if element.startswith("channel:"):
             why = f"{element} is one of several that carry the same, and a plan without it would be no other"
-            return Reply(number, False, f"{why}: name the bus if all of them have failed")
-        if element in self._situation.failed.elements:
-            return Reply(number, True, f"{element} counts as failed already")
-        self._situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
+            return Outcome(False, f"{why}: name the bus if all of them have failed")
+        if element in situation.failed.elements:
+            return Outcome(True, f"{element} counts as failed already")
+        changes = situation.latch(LatchedFault(element, OPERATOR, OPERATOR_CODE, 0, self._turn.now_ns))
         follows = self._what_follows("a plan without it is on its way")
-        return Reply(number, True, f"{element} counts as failed until it is cleared; {follows}")
+        return Outcome(True, f"{element} counts as failed until it is cleared; {follows}", changes)
 
-    def _clear(self, number: int, element: str) -> Reply:
-        if not self._situation.clear(element, OPERATOR):
+    def _clear(self, element: str) -> Outcome:
+        changes = self._known.situation.clear(element, OPERATOR)
+        if changes is None:
             sentence = f"nothing is latched on {element}, and it is in no quarantine: 'heronry status' tells what is"
-            return Reply(number, False, sentence)
-        place = self._situation.failed.place(element)
-        if place is not None:
-            self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place))
+            return Outcome(False, sentence)
+        place = self._known.situation.failed.place(element)
+        told = None if place is None else Control(self._turn.term, _EVERYBODY, Operation.CLEAR, *place)
         waits = "it joins after its hold-down" if element.startswith("pe:") else "a plan with it is on its way"
-        return Reply(number, True, f"{element} is taken for well again; {self._what_follows(waits)}")
+        return Outcome(True, f"{element} is taken for well again; {self._what_follows(waits)}", changes, told)
 
     def _what_follows(self, where_it_commands: str) -> str:
         return _ONLY_ADVISES if self._turn.silent else where_it_commands
 
-    def _unlock(self, number: int, element: str) -> Reply:
+    def _unlock(self, element: str) -> Outcome:
         pe = self._spec.pes.get(element.removeprefix("pe:"))
         if pe is None or not element.startswith("pe:"):
-            return Reply(number, False, f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}")
+            return Outcome(False, f"{element} has no lock: name a PE, such as pe:{next(iter(self._spec.pes))}")
         if not self._has_key:
-            return Reply(number, False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
+            return Outcome(False, "nothing is locked, since this manager has no key: 'heronry key' makes one")
         if self._turn.silent:
-            return Reply(number, False, _ONLY_ADVISES)
-        self._turn.send(Command.CONTROL, Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S))
-        return Reply(number, True, f"NMT and SDO may write on {element} for {UNLOCK_S} s")
+            return Outcome(False, _ONLY_ADVISES)
+        told = Control(self._turn.term, pe.node_id, Operation.UNLOCK, UNLOCK_S)
+        return Outcome(True, f"NMT and SDO may write on {element} for {UNLOCK_S} s", command=told)

@@ -33,10 +33,12 @@ heartbeat period.
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import Enum, auto
 
 from heronry_dg.configuration import Configuration
+from heronry_dg.plan import Plan
 from heronry_manager.core.compilation import CompiledConfiguration
+from heronry_manager.core.transitions import TransitionTable
 from heronry_wire.management import (
     SLICE_BYTES_PER_FRAME,
     Activate,
@@ -64,6 +66,29 @@ class Stage(Enum):
     ABANDONED = "abandoned"
 
 
+class StageEvent(Enum):
+    """What takes it further."""
+
+    BREAKS = auto()
+    HOLDS = auto()
+    GOES = auto()
+    FINISHES = auto()
+    IS_GIVEN_UP = auto()
+
+
+TRANSITIONS = TransitionTable(
+    {Stage.PREPARING: "PREPARE", Stage.DONE: "adopted, since it runs already"},
+    (
+        (Stage.PREPARING, StageEvent.IS_GIVEN_UP, Stage.ABANDONED, "the situation has changed"),
+        (Stage.PREPARING, StageEvent.BREAKS, Stage.BREAKING, "all have staged, and some must break or fall silent"),
+        (Stage.PREPARING, StageEvent.HOLDS, Stage.HOLDING, "all have staged, a DEMUX must wait"),
+        (Stage.PREPARING, StageEvent.GOES, Stage.GOING, "all have staged"),
+        (Stage.BREAKING, StageEvent.HOLDS, Stage.HOLDING, "all that is exclusive is free but a DEMUX"),
+        (Stage.BREAKING, StageEvent.GOES, Stage.GOING, "all that is exclusive is free"),
+        (Stage.HOLDING, StageEvent.GOES, Stage.GOING, "T_lease is over"),
+        (Stage.GOING, StageEvent.FINISHES, Stage.DONE, "all are ACTIVE"),
+    ),
+)
 _STEP_OF = {
     Stage.PREPARING: Step.PREPARED,
     Stage.BREAKING: Step.BREAK,
@@ -134,7 +159,7 @@ class Reconfiguration:
 
     term: int
     epoch: int
-    configuration: Configuration
+    plan: Plan
     compiled: CompiledConfiguration
     placed: dict[str, set[str]]  # exclusive tokens by PE
     participants: list[Participant]
@@ -167,6 +192,11 @@ class Reconfiguration:
             self._send_prepare()
             for progress in self._progress.values():
                 self._ask(progress, self.started_ns)
+
+    @property
+    def configuration(self) -> Configuration:
+        """What is to run; of its plan only the proof may become another one."""
+        return self.plan.configuration
 
     def staged(self, pe: str, *, has_staged: bool, wants_body: bool, now_ns: int) -> None:
         """Page 1 of a PE: it has staged this epoch, or it needs the body of its slice."""
@@ -231,21 +261,21 @@ class Reconfiguration:
         self.times.staged_ns = now_ns
         self.must_break = must_break & self._progress.keys()
         if self.must_break or self.identifiers_free_ns is not None:
-            self._enter(Stage.BREAKING, now_ns)
+            self._enter(StageEvent.BREAKS, now_ns)
         else:
             self.go(now_ns)
 
     def go(self, now_ns: int) -> None:
         """Everything exclusive is free but a DEMUX that a silent PE may still drive: start the rest."""
-        self._enter(Stage.GOING if self.demux_free_ns is None else Stage.HOLDING, now_ns)
+        self._enter(StageEvent.GOES if self.demux_free_ns is None else StageEvent.HOLDS, now_ns)
 
     def finish(self) -> None:
         """Everybody awaited is active."""
-        self._stand_at(Stage.DONE)
+        self._move(StageEvent.FINISHES)
 
     def abandon(self) -> None:
         """Give this number up, before its first ACTIVATE: nothing of it is said any more."""
-        self._stand_at(Stage.ABANDONED)
+        self._move(StageEvent.IS_GIVEN_UP)
         self._paced.clear()
         self._progress.clear()
 
@@ -279,17 +309,18 @@ class Reconfiguration:
             deadlines.append(self.demux_free_ns)
         return min(deadlines, default=None)
 
-    def _enter(self, stage: Stage, now_ns: int) -> None:
+    def _enter(self, event: StageEvent, now_ns: int) -> None:
         """Take a step: everybody owes it from now on."""
-        self._stand_at(stage)
+        self._move(event)
         self._broadcast_ns = now_ns
         for progress in self._progress.values():
             progress.owes(now_ns)
             progress.asked_times = 1
         self._send_step()
 
-    def _stand_at(self, stage: Stage) -> None:
-        self.stage, self.step = stage, _STEP_OF[stage]
+    def _move(self, event: StageEvent) -> None:
+        self.stage = TRANSITIONS.after(self.stage, event)
+        self.step = _STEP_OF[self.stage]
 
     def _waiting_for(self) -> dict[str, _Progress]:
         wanted = self.step

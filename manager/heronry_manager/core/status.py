@@ -73,7 +73,7 @@ def status(
 def _pe(
     pe: str, now_ns: int, health: Health, deployment: Deployment, authenticity: Authenticity | None
 ) -> dict[str, Any]:
-    seen = deployment.seen(pe)
+    seen = deployment.observed.of[pe]
     return {
         "state": health.standing(pe).value,
         "why": health.cause(pe),

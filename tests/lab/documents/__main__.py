@@ -1,7 +1,7 @@
-"""Write the tables of a documentation page anew: `python -m lab.documents docs/*.md`.
+"""Write the tables and diagrams of a documentation page anew: `python -m lab.documents docs/*.md docs/protocol/*.md`.
 
-A page says where a table belongs, and everything between the two marks is replaced; the first mark names the command,
-so that a reader of the page's source does not edit the table:
+A page says where a table or a diagram belongs, and everything between the two marks is replaced; the first mark names
+the command, so that a reader of the page's source does not edit the table:
 
     <!-- table: identifiers (generated: python -m lab.documents PAGE) -->
     ...
@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from heronry_tools.console.errors import exit_code
-from lab.documents import canopen_tables, protocol_tables, spec_tables
+from lab.documents import canopen_tables, protocol_tables, spec_tables, state_diagrams
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "spec keys": spec_tables.keys,
@@ -30,24 +30,33 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "objects": canopen_tables.objects,
 }
 
-_PLACE = re.compile(r"<!-- table: (?P<name>[^>(]+?)(?: \([^)]*\))? -->\n.*?<!-- end of table -->", re.DOTALL)
+DIAGRAMS: Mapping[str, Callable[[], str]] = {
+    "mastership of a manager": state_diagrams.mastership_of_a_manager,
+    "standing of a PE": state_diagrams.standing_of_a_pe,
+    "stage of an epoch": state_diagrams.stage_of_an_epoch,
+}
+
+_PLACE = re.compile(
+    r"<!-- (?P<kind>table|diagram): (?P<name>[^>(]+?)(?: \([^)]*\))? -->\n.*?<!-- end of (?P=kind) -->", re.DOTALL
+)
 _COMMAND = "generated: python -m lab.documents PAGE"
 
 
 def filled(page: str) -> str:
-    """Give the page with all its tables as the code has them now; raises KeyError for a table that there is not."""
-    return _PLACE.sub(_table, page)
+    """Give the page with its tables and diagrams as the code has them now; raises KeyError for one it has not."""
+    return _PLACE.sub(_written, page)
 
 
-def _table(place: re.Match[str]) -> str:
-    name = place["name"]
-    return f"<!-- table: {name} ({_COMMAND}) -->\n\n{TABLES[name]()}\n\n<!-- end of table -->"
+def _written(place: re.Match[str]) -> str:
+    kind, name = place["kind"], place["name"]
+    content = (TABLES if kind == "table" else DIAGRAMS)[name]()
+    return f"<!-- {kind}: {name} ({_COMMAND}) -->\n\n{content}\n\n<!-- end of {kind} -->"
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Rewrite the pages that the command line names."""
     parser = argparse.ArgumentParser(
-        prog="python -m lab.documents", description="Write the tables of documentation pages anew."
+        prog="python -m lab.documents", description="Write the tables and diagrams of documentation pages anew."
     )
     parser.add_argument("pages", metavar="PAGE", type=Path, nargs="+", help="a page of docs/, rewritten in place")
     for page in parser.parse_args(argv).pages:

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from heronry_agent.core import faults, link_meter, mailboxes, radio_queue, reporting, staging
-from heronry_manager.core import beacon, health, numbering, planning, reconfiguration
-from heronry_manager.core import manager as core
+from heronry_manager.core import beacon, health, numbering, planning, reconfiguration, settings
 from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
@@ -115,7 +114,7 @@ def times() -> str:
     rows = [
         ("T_lease", f"{management.LEASE_PERIODS} {periods}", "how long one may drive what is exclusive unheard"),
         ("listening", f"{management.LEASE_PERIODS} {periods}", "before a manager speaks for the first time"),
-        ("start-up window", _time(core.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
+        ("start-up window", _time(settings.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
         ("hold-down", f"{health.HOLD_DOWN_PERIODS} {periods}", "without a gap, before a PE is counted on again"),
         ("longest hold-down", _time(health.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
         ("forgiveness", _time(health.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),

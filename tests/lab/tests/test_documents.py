@@ -1,7 +1,7 @@
 """What docs/ say of the code is what the code says: tables, states, sub-rules, examples, links."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.management import FaultCode, PeFlags, PeState, Reason, Step
 from heronry_wire.standard_identifiers import standard_identifiers
-from lab.documents.__main__ import TABLES, filled, main
+from lab.documents.__main__ import DIAGRAMS, TABLES, filled, main
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -54,15 +54,16 @@ def rows(text: str, head: str) -> list[list[str]]:
 
 
 @named
-def test_the_tables_of_a_page_are_as_the_code_writes_them(page: Path) -> None:
+def test_the_tables_and_diagrams_of_a_page_are_as_the_code_writes_them(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert filled(text) == text, f"write them anew: python -m lab.documents {page.relative_to(ROOT)}"
 
 
-def test_every_table_has_its_place_on_a_page() -> None:
-    mark = re.compile(r"^<!-- table: (.+) \(generated: python -m lab\.documents PAGE\) -->$", re.MULTILINE)
+@pytest.mark.parametrize(("kind", "names"), [("table", TABLES), ("diagram", DIAGRAMS)])
+def test_every_table_and_diagram_has_its_place_on_a_page(kind: str, names: Iterable[str]) -> None:
+    mark = re.compile(rf"^<!-- {kind}: (.+) \(generated: python -m lab\.documents PAGE\) -->$", re.MULTILINE)
     placed = [name for page in PAGES for name in mark.findall(page.read_text(encoding="utf-8"))]
-    assert sorted(placed) == sorted(TABLES)
+    assert sorted(placed) == sorted(names)
 
 
 def test_a_table_that_says_something_else_is_written_anew(tmp_path: Path) -> None:

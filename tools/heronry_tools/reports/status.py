@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from heronry_manager.core.latched_faults import OPERATOR_CODE
-from heronry_manager.core.manager import Reign
+from heronry_manager.core.mastership import Mastership
 
 _NS_PER_S = 1_000_000_000
 
@@ -14,7 +14,7 @@ def report(status: Mapping[str, Any]) -> Iterator[str]:
     yield from _head(status)
     yield from _troubles(status)
     yield from _pes(status["pes"])
-    if status["manager"]["state"] == Reign.STANDBY.value:
+    if status["manager"]["state"] == Mastership.STANDBY.value:
         yield "what is served, the manager that reigns can tell"
         return
     yield from _functions(status["functions"])

@@ -50,8 +50,9 @@ _COMPILED = {
     "table_index turn vocabulary without_manager",
     "heronry_agent.parts": "reading",
     "heronry_agent.shell": "devices module_runner start_orders",
-    "heronry_manager.core": "announcing authenticity beacon deployment exclusion following health "
-    "known_situation latched_faults manager overheard planning radio_links reconfiguration turn vocabulary",
+    "heronry_manager.core": "activation announcing authenticity beacon beat deployment epochs exclusion following "
+    "health inbound knowledge known_situation latched_faults manager mastership observation overheard pe_reports "
+    "planning radio_links reactions reconfiguration replanning standing succession turn vocabulary",
     "heronry_tools.aircraft.images": "actuators air_data altitude atmosphere attitude control guidance "
     "imaging mission pilot_view recovery sensors servo_monitor telemetry wing",
     "heronry_tools.aircraft.plant": "devices flight mechanism noise world",

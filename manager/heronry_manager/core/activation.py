@@ -1,0 +1,108 @@
+"""The steps of an epoch that every awaited PE has staged: BREAK first where need be, then GO, then GO_ALL.
+
+A PE must be BROKEN before any goes on if it gives up something exclusive (`exclusion`), if it has to make room on a bus
+(`transition`), or if it runs what this term has not given it and is reached by wire. What a PE that is not counted on
+may still drive is waited for: identifiers before GO, a DEMUX before GO_ALL. How long each step is repeated, and which
+PE owes an answer, is `reconfiguration`'s to say.
+
+What is not known: what a PE runs that has reported an epoch which is forgotten here, or another digest. It is waited
+for, since anything else could put two drivers on one identifier.
+"""
+
+from heronry_dg.configuration import Configuration
+from heronry_dg.model import Spec
+from heronry_dg.transition import Transitions
+from heronry_manager.core.epochs import Epochs, module_changes
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.health import Health
+from heronry_manager.core.observation import Observations
+from heronry_manager.core.reconfiguration import Reconfiguration, Stage
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import PeState
+
+
+class Activation:
+    """Takes the current epoch from its first ACTIVATE to its end."""
+
+    def __init__(
+        self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion, observed: Observations, *, epochs: Epochs
+    ) -> None:
+        self._turn, self._health, self._exclusion = turn, health, exclusion
+        self._observed, self._epochs = observed, epochs
+        self._transitions = Transitions(spec)
+        self._before: Configuration | None = None  # what ran before the current epoch
+
+    def begin(self, epoch: Reconfiguration, current: Reconfiguration | None) -> None:
+        """Take the first step of an epoch, in the place of the current one."""
+        must_break = self._must_break(epoch, current)
+        self._free(epoch)
+        self._exclusion.activated(epoch.placed)
+        self._before = None if current is None else current.configuration
+        self._epochs.remember(epoch)
+        epoch.activate(must_break, self._turn.now_ns)
+        self._emit_step(epoch)
+
+    def move_on(self, epoch: Reconfiguration) -> bool:
+        """Take the next step if nothing has to be waited for any more; tells whether that was the end."""
+        self._free(epoch)
+        broken = epoch.stage is Stage.BREAKING and epoch.all_broken() and epoch.identifiers_free_ns is None
+        if broken or (epoch.stage is Stage.HOLDING and epoch.demux_free_ns is None):
+            epoch.go(self._turn.now_ns)
+            self._emit_step(epoch)
+        if epoch.stage is not Stage.GOING or not epoch.all_active():
+            return False
+        epoch.finish()
+        self._emit_reconfigured(epoch)
+        return True
+
+    def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
+        """PEs that must be BROKEN before any goes on."""
+        counted_on = self._health.counted_on()
+        may_run = {pe: self._may_run(pe, current) for pe in counted_on}
+        strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
+        exclusive = self._exclusion.must_break(epoch.placed, counted_on) | strangers
+        known = {pe: configurations or () for pe, configurations in may_run.items()}
+        return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
+
+    def _may_run(self, pe: str, current: Reconfiguration | None) -> list[Configuration] | None:
+        """What a PE may be running, as far as it has been seen; None: nobody knows."""
+        seen = self._observed.of[pe]
+        if seen.state is PeState.UNCONFIGURED:
+            return []
+        known = self._epochs.known(seen.epoch)
+        if known is None or known.compiled.digest != seen.digest:
+            return None
+        late = [current.configuration] if current is not None and current is not known else []
+        return [known.configuration, *late]
+
+    def _free(self, epoch: Reconfiguration) -> None:
+        """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
+        if epoch.stage in (Stage.DONE, Stage.GOING):
+            return
+        counted_on, now_ns = self._health.counted_on(), self._turn.now_ns
+        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, counted_on, now_ns)
+        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, counted_on, now_ns)
+
+    def _emit_step(self, epoch: Reconfiguration) -> None:
+        waiting = sorted(epoch.must_break) if epoch.stage is Stage.BREAKING else []
+        self._turn.emit("epoch_step", epoch=epoch.epoch, step=epoch.step.name, waiting_for=waiting)
+
+    def _emit_reconfigured(self, epoch: Reconfiguration) -> None:
+        times, now_ns = epoch.times, self._turn.now_ns
+        change = module_changes(self._before, epoch.configuration)
+        staged_ns = times.staged_ns or now_ns
+        first = min(epoch.causes, key=lambda cause: cause.known_ns)
+        self._turn.emit(
+            "reconfigured",
+            epoch=epoch.epoch,
+            causes=[cause.what for cause in epoch.causes],
+            times_ns={
+                "detect": first.known_ns - first.since_ns,
+                "decide": times.prepared_ns - first.known_ns,
+                "distribute": staged_ns - times.prepared_ns,
+                "activate": now_ns - staged_ns,
+            },
+            moved=change.moved,
+            started=change.started,
+            stopped=change.stopped,
+        )

@@ -1,0 +1,80 @@
+"""Adopting: what runs already is taken over as it is, without a new epoch, where this manager knows what that is.
+
+All PEs that are counted on and run anything are ACTIVE in one epoch, whose digest is that of the configuration which is
+remembered (`memory`), or was overheard, or of the very plan that would be deployed, and no PE was seen on a newer one.
+What is not that clean gets a new epoch. A PE that is missing, or runs nothing, is then a fault like any other.
+
+What is not known: what a PE that is silent runs. It may still hold what the epoch places there (`exclusion`); and
+before a PE hears this term it may take up what another manager gave it.
+"""
+
+from heronry_dg.model import Spec
+from heronry_dg.objective import score
+from heronry_dg.plan import Plan, make_plan
+from heronry_dg.situation import Situation
+from heronry_manager.core.compilation import CompiledConfiguration
+from heronry_manager.core.epochs import Epochs
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.health import Health
+from heronry_manager.core.memory import Runs
+from heronry_manager.core.observation import Observations
+from heronry_manager.core.reconfiguration import Reconfiguration
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import PeState, is_newer
+
+
+class Adoption:
+    """Finds out whether what runs may be adopted, and makes the epoch of it."""
+
+    def __init__(
+        self, turn: Turn, spec: Spec, health: Health, exclusion: Exclusion, observed: Observations, *, epochs: Epochs
+    ) -> None:
+        self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
+        self._observed, self._epochs = observed, epochs
+
+    def of_plan(self, plan: Plan) -> Reconfiguration | None:
+        """Give the epoch that runs if it is exactly this plan, everywhere; else None."""
+        compiled = self._epochs.compiled(plan.configuration)
+        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
+        clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
+        runs, newest = self._turn.memory.runs, self._observed.newest_epoch()
+        if runs is not None and is_newer(runs.epoch, newest):
+            return None  # a PE that was given what came after that is silent, and may run it
+        if not clean or {one.epoch for one in seen} != {newest}:
+            return None
+        return self._adopted(newest, plan, compiled)
+
+    def of_remembered(self, runs: Runs | None, now: Situation) -> Reconfiguration | None:
+        """Give the epoch that is remembered to run, or was overheard, if it does; else None.
+
+        PEs counted on that run nothing, and those that are missing, do not matter: they are dealt with as faults. What
+        radios could carry when it was planned is not remembered: it passes for a plan for what they carry `now`.
+        """
+        if runs is None:
+            return None
+        configuration = self._epochs.decoded(runs)
+        compiled = self._epochs.compiled(configuration)
+        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
+        inside = [one for one in seen if one.state is PeState.ACTIVE and one.epoch == runs.epoch]
+        clean = all(one.digest == compiled.digest == runs.digest for one in inside)
+        if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
+            return None
+        if is_newer(self._observed.newest_epoch(), runs.epoch):
+            return None
+        intended = Situation(frozenset(), now.limits, now.phase)
+        worth = score(self._spec, intended, configuration, None)
+        plan = make_plan(self._spec, intended, configuration, worth, optimal=False)
+        return self._adopted(runs.epoch, plan, compiled)
+
+    def _adopted(self, epoch: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
+        adopted = self._epochs.running(epoch, plan, compiled)
+        self._epochs.remember(adopted)
+        self._exclusion.activated(adopted.placed)  # a PE that is missing may still hold what it was given
+        for pe in self._health.counted_on():
+            self._exclusion.unknown(pe)  # before it hears this term it may take up what another manager gave it
+            if self._observed.of[pe].state is PeState.UNCONFIGURED:
+                continue
+            self._observed.of[pe].configured = True
+            adopted.reported(pe, PeState.ACTIVE, self._turn.now_ns)
+        self._turn.emit("adopted", epoch=adopted.epoch, digest=f"{compiled.digest:06X}")
+        return adopted

@@ -1,0 +1,105 @@
+"""One beat of an active manager, and what cannot wait for the next one.
+
+In each heartbeat period: LEASE, ALIVE with everybody that is counted on, PING for each suspect (`beacon`), and one fact
+in turn for a standby manager (`announcing`). Between two beats: an ALIVE as soon as a PE is counted on no more, since
+that PE drives what it was given until it may hear that, and a PING for a PE that has just become suspect.
+
+It begins anew with each term. A beat that is lost is followed by the next one; nothing here is answered.
+"""
+
+from collections.abc import Iterable
+
+from heronry_manager.core.announcing import Announcer, Fact
+from heronry_manager.core.beacon import Beacon
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.standing import Standing
+from heronry_manager.core.turn import Turn
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Command
+from heronry_wire.management import Alive, Control, ElementKind, Operation, decode_command
+
+_EVERYBODY = 0
+
+
+class Beat:
+    """What this manager says of its own accord."""
+
+    def __init__(self, settings: ManagerSettings, turn: Turn, known: Knowledge) -> None:
+        self._settings, self._turn, self._known = settings, turn, known
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a term: the first beat is due now."""
+        settings = self._settings
+        self.beacon = Beacon(settings.node, settings.bus.heartbeat_ns, self._turn.now_ns)
+        self._announcer = Announcer(settings.spec, self._known.situation)
+        self._has_to_leave_out = False  # a PE that is counted on no more, and that the last ALIVE has named
+
+    def is_due(self) -> bool:
+        """Tell whether the next beat is due."""
+        return self._turn.now_ns >= self.beacon.next_ns
+
+    def beat(self) -> None:
+        """LEASE, ALIVE, PING for each suspect, and a fact."""
+        known, now_ns = self._known, self._turn.now_ns
+        known.situation.channels.beat()
+        suspects = [pe for pe in known.health.counted_on() if known.health.standing(pe) is Standing.SUSPECT]
+        lease = known.deployment.lease()
+        self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
+        fact = self._announcer.next()
+        self._tell_held(fact)
+        if fact is not None and fact[0] is ElementKind.PHASE:
+            self._tell_obeyed()
+
+    def ping(self, pe: str) -> None:
+        """Ask a PE for its state."""
+        self._turn.ask(self.beacon.ping(self._turn.term, self._settings.spec.pes[pe].node_id))
+
+    def must_leave_out(self) -> None:
+        """A PE is counted on no more, and the last ALIVE has named it."""
+        self._has_to_leave_out = True
+
+    def leave_out(self) -> None:
+        """Say at once that a PE is counted on no more, where there is one: until then it drives what it was given."""
+        if self._has_to_leave_out:
+            self._turn.ask(self.beacon.alive(self._turn.term, self._named()))
+
+    def alive_left(self, frame: Frame) -> None:
+        """An ALIVE of this manager is on the bus: a PE that it leaves out is counted on no more from now on."""
+        exclusion, pes = self._known.exclusion, self._settings.spec.pes
+        if not exclusion.waits:
+            return
+        alive = decode_command(Command.ALIVE, frame.data)
+        if isinstance(alive, Alive) and alive.term == self._turn.term:
+            exclusion.said({pe.name for pe in pes.values() if pe.node_id in alive.nodes}, self._turn.now_ns)
+
+    def tell_phase(self) -> None:
+        """Tell a standby manager the phase, now."""
+        self._tell_held(self._announcer.phase())
+
+    def look(self) -> None:
+        """Something may have ended that begins again before the next beat: then it is news."""
+        self._announcer.look()
+
+    def _named(self) -> frozenset[int]:
+        """Nodes that an ALIVE names which goes out now."""
+        named = [*self._known.health.counted_on(), *self._known.health.awaited_again()]
+        self._known.exclusion.named(named, self._turn.now_ns)
+        self._has_to_leave_out = False
+        return self._nodes(named)
+
+    def _tell_held(self, fact: Fact | None) -> None:
+        if fact is not None:
+            self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
+
+    def _tell_obeyed(self) -> None:
+        """Say once more which requests for a phase have been obeyed: a standby may have missed that, or been away."""
+        for pe, asked in self._turn.memory.asked.items():
+            if self._known.health.said_incarnation(pe, self._turn.now_ns) == asked.incarnation:
+                obeyed = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
+                node = self._settings.spec.pes[pe].node_id
+                self._turn.send(Command.CONTROL, Control(self._turn.term, node, *obeyed))
+
+    def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
+        return frozenset(self._settings.spec.pes[pe].node_id for pe in pes)

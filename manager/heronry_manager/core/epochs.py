@@ -1,0 +1,158 @@
+"""Epochs: how one is made of a plan, and which ones are remembered.
+
+An epoch is a plan that was compiled, given a number (`numbering`), and has its participants: the PEs that are counted
+on when it is opened. Those that are reached by wire alone, and that the plan can command, are *awaited*; a PE beyond a
+dead gateway may beat on, and nobody waits for it (`reconfiguration` says how an epoch goes).
+
+Some epochs are remembered after the next one has taken their place, since a PE that is late may still be at one: by
+its number what that PE drives is known. What is activated or adopted is also remembered over a restart (`memory`).
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Configuration, Running
+from heronry_dg.model import Spec
+from heronry_dg.plan import Plan
+from heronry_dg.situation import survivors
+from heronry_manager.contingency.configuration_code import ConfigurationCode
+from heronry_manager.contingency.on_board import ContingencyNumbers
+from heronry_manager.core.compilation import CompiledConfiguration, Compiler
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.health import Health
+from heronry_manager.core.memory import Runs
+from heronry_manager.core.numbering import EpochNumbers
+from heronry_manager.core.observation import Observations
+from heronry_manager.core.reconfiguration import Cause, Participant, Reconfiguration, Stage
+from heronry_manager.core.topology import reached_by_wire
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import is_newer
+
+_REMEMBERED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleChanges:
+    """Modules that move to another PE, that are new, and that are gone; each in the order of the alphabet."""
+
+    moved: list[str]
+    started: list[str]
+    stopped: list[str]
+
+
+class Epochs:
+    """Makes epochs, and remembers them."""
+
+    def __init__(
+        self,
+        turn: Turn,
+        spec: Spec,
+        health: Health,
+        exclusion: Exclusion,
+        observed: Observations,
+        *,
+        on_board: ContingencyNumbers | None,
+        frames_per_command: int,
+    ) -> None:
+        """Know none.
+
+        on_board: the configurations that can be called by a number, if there are any.
+        frames_per_command: 2 where each has its TAG: slices take half of the bus with all that they need.
+        """
+        self._turn, self._spec, self._health, self._exclusion = turn, spec, health, exclusion
+        self._observed, self._on_board = observed, on_board
+        self.bitrate = spec.buses[spec.manager.bus].bitrate // frames_per_command
+        self.wired = reached_by_wire(spec)
+        self._compiler, self._code = Compiler(spec), ConfigurationCode(spec)
+        self.numbers = EpochNumbers(turn)
+        self._known: dict[int, Reconfiguration] = {}  # that were activated or adopted
+
+    def compiled(self, configuration: Configuration) -> CompiledConfiguration:
+        """Compile a configuration into slices."""
+        return self._compiler.configuration(configuration)
+
+    def decoded(self, runs: Runs) -> Configuration:
+        """Give the configuration of an epoch that is remembered over a restart, or was overheard."""
+        return self._code.decode(bytes.fromhex(runs.row))
+
+    # Making one
+
+    def open(self, plan: Plan, causes: Iterable[Cause]) -> Reconfiguration:
+        """Open a new epoch, with a number above all that were seen."""
+        compiled = self.compiled(plan.configuration)
+        number = self.numbers.next(self._observed.newest_epoch())
+        return self._made(number, plan, compiled, tuple(causes), Stage.PREPARING)
+
+    def running(self, number: int, plan: Plan, compiled: CompiledConfiguration) -> Reconfiguration:
+        """Make the epoch of a configuration that runs already."""
+        return self._made(number, plan, compiled, (), Stage.DONE)
+
+    def _made(
+        self, epoch: int, plan: Plan, compiled: CompiledConfiguration, causes: tuple[Cause, ...], stage: Stage
+    ) -> Reconfiguration:
+        number = 0 if self._on_board is None else self._on_board.number(plan.configuration)
+        return Reconfiguration(
+            term=self._turn.term,
+            epoch=epoch,
+            plan=plan,
+            compiled=compiled,
+            placed=self._exclusion.tokens(plan.configuration),
+            participants=self.participants(self._health.counted_on(), plan, number),
+            bitrate=self.bitrate,
+            started_ns=self._turn.now_ns,
+            causes=causes,
+            stage=stage,
+            contingency=number,
+        )
+
+    def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
+        """These PEs as participants; where a plan can command nobody there is no haste, and all are waited for."""
+        reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
+        reaches_nobody = not any(pe in reached for pe in self._health.counted_on())
+        return [
+            self._participant(pe, contingency, awaited=pe in self.wired and (reaches_nobody or pe in reached))
+            for pe in pes
+        ]
+
+    def _participant(self, pe: str, contingency: int, *, awaited: bool) -> Participant:
+        seen = self._observed.of[pe]
+        known = self._known.get(seen.epoch)
+        node = self._spec.pes[pe].node_id
+        return Participant(
+            pe=pe,
+            node=node,
+            period_ns=self._health.period_ns(pe),
+            awaited=awaited,
+            runs_digest=known.compiled.slice_digests[node] if known is not None and seen.configured else None,
+            on_board=self._on_board is not None and self._on_board.holds(pe, contingency),
+        )
+
+    # Those that are known
+
+    def known(self, number: int) -> Reconfiguration | None:
+        """Give the epoch of this number, if it is remembered."""
+        return self._known.get(number)
+
+    def placed_since(self, epoch: Reconfiguration) -> Iterator[Mapping[str, set[str]]]:
+        """Tokens of the epochs that are newer than this one."""
+        return (one.placed for one in self._known.values() if is_newer(one.epoch, epoch.epoch))
+
+    def remember(self, epoch: Reconfiguration) -> None:
+        """An epoch was activated or adopted: remember it, over a restart too."""
+        row = self._code.encode(epoch.configuration).hex()
+        self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
+        self._known[epoch.epoch] = epoch
+        shown = {self._observed.of[pe].epoch for pe in self._health.counted_on()}  # where a PE may be late
+        for forgotten in [number for number in self._known if number not in shown][:-_REMEMBERED]:
+            del self._known[forgotten]
+
+
+def module_changes(before: Configuration | None, after: Configuration) -> ModuleChanges:
+    """Compare what runs with what is to run."""
+    old: Mapping[str, Running] = {} if before is None else before.modules
+    new = after.modules
+    return ModuleChanges(
+        moved=sorted(module for module in old.keys() & new.keys() if old[module].pe != new[module].pe),
+        started=sorted(new.keys() - old.keys()),
+        stopped=sorted(old.keys() - new.keys()),
+    )

@@ -1,0 +1,135 @@
+"""Frames in: each is decoded, weighed by its authenticity, and handed to the part that it concerns.
+
+    state of a PE          `pe_reports`; with a key as far as it is believed
+    EMCY of a PE           `pe_reports`; with a key once a page 0 has proven it, unless nothing follows from it (that a
+                           channel of a replicated bus is lost)
+    command of a manager   `succession`; with a key once its TAG has come. PREPARE and slices need none, since an
+                           ACTIVATE or a LEASE that is proven names the digest of what they bring
+    report of a gateway    `known_situation`; nothing proves it (`authenticity`)
+    request of anybody     to identify oneself (CANaerospace): answered by `identification`
+
+A frame that is extended, remote or an error frame, that has another identifier, or that cannot be decoded, is dropped.
+Late, doubled, forged: see the part that is given it.
+"""
+
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.pe_reports import PeReports
+from heronry_manager.core.reactions import Reactions
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.succession import Succession
+from heronry_manager.core.turn import Turn
+from heronry_wire.frame import Frame, Malformed
+from heronry_wire.identification import REQUEST_ID, IdentificationService
+from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
+from heronry_wire.management import (
+    ElementKind,
+    Emergency,
+    StatePage0,
+    decode_command,
+    decode_emergency,
+    decode_state,
+)
+from heronry_wire.sansio import Received
+
+_NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
+
+
+class Inbound:
+    """Every identifier that means something to a manager, and what is done with its frames."""
+
+    def __init__(
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        known: Knowledge,
+        *,
+        reports: PeReports,
+        reactions: Reactions,
+        succession: Succession,
+    ) -> None:
+        self._is_advising, self._turn, self._claim, self._known = settings.advise, turn, claim, known
+        self._reports, self._reactions, self._succession = reports, reactions, succession
+        self.identification = IdentificationService(settings.node)  # `tick` is due when that is
+        pes = settings.spec.pes.values()
+        self._pe_of_state_id = {state_id(pe.node_id): pe.name for pe in pes}
+        self._pe_of_emcy_id = {emcy_id(pe.node_id): pe.name for pe in pes}
+        followed = {*Command} if settings.standby or settings.advise else {Command.LEASE}
+        if settings.key is not None:
+            followed |= {Command.CONTROL, Command.TAG}
+        self._manager_ids = {
+            management_id(one, command): (one, command) for one in MANAGER_NODES for command in followed
+        }
+
+    def hears(self, identifier: int) -> bool:
+        """Tell whether frames of an identifier mean anything here; a driver may keep all others to itself."""
+        return (
+            identifier in self._pe_of_state_id
+            or identifier in self._pe_of_emcy_id
+            or identifier in self._manager_ids
+            or identifier in self._known.situation.links.records
+            or identifier == REQUEST_ID
+        )
+
+    def take(self, frame: Frame) -> None:
+        """Take in a frame."""
+        if frame.extended or frame.remote or frame.error:
+            return
+        pe = self._pe_of_state_id.get(frame.can_id)
+        if pe is not None:
+            self._state(pe, frame.data)
+        elif frame.can_id in self._pe_of_emcy_id:
+            self._emergency(self._pe_of_emcy_id[frame.can_id], frame.data)
+        elif frame.can_id in self._known.situation.links.records:
+            self._reactions.take(self._known.situation.link_reported(frame))
+        elif frame.can_id == REQUEST_ID:
+            self.identification.asked(0, frame, self._turn.now_ns)
+        elif frame.can_id in self._manager_ids:
+            self._command(*self._manager_ids[frame.can_id], frame)
+
+    def tick(self) -> None:
+        """Answer who asks for identification, where that is due."""
+        self._turn.ask(*self.identification.tick(self._turn.now_ns))
+
+    def _state(self, pe: str, data: bytes) -> None:
+        page = decode_state(data)
+        if isinstance(page, Malformed):
+            return
+        authenticity = self._known.authenticity
+        if authenticity is None:
+            self._reports.page(pe, page)
+            return
+        believed = authenticity.believed(pe, page, data)
+        self._reports.page(pe, believed)
+        if not isinstance(page, StatePage0):
+            return
+        if believed is None:
+            self._reports.unproven(pe, page)
+            return
+        proven = authenticity.take_emergency(pe)
+        if proven is not None:
+            self._reports.emergency(pe, decode_emergency(proven))
+
+    def _emergency(self, pe: str, data: bytes) -> None:
+        emergency = decode_emergency(data)
+        authenticity = self._known.authenticity
+        if isinstance(emergency, Emergency) and emergency.kind is ElementKind.CHANNEL:
+            self._reports.lost_channel(pe, emergency)
+        elif authenticity is None:
+            self._reports.emergency(pe, emergency)
+        else:
+            authenticity.hold_emergency(pe, data)
+
+    def _command(self, node: int, command: Command, frame: Frame) -> None:
+        authenticity = self._known.authenticity
+        if authenticity is None or command in _NEEDS_NO_TAG:
+            self._succession.heard(node, decode_command(command, frame.data))
+        elif command is Command.TAG:
+            found = authenticity.proven(node, frame.data)
+            if found is not None:
+                self._succession.heard(node, decode_command(found.command, found.event.frame.data))
+        else:
+            if command is Command.CONTROL and (self._is_advising or self._claim.state is Mastership.STANDBY):
+                authenticity.overhear(node, frame.data)
+            authenticity.hold(node, command, Received(0, frame))

@@ -1,0 +1,81 @@
+"""What a manager knows: everything that it forgets as a whole when it falls silent, or stands by for another one.
+
+What is remembered (`memory`) survives: the parts take it up as they are made anew. The parts that act hold this one
+object, and look up in it at each call what is known now.
+
+    health          which PEs are counted on
+    exclusion       what PEs that are silent may still drive
+    situation       what has failed, what has shrunk, and the phase
+    deployment      what runs, what is being prepared, and what each PE says that it runs
+    advice          of a manager that only advises: what it has told last
+    following       what another manager, who is active, says and does
+    authenticity    with a key: what has been proven; else None
+"""
+
+from heronry_manager.core.advice import Advice
+from heronry_manager.core.authenticity import Authenticity
+from heronry_manager.core.deployment import Deployment
+from heronry_manager.core.exclusion import Exclusion
+from heronry_manager.core.following import Following
+from heronry_manager.core.health import Health
+from heronry_manager.core.known_situation import KnownSituation
+from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
+from heronry_wire.sansio import require
+
+
+class Knowledge:
+    """The parts of the core that know something."""
+
+    def __init__(self, settings: ManagerSettings, turn: Turn, claim: Claim) -> None:
+        self._settings, self._turn, self._claim = settings, turn, claim
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with nothing but what is remembered."""
+        settings, turn, spec, key = self._settings, self._turn, self._settings.spec, self._settings.key
+        self.health = Health(spec, turn.now_ns, settings.window_ns)
+        self.exclusion = Exclusion(spec, tells_departures=settings.tells_departures)
+        self.situation = KnownSituation(spec, turn, self.health)
+        self.deployment = Deployment(
+            turn, spec, self.health, self.exclusion, settings.on_board, frames_per_command=1 if key is None else 2
+        )
+        self.advice = Advice(turn, self.health, self.deployment)
+        self.following = Following(
+            spec, turn, self.situation, self.exclusion, settings.window_ns, on_board=settings.on_board
+        )
+        self.authenticity: Authenticity | None = None
+        if key is not None:
+            self.authenticity = Authenticity(spec, turn, key, digest_of=self._digest_of, speaks=self._claim.speaks)
+
+    def _digest_of(self, epoch: int) -> int | None:
+        """Digest of an epoch of this manager, or of the one that was followed; None of one that is not known."""
+        known = self.deployment.digest_of(epoch)
+        return self.following.digest_of(epoch) if known is None else known
+
+    def unknown_epoch(self) -> int | None:
+        """Epoch that runs, where this manager does not know what that is."""
+        return self.deployment.unknown_epoch(self.following.leased_epoch())
+
+    def validate(self) -> None:
+        """Check what must hold between two steps; raises InvariantError with the recent events."""
+        self.deployment.validate()
+        if not self._settings.advise:
+            self._validate_memory()
+        if self._claim.state in (Mastership.LISTENING, Mastership.STANDBY):
+            opened = self.deployment.next or self.deployment.current
+            require(opened is None, "a manager that is not active has an epoch: {}", self._turn.recent)
+
+    def _validate_memory(self) -> None:
+        """What a restart would find is what is known now."""
+        memory, situation, recent = self._turn.memory, self.situation, self._turn.recent
+        current, runs = self.deployment.current, memory.runs
+        require(memory.phase in (None, situation.phase), "the phase is not remembered: {}", recent)
+        require(memory.latched.keys() == situation.failed.elements, "latched faults are not remembered: {}", recent)
+        pes = filter(self.health.is_quarantined, self._settings.spec.pes)
+        quarantined = {pe: self.health.losses(pe) for pe in pes}
+        require(memory.quarantined == quarantined, "quarantines are not remembered: {}", recent)
+        if current is not None:
+            told = runs is not None and (runs.epoch, runs.digest) == (current.epoch, current.compiled.digest)
+            require(told, "what runs is not remembered: {}", recent)

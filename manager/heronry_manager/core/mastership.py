@@ -1,0 +1,216 @@
+"""Mastership: whether this manager is the active one, stands by, or has ended; and what lets it begin, or give way.
+
+    LISTENING   for T_lease: a LEASE heard now means another manager, and this one does not start. Also, and until some
+                PE is heard again, a manager that was active and hears no PE any more: it is deaf, or its wire is
+                broken, and what it would still say could only take things away from those that hear it. So does one
+                that most PEs refuse: they are heard, and say that they hear no LEASE, because they know of a higher
+                term; each time it has been refused before it stays for twice as long. The next term may be high enough;
+                where two are not, the journal that knew them may be lost, and once in its life a manager leaps over
+                many
+    STARTING    it has a term, and is active: LEASE and ALIVE go out; it waits for every PE, or for the start-up window
+                to close
+    REIGNING    it is active, and has asked for its first plan: everything else
+    STANDBY     another manager is active: this one follows it (`following`) and takes over when the PEs hear none
+    RETIRED     the same, without `standby`: silent for ever
+
+With `standby` a manager that hears another one, at its start or later with a higher term, stands by instead of ending.
+Manager 127 also stands by where it hears nobody at its start, for a while (`following`), so that 126 goes first. One
+that hears a LEASE of its own number and term has a double, which was started by mistake: the one that hears the other
+first gives way. A manager that only advises gives way to nobody, and sends nothing.
+
+This file decides; what follows from a decision for the rest of the core is done in `succession`. All changes of state
+are rows of `TRANSITIONS`. Lost: a LEASE of another manager comes again in a period. Late or doubled: nobody gives way
+twice. A restart begins with LISTENING, and with the terms that the journal remembers. What it does not know: whether
+another manager is gone or merely not heard here; the PEs are asked that (`following`).
+"""
+
+from enum import Enum, auto
+
+from heronry_manager.core.memory import TermBegun
+from heronry_manager.core.numbering import NoTermError, next_term
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.transitions import TransitionTable
+from heronry_manager.core.turn import Turn
+from heronry_manager.core.vocabulary import Stop
+from heronry_wire.management import Lease
+from heronry_wire.sansio import require
+
+_MOST_DOUBLINGS = 9
+_LEAPS_AFTER, _LEAP = 2, 256  # terms that were refused one after the other; terms
+
+
+class Mastership(Enum):
+    """Where a manager stands; the values are written into the status."""
+
+    LISTENING = "listening"
+    STANDBY = "standby"
+    STARTING = "starting"
+    REIGNING = "reigning"
+    RETIRED = "retired"
+
+
+class MastershipEvent(Enum):
+    """What changes that."""
+
+    ENDS = auto()
+    STANDS_BY = auto()
+    LETS_126_GO_FIRST = auto()
+    BEGINS = auto()
+    HAS_NO_TERM = auto()
+    COMMANDS = auto()
+    FALLS_SILENT = auto()
+
+
+TRANSITIONS = TransitionTable(
+    {Mastership.LISTENING: "start"},
+    (
+        (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager's LEASE"),
+        (Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.LISTENING, MastershipEvent.LETS_126_GO_FIRST, Mastership.STANDBY),
+            "127 hears no manager, with --standby",
+        ),
+        (Mastership.LISTENING, MastershipEvent.BEGINS, Mastership.STARTING, "no manager is heard"),
+        (
+            *(Mastership.STANDBY, MastershipEvent.BEGINS, Mastership.STARTING),
+            "the PEs hear no manager any more, or refuse a term that is behind",
+        ),
+        (Mastership.STARTING, MastershipEvent.HAS_NO_TERM, Mastership.RETIRED, "all terms have been used"),
+        (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.REIGNING, "all PEs heard, or the window has closed"),
+        (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager goes first"),
+        (Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (
+            *(Mastership.REIGNING, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
+            "no PE is heard any more, or most of them hear no LEASE",
+        ),
+        (Mastership.REIGNING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager goes first"),
+        (Mastership.REIGNING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+    ),
+)
+
+
+class Claim:
+    """This manager's claim to mastership."""
+
+    def __init__(self, settings: ManagerSettings, turn: Turn) -> None:
+        """Listen for T_lease from now on."""
+        self._settings, self._turn = settings, turn
+        self._lease_ns = settings.lease_ns
+        self.state = Mastership.LISTENING
+        self._last_event: MastershipEvent | None = None
+        self.listens_until_ns: int | None = turn.now_ns + self._lease_ns  # None: until a PE is heard, and longer
+        self._goes_first = settings.goes_first
+        self._refused_since_ns: int | None = None  # since when most PEs say that they hear no LEASE
+        self._refusals = 0  # terms, one after the other, that have ended for it
+        self._has_leapt = False  # more often, a manager that is not heard for another reason would use up all terms
+
+    @property
+    def is_active(self) -> bool:
+        """Tell whether this manager commands, or, where it only advises, would."""
+        return self.state is Mastership.REIGNING or self.state is Mastership.STARTING
+
+    def speaks(self) -> bool:
+        """Tell whether its LEASE goes out."""
+        return self.is_active and not self._settings.advise
+
+    def validate(self) -> None:
+        """Check the last transition; raises InvariantError with the recent events."""
+        is_listed = TRANSITIONS.may_be(self.state, self._last_event)
+        require(is_listed, "{} was reached by {}: {}", self.state, self._last_event, self._turn.recent)
+
+    def _move(self, event: MastershipEvent) -> None:
+        self.state, self._last_event = TRANSITIONS.after(self.state, event), event
+
+    # Listening
+
+    def hears_a_pe(self) -> bool:
+        """A PE speaks while this manager listens; tells whether it had fallen silent, and now listens for T_lease."""
+        if self.listens_until_ns is not None:
+            return False
+        self.listens_until_ns = self._turn.now_ns + self._lease_ns
+        return True
+
+    def learns_for(self, leases: int) -> None:
+        """Another manager is active, and this one advises beside it: listen for so many times T_lease from now on."""
+        self.listens_until_ns = self._turn.now_ns + leases * self._lease_ns
+
+    def may_begin(self) -> bool:
+        """Tell whether it is time to begin a term; where another manager goes first, this one stands by from now on."""
+        until_ns = self.listens_until_ns
+        if self.state is not Mastership.LISTENING or until_ns is None or self._turn.now_ns < until_ns:
+            return False
+        if not self._goes_first:
+            self._move(MastershipEvent.LETS_126_GO_FIRST)
+        return self._goes_first
+
+    # Being active
+
+    def begin_term(self) -> bool:
+        """Become active, in a term of its own; tells whether there is one, and ends where there is none."""
+        self._move(MastershipEvent.BEGINS)
+        self._refused_since_ns = None  # of this term nobody has heard anything yet
+        leap = _LEAP if self._refusals >= _LEAPS_AFTER and not self._has_leapt else 0
+        self._has_leapt = self._has_leapt or leap > 0
+        try:
+            self._turn.term = next_term(self._settings.node, self._turn.memory.term + leap)
+        except NoTermError as error:
+            self._end(MastershipEvent.HAS_NO_TERM, str(error))
+            return False
+        self._turn.keep(TermBegun(self._turn.term))
+        return True
+
+    def commands(self) -> bool:
+        """The first plan of this term is asked for, or another one; tells whether it is the first."""
+        is_first = self.state is Mastership.STARTING
+        if is_first:
+            self._move(MastershipEvent.COMMANDS)
+        return is_first
+
+    def is_refused(self, *, most_hear_none: bool) -> bool:
+        """Tell whether most PEs say, and have said for long, that they hear no LEASE, though this manager speaks."""
+        now_ns = self._turn.now_ns
+        if not most_hear_none:
+            self._refused_since_ns, self._refusals = None, 0
+            return False
+        since_ns = self._refused_since_ns = now_ns if self._refused_since_ns is None else self._refused_since_ns
+        if now_ns - since_ns < self._lease_ns << min(self._refusals, _MOST_DOUBLINGS):
+            return False
+        self._refused_since_ns, self._refusals = None, self._refusals + 1
+        return True
+
+    # Giving way
+
+    def fall_silent(self) -> None:
+        """Say nothing, and listen again from the first PE that is heard."""
+        self._move(MastershipEvent.FALLS_SILENT)
+        self.listens_until_ns, self._goes_first = None, True
+
+    def gives_way_to(self, node: int, lease: Lease) -> bool:
+        """Another manager is active; tells whether this one stands by for it from now on. It may end instead."""
+        is_listening, term = self.state is Mastership.LISTENING, self._turn.term
+        is_double = node == self._settings.node and lease.term == term  # its own frames do not come in
+        if not (is_listening or is_double or lease.term > term):
+            return False
+        if not self._settings.standby:
+            self._retire(node, lease, is_double=is_double)
+            return False
+        if not is_listening:
+            self._turn.emit("stepped_down", node=node, term=lease.term)
+        self._move(MastershipEvent.STANDS_BY)
+        return True
+
+    def _retire(self, node: int, lease: Lease, *, is_double: bool) -> None:
+        bus = self._settings.bus.name
+        if self.state is Mastership.LISTENING:
+            reason = f"manager {node} already reigns on {bus} (term {lease.term})"
+        elif is_double:
+            reason = f"another manager {node} reigns on {bus}, in the same term"
+        else:
+            reason = f"manager {node} reigns with the higher term {lease.term}"
+        self._turn.emit("second_manager", node=node, term=lease.term)
+        self._end(MastershipEvent.ENDS, reason, "; stop it first, or let this one be")
+
+    def _end(self, event: MastershipEvent, reason: str, remedy: str = "") -> None:
+        self._move(event)
+        self._turn.emit("stopped", reason=reason)
+        self._turn.ask(Stop(reason + remedy))

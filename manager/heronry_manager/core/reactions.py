@@ -1,0 +1,101 @@
+"""What follows when something has changed: for the PEs that are counted on, for what they drive, and for the plan.
+
+The parts that notice a change (`health`, `known_situation`, `deployment`) only say it, as a value. Here each one is
+acted on, one after the other, in the order in which they came:
+
+    suspected                    the PE is PINGed
+    lost, rebooted, failed       it is left out of ALIVE at once, what it may still drive is counted (`exclusion`), its
+                                 part in the epochs ends, and a plan without it is needed
+    absent, joined               a plan is needed
+    answered, heard again        nothing but an event: the PE is counted on still, or not yet
+    any other                    as `known_situation` says
+
+A PE that does not do what it was told is failed, with the cause in words. Late, doubled: the same change does not come
+twice, since `health` and `known_situation` change state once.
+"""
+
+from collections.abc import Iterable
+
+from heronry_manager.core.beat import Beat
+from heronry_manager.core.health import Change, HealthChange
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.known_situation import LimitChanged, ModuleReleased, PlanNeeded, SituationChange
+from heronry_manager.core.mastership import Claim
+from heronry_manager.core.memory import Quarantined, Released
+from heronry_manager.core.replanning import Replanning
+from heronry_manager.core.turn import Turn
+
+
+class Reactions:
+    """Acts on changes."""
+
+    def __init__(self, turn: Turn, claim: Claim, known: Knowledge, beat: Beat, replanning: Replanning) -> None:
+        self._turn, self._claim, self._known = turn, claim, known
+        self._beat, self._replanning = beat, replanning
+
+    def take(self, changes: Iterable[SituationChange]) -> None:
+        """Act on these changes."""
+        for change in changes:
+            match change:
+                case HealthChange():
+                    self._take_health(change)
+                case PlanNeeded():
+                    self._replanning.need(change)
+                case LimitChanged():
+                    self._replanning.limit(change)
+                case ModuleReleased(module):  # pragma: no branch - nothing else is left
+                    if self._claim.is_active:
+                        self._known.deployment.stopped(module)
+
+    def fail(self, pe: str, cause: str) -> None:
+        """Stop counting on a PE that speaks."""
+        self.take(self._known.health.fail(pe, cause, self._turn.now_ns))
+
+    def blame_nobody(self) -> None:
+        """It is this manager that hears no PE: whom that put in quarantine has done nothing."""
+        health = self._known.health
+        for pe in health.take_back():
+            if health.is_quarantined(pe):
+                self._turn.keep(Quarantined(pe, health.losses(pe)))
+            elif pe in self._turn.memory.quarantined:
+                self._turn.keep(Released(pe))
+
+    def _take_health(self, change: HealthChange) -> None:
+        pe, last, turn = change.pe, change.last_heard_ns, self._turn
+        match change.change:
+            case Change.SUSPECTED:
+                silent_ns = turn.now_ns - last if last is not None else None
+                turn.emit("pe_suspected", pe=pe, cause=change.cause, silent_ns=silent_ns)
+                if self._claim.is_active:
+                    self._beat.ping(pe)
+            case Change.ANSWERED:
+                turn.emit("pe_answered", pe=pe)
+            case Change.LOST | Change.REBOOTED | Change.FAILED:
+                self._lost(change)
+            case Change.ABSENT:
+                turn.emit("pe_absent", pe=pe, cause=change.cause)
+                self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}"))
+            case Change.HEARD_AGAIN:
+                turn.emit("pe_heard_again", pe=pe, cause=change.cause)
+            case Change.JOINED:  # pragma: no branch - nothing else is left
+                if pe in turn.memory.quarantined:
+                    turn.keep(Released(pe))
+                turn.emit("pe_joined", pe=pe, cause=change.cause)
+                self._known.deployment.observed.joined(pe)
+                self._replanning.need(PlanNeeded(f"pe:{pe} joined"))
+
+    def _lost(self, change: HealthChange) -> None:
+        """A PE is counted on no more."""
+        pe, last, known = change.pe, change.last_heard_ns, self._known
+        if change.change is Change.REBOOTED:
+            known.exclusion.rebooted(pe)
+        elif change.change is Change.LOST:
+            known.exclusion.declared_down(pe, self._turn.now_ns if last is None else last)
+        self._turn.emit("pe_lost", pe=pe, cause=change.cause, last_heard_ns=last)
+        if known.health.is_quarantined(pe):
+            self._turn.keep(Quarantined(pe, known.health.losses(pe)))
+        known.deployment.lost(pe)
+        if self._claim.speaks():
+            self._beat.must_leave_out()
+        known.situation.links.restarted(pe)
+        self._replanning.need(PlanNeeded(f"pe:{pe}: {change.cause}", last))

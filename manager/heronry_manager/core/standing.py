@@ -1,0 +1,69 @@
+"""How a PE stands with the manager, and the table of all that may change it; `health` decides when.
+
+    WAITING    never heard, the start-up window is open
+    UP         heard within its period
+    SUSPECT    a period was missed; it has been PINGed; still counted on
+    DOWN       declared after `misses` silent periods, or never heard when the window closed, or failed by the manager
+    RETURNING  heard again; counted on after a hold-down without a gap
+
+A PE is counted on while it is UP or SUSPECT.
+"""
+
+from enum import Enum, auto
+
+from heronry_manager.core.transitions import TransitionTable
+
+
+class Standing(Enum):
+    """Where a PE stands."""
+
+    WAITING = "waiting"
+    UP = "up"
+    SUSPECT = "suspect"
+    DOWN = "down"
+    RETURNING = "returning"
+
+
+class StandingEvent(Enum):
+    """What changes that."""
+
+    HEARD = auto()
+    LATE = auto()
+    SILENT = auto()
+    FAILED = auto()  # or rebooted, barred, beyond a radio that is gone
+    WINDOW_CLOSES = auto()
+    HOLD_DOWN_ENDS = auto()
+    VOUCHED_FOR = auto()
+    AWAITED_AGAIN = auto()
+    QUARANTINED = auto()
+
+
+TRANSITIONS = TransitionTable(
+    {Standing.WAITING: "start"},
+    (
+        (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),
+        (Standing.WAITING, StandingEvent.WINDOW_CLOSES, Standing.DOWN, "the start-up window closes"),
+        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "it was to prove itself and falls silent"),
+        (Standing.WAITING, StandingEvent.FAILED, Standing.DOWN, "the operator fails it"),
+        (Standing.WAITING, StandingEvent.QUARANTINED, Standing.DOWN, "it was in quarantine before a restart"),
+        (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, is PINGed"),
+        (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or deaf for T_lease"),
+        (Standing.SUSPECT, StandingEvent.HEARD, Standing.UP, "heard"),
+        (
+            *(Standing.SUSPECT, StandingEvent.SILENT, Standing.DOWN),
+            "silent for as many periods as it may miss and a quarter",
+        ),
+        (Standing.SUSPECT, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
+        (Standing.DOWN, StandingEvent.HEARD, Standing.RETURNING, "heard"),
+        (Standing.DOWN, StandingEvent.FAILED, Standing.DOWN, ""),
+        (Standing.DOWN, StandingEvent.QUARANTINED, Standing.DOWN, ""),
+        (Standing.RETURNING, StandingEvent.HOLD_DOWN_ENDS, Standing.UP, "hold-down is over"),
+        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "the manager before counted on it"),
+        (Standing.RETURNING, StandingEvent.SILENT, Standing.DOWN, "silent again"),
+        (Standing.RETURNING, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
+        *(
+            (before, StandingEvent.AWAITED_AGAIN, Standing.WAITING, "another term begins, and cannot believe it yet")
+            for before in (Standing.WAITING, Standing.DOWN, Standing.RETURNING)
+        ),
+    ),
+)

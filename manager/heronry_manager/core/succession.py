@@ -1,0 +1,135 @@
+"""How one manager follows another: what `mastership` has decided is carried out here, for all parts of the core.
+
+    begin a term     from now on the PEs know this manager; a PE that is not heard may drive on for T_lease
+    give way         another manager is active, with a higher term or first: forget all but the memory, and follow it
+    follow           what the active manager says is taken in (`following`), by a standby manager and one that advises
+    take over        no manager is active any more, as the PEs say: begin a term with what was learnt. A PE that was
+                     counted on to the last, and runs what it was given, need not be held down; one that cannot be
+                     believed yet is waited for (`health`)
+    fall silent      no PE is heard, or most of them refuse this manager: forget, say nothing, listen for a PE
+
+Lost, late, doubled, forged: see `mastership` and `following`.
+"""
+
+from heronry_manager.core.beat import Beat
+from heronry_manager.core.following import LEARNS_LEASES
+from heronry_manager.core.knowledge import Knowledge
+from heronry_manager.core.mastership import Claim, Mastership
+from heronry_manager.core.reactions import Reactions
+from heronry_manager.core.reconfiguration import Cause
+from heronry_manager.core.replanning import Replanning
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.turn import Turn
+from heronry_wire.frame import Malformed
+from heronry_wire.management import Lease, ManagementMessage
+
+
+class Succession:
+    """Carries out the changes of mastership."""
+
+    def __init__(
+        self,
+        settings: ManagerSettings,
+        turn: Turn,
+        claim: Claim,
+        known: Knowledge,
+        *,
+        beat: Beat,
+        replanning: Replanning,
+        reactions: Reactions,
+    ) -> None:
+        self._settings, self._turn, self._claim, self._known = settings, turn, claim, known
+        self._beat, self._replanning, self._reactions = beat, replanning, reactions
+
+    # What another manager says
+
+    def heard(self, node: int, message: ManagementMessage | Malformed) -> None:
+        """Another manager speaks."""
+        if isinstance(message, Malformed):
+            return
+        if self._claim.state is Mastership.STANDBY:
+            self._follow(node, message)
+        elif self._settings.advise:
+            self._learn_beside(node, message)
+        elif isinstance(message, Lease):
+            self._give_way(node, message)
+
+    def _follow(self, node: int, message: ManagementMessage) -> None:
+        following = self._known.following
+        before = following.node
+        self._learn(node, message)
+        if before is None and following.node is not None:
+            self._turn.emit("standing_by", node=node, term=following.term)
+
+    def _learn_beside(self, node: int, message: ManagementMessage) -> None:
+        is_listening = self._claim.state is Mastership.LISTENING
+        if is_listening and self._known.following.node is None and isinstance(message, Lease):
+            self._claim.learns_for(LEARNS_LEASES)
+        self._learn(node, message)
+
+    def _learn(self, node: int, message: ManagementMessage) -> None:
+        following, situation = self._known.following, self._known.situation
+        self._reactions.take(following.heard(node, message))
+        if following.is_beat(node, message):
+            for element in situation.held_no_longer():
+                self._reactions.take(situation.clear(element, f"manager {node}") or ())
+
+    def _give_way(self, node: int, lease: Lease) -> None:
+        was_active = self._claim.is_active
+        if self._claim.gives_way_to(node, lease):
+            if was_active:
+                self._forget()
+            self._follow(node, lease)
+
+    # Beginning and ending
+
+    def begin_term(self) -> None:
+        """Begin to speak, if there is a term left to do so."""
+        if self._claim.begin_term():
+            self._known.deployment.begin(self._turn.term)
+            self._known.exclusion.begun(self._turn.now_ns, self._known.health.counted_on())
+            self._beat.begin()
+
+    def take_over(self) -> None:
+        """No manager is active any more: begin a term in the place of the one that was followed."""
+        known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
+        active = filter(known.deployment.is_active, followed.counted_on())
+        vouched_for = known.health.vouched_for(active, now_ns)
+        self._reactions.take(vouched_for)
+        self.begin_term()
+        for change in vouched_for:
+            known.exclusion.unknown(change.pe)  # nothing that it has taken up was counted here
+        if not self._claim.is_active:
+            return
+        silent_ns = None if followed.leased_ns is None else now_ns - followed.leased_ns
+        self._turn.emit(
+            "taken_over",
+            term=self._turn.term,
+            before=followed.term,
+            silent_ns=silent_ns,
+            phase=known.situation.phase,
+        )
+        known_ns = followed.leased_ns if followed.leased_ns is not None else now_ns
+        known.health.await_again(followed.unbelieved(), now_ns, self._settings.window_ns)
+        self._replanning.take_over(Cause("nobody reigned", now_ns, known_ns))
+
+    def is_over(self, *, hears_no_pe: bool) -> bool:
+        """Tell whether this term is over: this manager is cut off, or deaf, or its term is behind."""
+        if self._settings.advise or self._claim.state is not Mastership.REIGNING:
+            return False
+        if hears_no_pe:
+            self._turn.emit("hears_nobody", term=self._turn.term)
+            return True
+        if self._beat.is_due() and self._claim.is_refused(most_hear_none=self._known.following.most_hear_none()):
+            self._turn.emit("refused", term=self._turn.term)
+            return True
+        return False
+
+    def fall_silent(self) -> None:
+        """Forget all but what is remembered, and begin anew with the PE that is heard next."""
+        self._forget()
+        self._claim.fall_silent()
+
+    def _forget(self) -> None:
+        self._replanning.planning.forget()
+        self._known.begin()

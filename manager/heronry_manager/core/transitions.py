@@ -1,0 +1,40 @@
+"""A state machine written as a table: each change of state that there may be, the event that makes it, and why.
+
+The owner keeps its state in an attribute of its own and changes it by `after` alone, so that a change which the table
+lacks ends in an InvariantError, at the moment when it is made. The diagrams of docs/protocol/ are written from the same
+rows: what they show is what can happen.
+
+    beginnings    states in which the owner may be made, and why
+    rows          state before, event, state after, and why; for each state and event there is one row at most
+"""
+
+from collections.abc import Iterable, Mapping
+from enum import Enum
+from typing import Generic, TypeVar
+
+from heronry_wire.sansio import InvariantError
+
+State = TypeVar("State", bound=Enum)
+Event = TypeVar("Event", bound=Enum)
+
+
+class TransitionTable(Generic[State, Event]):
+    """All transitions of one state machine."""
+
+    def __init__(self, beginnings: Mapping[State, str], rows: Iterable[tuple[State, Event, State, str]]) -> None:
+        self.beginnings = beginnings
+        self.rows = tuple(rows)
+        self._after = {(before, event): after for before, event, after, _ in self.rows}
+
+    def after(self, state: State, event: Event) -> State:
+        """Give the state that an event leads to; raises InvariantError where it cannot happen in this state."""
+        found = self._after.get((state, event))
+        if found is None:
+            raise InvariantError(f"{event.name} cannot happen in {state.name}")
+        return found
+
+    def may_be(self, state: State, event: Event | None) -> bool:
+        """Tell whether this state can have been reached by an event, or, where that is None, be the first one."""
+        if event is None:
+            return state in self.beginnings
+        return any((last, after) == (event, state) for _, last, after, _ in self.rows)

@@ -1,0 +1,33 @@
+"""Diagrams of the state machines that are tables in the code, as mermaid draws them."""
+
+from enum import Enum
+from typing import Any
+
+from heronry_manager.core import mastership, reconfiguration, standing
+from heronry_manager.core.transitions import TransitionTable
+
+
+def mastership_of_a_manager() -> str:
+    """Whether a manager is the active one."""
+    return _diagram(mastership.TRANSITIONS)
+
+
+def standing_of_a_pe() -> str:
+    """Whether a manager counts on a PE."""
+    return _diagram(standing.TRANSITIONS)
+
+
+def stage_of_an_epoch() -> str:
+    """How far an epoch is, at the manager."""
+    return _diagram(reconfiguration.TRANSITIONS)
+
+
+def _diagram(table: TransitionTable[Any, Any]) -> str:
+    """Draw every change from one state to another once, with all that may make it."""
+    arrows: dict[tuple[Enum, Enum], list[str]] = {}
+    for before, _, after, why in table.rows:
+        if before is not after:
+            arrows.setdefault((before, after), []).append(why)
+    lines = [f"[*] --> {state.name}: {why}" for state, why in table.beginnings.items()]
+    lines += [f"{before.name} --> {after.name}: {', or '.join(whys)}" for (before, after), whys in arrows.items()]
+    return "\n".join(["```mermaid", "stateDiagram-v2", *(f"    {line}" for line in lines), "```"])

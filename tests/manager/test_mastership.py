@@ -1,0 +1,88 @@
+"""Mastership: nothing changes but by the table of transitions, and `validate` notices where it did."""
+
+from enum import Enum, auto
+
+import pytest
+
+from heronry_manager.core.mastership import TRANSITIONS, Claim, Mastership, MastershipEvent
+from heronry_manager.core.settings import ManagerSettings
+from heronry_manager.core.transitions import TransitionTable
+from heronry_manager.core.turn import Turn
+from heronry_wire.management import Lease, Step
+from heronry_wire.sansio import InvariantError
+from manager.one_manager import MS, OneManager, two_tails
+
+LEASE_NS = 100 * MS
+
+
+class Door(Enum):
+    OPEN = auto()
+    SHUT = auto()
+
+
+class Push(Enum):
+    OPENS = auto()
+    SHUTS = auto()
+
+
+DOOR = TransitionTable({Door.SHUT: "built so"}, ((Door.SHUT, Push.OPENS, Door.OPEN, "it was pushed"),))
+
+
+def claim(*, node: int = 126, standby: bool = False) -> tuple[Turn, Claim]:
+    turn = Turn(node, 0, term=1)
+    return turn, Claim(ManagerSettings(two_tails(), node, standby=standby), turn)
+
+
+def test_a_table_leads_where_its_rows_say_and_nowhere_else() -> None:
+    assert DOOR.after(Door.SHUT, Push.OPENS) is Door.OPEN
+    with pytest.raises(InvariantError, match="SHUTS cannot happen in SHUT"):
+        DOOR.after(Door.SHUT, Push.SHUTS)
+
+
+def test_a_table_knows_by_which_event_a_state_is_reached() -> None:
+    assert DOOR.may_be(Door.SHUT, None)
+    assert not DOOR.may_be(Door.OPEN, None)
+    assert DOOR.may_be(Door.OPEN, Push.OPENS)
+    assert not DOOR.may_be(Door.SHUT, Push.OPENS)
+
+
+def test_for_each_state_and_event_there_is_one_row_of_mastership() -> None:
+    assert len({(before, event) for before, event, _, _ in TRANSITIONS.rows}) == len(TRANSITIONS.rows)
+    assert {before for before, _, _, _ in TRANSITIONS.rows} == {*Mastership} - {Mastership.RETIRED}
+    assert {event for _, event, _, _ in TRANSITIONS.rows} == {*MastershipEvent}
+
+
+def test_a_state_that_was_not_reached_by_the_table_is_noticed() -> None:
+    turn, one = claim()
+    one.validate()
+    turn.now_ns = LEASE_NS
+    assert one.may_begin()
+    assert one.begin_term()
+    one.validate()
+    one.state = Mastership.RETIRED
+    with pytest.raises(InvariantError, match="RETIRED was reached by"):
+        one.validate()
+
+
+def test_the_second_manager_stands_by_where_it_hears_nobody() -> None:
+    turn, one = claim(node=127, standby=True)
+    turn.now_ns = LEASE_NS
+    assert not one.may_begin()
+    assert one.state is Mastership.STANDBY
+
+
+def test_a_lower_term_makes_nobody_give_way_who_is_active() -> None:
+    turn, one = claim(standby=True)
+    turn.now_ns = LEASE_NS
+    assert one.begin_term()
+    assert not one.gives_way_to(127, Lease(turn.term - 1, 0, Step.PREPARED, 0))
+    assert one.gives_way_to(127, Lease(turn.term + 1, 0, Step.PREPARED, 0))
+    assert one.state is Mastership.STANDBY
+
+
+def test_a_manager_that_only_listens_has_no_epoch() -> None:
+    manager = OneManager()
+    manager.start()
+    manager.core._claim.state, manager.core._claim._last_event = Mastership.LISTENING, None
+    with pytest.raises(InvariantError, match="a manager that is not active has an epoch"):
+        manager.core.validate()
