@@ -28,7 +28,7 @@ from agent.one_pe import (
 from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.authentication import BEAT_SPAN, PAGE_1_BEAT, Key, Session, split_state
-from heronry_wire.command_tags import CommandSigner, Refusal
+from heronry_wire.command_tags import Refusal
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
@@ -64,6 +64,7 @@ from heronry_wire.management import (
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import Abort, abort_message
+from lab.peers import PlayedManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
 LEASE = Lease(1, 0, Step.PREPARED, 0)
@@ -87,16 +88,11 @@ class Keyed:
 
     def __post_init__(self) -> None:
         self.pe = OnePe(self.table, secret=Secret(KEY, self.salt))
-        self.signer = CommandSigner(KEY, MANAGER, self.term)
+        self.manager = PlayedManager(MANAGER, self.term, KEY)
 
-    def tell(self, *messages: Message, signer: CommandSigner | None = None, manager: int = MANAGER) -> list[Action]:
+    def tell(self, *messages: Message, manager: PlayedManager | None = None) -> list[Action]:
         """Say commands, each with its TAG."""
-        signer = signer or self.signer
-        actions = []
-        for message in messages:
-            frame = command_frame(message, manager)
-            actions += [*self.pe.hear(frame), *self.pe.hear(signer.tag(frame) or frame)]
-        return actions
+        return self.pe.hear(*(manager or self.manager).frames(*messages))
 
     def nonce(self) -> int:
         """What it asks when a manager speaks that it does not know."""
@@ -105,9 +101,9 @@ class Keyed:
         assert isinstance(page, StatePage2)
         return page.nonce
 
-    def welcome(self, nonce: int, signer: CommandSigner | None = None) -> list[Action]:
+    def welcome(self, nonce: int, manager: PlayedManager | None = None) -> list[Action]:
         """Answer a nonce."""
-        return [one for frame in (signer or self.signer).welcome(NODE, nonce) for one in self.pe.hear(frame)]
+        return self.pe.hear(*(manager or self.manager).welcome(NODE, nonce))
 
     @property
     def refused(self) -> dict[Refusal, int]:
@@ -150,7 +146,7 @@ def test_once_welcomed_it_obeys_and_flies(keyed: Keyed) -> None:
 
 def test_the_same_commands_without_their_tags_do_nothing(keyed: Keyed) -> None:
     keyed.pe.command(*slice_messages(FLYING, 7, 1007), Activate(1, 7, Step.GO_ALL, 1007))
-    keyed.tell(*slice_messages(FLYING, 7, 1007), signer=CommandSigner(FOREIGN, MANAGER, 1))
+    keyed.tell(*slice_messages(FLYING, 7, 1007), manager=PlayedManager(MANAGER, 1, FOREIGN))
     assert keyed.pe.core.reconfiguration.state is PeState.UNCONFIGURED
     assert not keyed.pe.core.staging.collecting()
     assert keyed.refused[Refusal.UNPROVEN] == len(slice_messages(FLYING, 7, 1007))
@@ -159,10 +155,10 @@ def test_the_same_commands_without_their_tags_do_nothing(keyed: Keyed) -> None:
 def test_a_replay_and_an_old_welcome_do_nothing() -> None:
     one = Keyed()
     nonce = one.nonce()
-    recorded = one.signer.welcome(NODE, nonce)
+    recorded = one.manager.welcome(NODE, nonce)
     one.welcome(nonce)
     ping = command_frame(Ping(1, NODE, 1))
-    tag = one.signer.tag(ping)
+    tag = one.manager.signer.tag(ping)
     assert tag is not None
     assert len(said(one.pe.hear(ping) + one.pe.hear(tag), StatePage0)) == 1
     assert not said(one.pe.hear(ping) + one.pe.hear(tag), StatePage0)
@@ -182,7 +178,7 @@ def test_a_welcome_that_comes_too_late_answers_nobody() -> None:
 
 def test_what_it_runs_and_what_it_refused_is_told_in_page_3_every_tenth_time(keyed: Keyed) -> None:
     for _ in range(3):
-        keyed.tell(LEASE, signer=CommandSigner(FOREIGN, MANAGER, 1))
+        keyed.tell(LEASE, manager=PlayedManager(MANAGER, 1, FOREIGN))
     pages = said(keyed.pe.pass_time(20 * BEAT_NS), StatePage3)
     told = [(page.digest, page.unproven, page.other) for page in pages if isinstance(page, StatePage3)]
     assert told == 2 * [(0, 3, 0)]
@@ -207,21 +203,21 @@ def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_not
 
 def test_a_manager_that_was_restarted_is_believed_at_once_and_gives_a_new_session(keyed: Keyed) -> None:
     keyed.pe.pass_time(BEAT_NS)
-    restarted = CommandSigner(KEY, MANAGER, 2)
-    (asked,) = said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), signer=restarted), StatePage2)
+    restarted = PlayedManager(MANAGER, 2, KEY)
+    (asked,) = said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), manager=restarted), StatePage2)
     assert keyed.pe.core.reign.term == 2
     assert isinstance(asked, StatePage2)
     keyed.welcome(asked.nonce, restarted)
     keyed.pe.pass_time(BEAT_NS)
-    assert not said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), signer=restarted), StatePage2)
+    assert not said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), manager=restarted), StatePage2)
 
 
 def test_who_has_given_an_answer_in_a_higher_term_reigns_and_who_did_before_is_not_obeyed_any_more(
     keyed: Keyed,
 ) -> None:
-    other = CommandSigner(KEY, 127, 2)
+    other = PlayedManager(127, 2, KEY)
     keyed.pe.pass_time(2 * BEAT_NS)
-    (asked,) = said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), signer=other, manager=127), StatePage2)
+    (asked,) = said(keyed.tell(Lease(2, 0, Step.PREPARED, 0), manager=other), StatePage2)
     assert isinstance(asked, StatePage2)
     assert keyed.pe.core.reign.term == 1
     for frame in other.welcome(NODE, asked.nonce):
@@ -233,16 +229,16 @@ def test_who_has_given_an_answer_in_a_higher_term_reigns_and_who_did_before_is_n
 
 def test_the_other_manager_is_asked_and_then_believed(keyed: Keyed) -> None:
     keyed.pe.pass_time(BEAT_NS)
-    standby, lease = CommandSigner(KEY, 127, 2), Lease(2, 0, Step.PREPARED, 0)
-    (asked,) = said(keyed.tell(lease, signer=standby, manager=127), StatePage2)
+    standby, lease = PlayedManager(127, 2, KEY), Lease(2, 0, Step.PREPARED, 0)
+    (asked,) = said(keyed.tell(lease, manager=standby), StatePage2)
     assert isinstance(asked, StatePage2)
     keyed.welcome(asked.nonce, standby)
-    keyed.tell(lease, signer=standby, manager=127)
+    keyed.tell(lease, manager=standby)
     assert (keyed.pe.core.reign.manager, keyed.pe.core.reign.term) == (127, 2)
 
 
 def test_who_was_cut_off_for_too_long_asks_anew(keyed: Keyed) -> None:
-    keyed.signer.number += 3 * NUMBER_SPAN + 5
+    keyed.manager.signer.number += 3 * NUMBER_SPAN + 5
     assert not said(keyed.tell(LEASE), StatePage2)
     keyed.pe.pass_time(6 * BEAT_NS)
     (asked,) = said(keyed.tell(LEASE), StatePage2)
@@ -367,7 +363,7 @@ def test_a_gateway_hands_on_what_it_obeyed_with_its_tag_and_nothing_else() -> No
     ping = command_frame(Ping(1, FAR, 1))
     assert [frame.can_id for frame in sent(one.tell(Ping(1, FAR, 1)), ping.can_id, 1)] == [ping.can_id]
     assert len(sent(one.tell(Ping(1, FAR, 2)), management_id(MANAGER, Command.TAG), 1)) == 1
-    forged = one.tell(Ping(1, FAR, 3), signer=CommandSigner(FOREIGN, MANAGER, 1))
+    forged = one.tell(Ping(1, FAR, 3), manager=PlayedManager(MANAGER, 1, FOREIGN))
     assert not sent(forged, ping.can_id, 1)
 
 
@@ -375,12 +371,12 @@ def test_a_gateway_hands_on_the_welcome_of_a_node_beyond_and_not_that_of_another
     one = Keyed(GATEWAY_TABLE)
     assert not [action for action in one.welcome(one.nonce()) if isinstance(action, Send) and action.port == 1]
     for node, passes in ((FAR, 2), (NEIGHBOUR, 0)):
-        control, tag = one.signer.welcome(node, 5)
+        control, tag = one.manager.welcome(node, 5)
         actions = one.pe.hear(control) + one.pe.hear(tag)
         assert sum(len(sent(actions, frame.can_id, 1)) for frame in (control, tag)) == passes
-    one.pe.hear(one.signer.welcome(FAR, 6)[0])
+    one.pe.hear(one.manager.welcome(FAR, 6)[0])
     one.pe.pass_time(6 * BEAT_NS)
-    one.pe.hear(one.signer.welcome(FAR, 7)[1])  # of a question that is forgotten by now
+    one.pe.hear(one.manager.welcome(FAR, 7)[1])  # of a question that is forgotten by now
     assert one.refused == {Refusal.UNKNOWN: 1, Refusal.STRAY: 1}
 
 
@@ -388,7 +384,7 @@ def test_nobody_commands_from_beyond() -> None:
     one = Keyed(GATEWAY_TABLE)
     one.welcome(one.nonce())
     ping = command_frame(Ping(1, NODE, 1))
-    tag = one.signer.tag(ping)
+    tag = one.manager.signer.tag(ping)
     assert tag is not None
     assert not one.pe.hear(ping, port=1) + one.pe.hear(tag, port=1)
     assert one.pe.core.counts["command from beyond", ping.can_id] == 1
@@ -396,6 +392,6 @@ def test_nobody_commands_from_beyond() -> None:
 
 
 def test_a_tag_without_a_byte_is_counted(keyed: Keyed) -> None:
-    keyed.pe.hear(keyed.signer.welcome(FAR, 1)[0])
+    keyed.pe.hear(keyed.manager.welcome(FAR, 1)[0])
     keyed.pe.hear(Frame(management_id(MANAGER, Command.TAG), b""))
     assert keyed.refused[Refusal.MALFORMED] == 1

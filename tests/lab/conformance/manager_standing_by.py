@@ -842,39 +842,3 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
     equal(manager.told("fault_cleared"), [], "faults that it gives up")
     demand("servo_driver_1" in manager.told("advice")[-1]["stopped"], "it does not advise upon what is supposed")
     equal(manager.heard(-1, *Command), [], "commands of a manager that advises")
-
-
-DRILLS = (
-    half_of_those_counted_on_are_not_most,
-    of_a_term_that_is_behind_it_asks_whether_it_is_obeyed,
-    guesses_are_counted_and_forgiven,
-    who_was_counted_on_and_dies_unproven_is_not_waited_for,
-    what_a_pe_refuses_is_told,
-    lost_states_cost_nothing,
-    what_it_has_said_itself_is_nobody_else,
-    who_advises_follows_no_more_than_is_known,
-    who_advises_and_was_started_late_says_what_it_does_not_know,
-    it_takes_over_when_the_pes_hear_nobody,
-    it_waits_for_the_lease_to_expire,
-    only_who_was_counted_on_is_asked,
-    where_nobody_reigns_127_lets_126_go_first,
-    of_a_deposed_manager_it_believes_nothing,
-    what_is_held_no_more_is_cleared,
-    a_request_that_another_manager_has_obeyed_is_obeyed_no_more,
-    an_answer_counts_right_behind_the_phase_alone,
-    who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed,
-    with_a_key_nobody_else_says_what_runs,
-    who_comes_late_to_what_runs_does_not_hide_what_comes,
-    what_it_has_overheard_is_adopted,
-    what_was_called_by_its_number_is_adopted,
-    who_is_vouched_for_may_drive_anything,
-    what_is_no_configuration_is_not_remembered,
-    who_reigns_stands_by_before_a_higher_term,
-    every_command_is_tagged,
-    a_state_counts_when_it_is_proven,
-    a_nonce_is_answered_once_in_a_period,
-    an_emergency_counts_when_it_is_proven,
-    a_page_1_counts_when_it_is_proven,
-    who_is_guessed_at_needs_two_states_in_a_row,
-    the_lock_is_opened_by_order,
-)

@@ -27,12 +27,11 @@ from heronry_tools.sim.world.nodes import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
 from heronry_wire.canopen_objects import COUNTERS
-from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
+from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import FIRST_MANAGER, actuator_echo_id, emcy_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import (
-    SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
     Emergency,
@@ -67,6 +66,7 @@ from heronry_wire.pe_table import (
 from heronry_wire.sdo import UPLOAD, with_data
 from lab.conformance import puppets
 from lab.conformance.player import MS, SOON_NS, Player, demand, equal
+from lab.peers import slice_messages
 
 NODE, NEIGHBOUR, FAR = 95, 93, 100
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
@@ -299,13 +299,7 @@ class PeUnderTest:
 
     def slice_frames(self, epoch: int, part: Slice | bytes) -> list[SliceHead | SliceBody]:
         """Head and body of a slice."""
-        body = part if isinstance(part, bytes) else part.encode()
-        head = SliceHead(NODE, epoch & 0xFF, len(body), slice_digest(self.table.spec_digest, body))
-        starts = range(0, len(body), SLICE_BYTES_PER_FRAME)
-        return [head] + [
-            SliceBody(NODE, epoch & 0xFF, number, body[start : start + SLICE_BYTES_PER_FRAME])
-            for number, start in enumerate(starts, start=1)
-        ]
+        return slice_messages(NODE, epoch, part, self.table.spec_digest)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
         """Say ACTIVATE, and repeat it in LEASE from now on."""

@@ -9,8 +9,9 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.frame_digest import FrameDigest
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import FIRST_MANAGER, management_id
-from heronry_wire.management import COMMAND_OF, ManagementMessage
+from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.management import ManagementMessage
+from lab.peers import command_frame
 
 MS = 1_000_000
 SOON_NS = 1_500_000
@@ -57,7 +58,7 @@ class Player:
     def command(self, *messages: ManagementMessage, manager: int = FIRST_MANAGER) -> None:
         """Say what a manager says, each command with its TAG where there is a key."""
         for message in messages:
-            frame = commanded(message, manager)
+            frame = command_frame(message, manager)
             tag = None if self.sign is None else self.sign(frame)
             self.say(frame, *([] if tag is None else [tag]))
 
@@ -72,11 +73,6 @@ class Player:
         self.heard.append(Heard(sent.end_ns, sent.frame))
         if self.hears is not None:
             self.hears(sent.frame)
-
-
-def commanded(message: ManagementMessage, manager: int = FIRST_MANAGER) -> Frame:
-    """The frame of a command."""
-    return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
 
 
 def demand(holds: bool, story: str) -> None:
