@@ -135,10 +135,12 @@ class ProvenStates:
     session: Session | None = None  # without one a state carries the tag 0
     beat: int = 0  # of the next page 0
 
-    def prove(self, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY, *, stride: int = 1) -> Frame:
+    def prove(
+        self, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY, *, stride: int = 1, is_true: bool = True
+    ) -> Frame:
         """A page 0 with the number of its beat, which also proves an EMCY; or a page 1.
 
-        stride: from this beat to the next; more is as if some were lost.
+        stride: from this beat to the next; more is as if some were lost. is_true: without, it carries the tag 0.
         """
         beat, said_of_it = PAGE_1_BEAT, NO_EMERGENCY
         if isinstance(page, StatePage0):
@@ -147,7 +149,7 @@ class ProvenStates:
             page = replace(page, sequence=beat % 256)
         said, digest = split_state(page.encode())
         tag = 0
-        if self.session is not None:
+        if self.session is not None and is_true:
             tag = self.key.state_tag(self.node, self.session, beat, said, digest, emergency=said_of_it)
         return Frame(state_id(self.node), joined_state(said, tag))
 

@@ -1,7 +1,8 @@
 """A manager with a key: what it tags, whom it believes, and what a PE has to do for it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,11 +14,8 @@ from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
-    PAGE_1_BEAT,
     Key,
     Session,
-    joined_state,
-    split_state,
 )
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
@@ -40,6 +38,7 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.sansio import Received, Send
+from lab.peers import ProvenStates, command_frame
 from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
@@ -47,20 +46,12 @@ UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
 LEFT = 92
 
 
-@dataclass
-class Pe:
+class Pe(ProvenStates):
     """A PE that holds a key, as far as its states go."""
 
-    manager: OneManager
-    name: str = "left"
-    key: Key = KEY
-    session: Session | None = None
-    beat: int = 0
-
-    @property
-    def node(self) -> int:
-        """Its node-ID."""
-        return self.manager.spec.pes[self.name].node_id
+    def __init__(self, manager: OneManager, name: str = "left", key: Key = KEY, session: Session | None = None) -> None:
+        super().__init__(manager.spec.pes[name].node_id, key, session)
+        self.manager = manager
 
     def ask(self, nonce: int = 77) -> None:
         """Say a nonce, and take the answer if there is one."""
@@ -77,25 +68,15 @@ class Pe:
         self, page: StatePage0 = UNCONFIGURED, session: Session | None = None, emergency: bytes = NO_EMERGENCY
     ) -> Frame:
         """Say a page 0, tagged, which proves an EMCY; gives the frame."""
-        said, _ = split_state(replace(page, sequence=self.beat % 256).encode())
-        session = session or self.session
-        digest = page.digest
-        tag = (
-            0
-            if session is None
-            else self.key.state_tag(self.node, session, self.beat, said, digest, emergency=emergency)
-        )
-        self.beat += 1
-        frame = Frame(state_id(self.node), said + tag.to_bytes(3))
+        own, self.session = self.session, session or self.session
+        frame = self.prove(page, emergency)
+        self.session = own
         self.manager.hear(frame)
         return frame
 
     def stages(self, page: StatePage1) -> None:
         """Say a page 1, tagged."""
-        assert self.session is not None
-        said, digest = split_state(page.encode())
-        tag = self.key.state_tag(self.node, self.session, PAGE_1_BEAT, said, digest)
-        self.manager.hear(Frame(state_id(self.node), joined_state(said, tag)))
+        self.manager.hear(self.prove(page))
 
     def reports(self, emergency: Emergency) -> bytes:
         """Say an EMCY."""
@@ -105,6 +86,14 @@ class Pe:
     def counts(self) -> bool:
         """Tell whether the manager has heard it lately."""
         return status(self.manager)["state"] in ("up", "suspect")
+
+
+def changed(pe: Pe, **fields: Any) -> Pe:
+    """The same PE, but for this."""
+    other = copy(pe)
+    for name, value in fields.items():
+        setattr(other, name, value)
+    return other
 
 
 def status(manager: OneManager) -> dict[str, Any]:
@@ -187,10 +176,10 @@ def test_a_nonce_is_answered_once_in_half_a_period_and_0_is_none(manager: OneMan
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda pe: replace(pe, key=FOREIGN),
-        lambda pe: replace(pe, session=Session(127, 1, pe.session.number)),
-        lambda pe: replace(pe, session=Session(NODE, 1, pe.session.number - 1)),
-        lambda pe: replace(pe, session=None),
+        lambda pe: changed(pe, key=FOREIGN),
+        lambda pe: changed(pe, session=Session(127, 1, pe.session.number)),
+        lambda pe: changed(pe, session=Session(NODE, 1, pe.session.number - 1)),
+        lambda pe: changed(pe, session=None),
     ],
     ids=["foreign", "for another manager", "from before", "untagged"],
 )
@@ -292,7 +281,7 @@ def test_page_1_counts_where_its_tag_fits_and_a_forged_one_gives_nobody_up(manag
     refusal = replace(REFUSES, staged_epoch=epoch)
     pe.stages(replace(refusal, reason=Reason.INCOMPLETE))
     assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
-    replace(pe, key=FOREIGN).stages(refusal)
+    changed(pe, key=FOREIGN).stages(refusal)
     manager.hear(Frame(state_id(LEFT), refusal.encode()))
     manager.hear(Frame(state_id(LEFT), replace(refusal, staged_epoch=999, staged_digest=5).encode()))
     assert not [event for event in manager.events if event["event"] == "pe_refused"]
@@ -313,7 +302,7 @@ def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: On
 
 
 def test_who_is_heard_and_not_believed_is_told_to_begin_anew(manager: OneManager, pe: Pe) -> None:
-    stranger = replace(pe, key=FOREIGN)
+    stranger = changed(pe, key=FOREIGN)
     for _ in range(12):
         manager.pass_time(BEAT_NS)
         stranger.say()
@@ -330,7 +319,7 @@ def test_who_lost_its_session_and_begins_anew_is_not_told_of(manager: OneManager
     for _ in range(3):
         for _ in range(6):
             manager.pass_time(BEAT_NS)
-            replace(pe, key=FOREIGN).say()
+            changed(pe, key=FOREIGN).say()
         pe.ask()
         pe.say()
         pe.say()
@@ -345,7 +334,7 @@ def told_unproven(manager: OneManager) -> list[str]:
 def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager, pe: Pe) -> None:
     for _ in range(GUESSES):
         pe.say()
-        replace(pe, key=FOREIGN).say()
+        changed(pe, key=FOREIGN).say()
     assert [event["pe"] for event in manager.events if event["event"] == "states_doubted"] == ["left"]
     assert pe.counts()
     other = Pe(manager, "middle")
@@ -392,7 +381,7 @@ def test_more_refusals_are_told_once_a_second_and_a_restart_is_none(manager: One
 def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, digest: int = 0) -> list[Frame]:
     """A LEASE of another manager, and its TAG."""
     step = Step.GO_ALL if epoch else Step.PREPARED
-    frame = Frame(management_id(manager, Command.LEASE), Lease(term, epoch, step, digest).encode())
+    frame = command_frame(Lease(term, epoch, step, digest), manager)
     tag = signer.tag(frame)
     assert tag is not None
     return [frame, tag]

@@ -20,13 +20,14 @@ from heronry_wire.management import (
 )
 from heronry_wire.node_services import Service, encode_service, request, service_id
 from heronry_wire.sansio import Tick
+from lab.peers import command_frame
 from manager.one_manager import BEAT_NS, MS, OneManager
 
 FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)
 
 
 def lease(term: int, node: int) -> Frame:
-    return Frame(management_id(node, Command.LEASE), Lease(term, 0, Step.PREPARED, 0).encode())
+    return command_frame(Lease(term, 0, Step.PREPARED, 0), node)
 
 
 def test_it_listens_for_t_lease_before_it_says_anything() -> None:

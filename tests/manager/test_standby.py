@@ -18,10 +18,8 @@ from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSai
 from heronry_manager.planner.exact import plan
 from heronry_tools.sim.world.planning import plan_ahead
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     Activate,
@@ -42,6 +40,7 @@ from heronry_wire.management import (
     is_newer,
 )
 from heronry_wire.sansio import Tick
+from lab.peers import PlayedManager, command_frame
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")
@@ -149,7 +148,7 @@ def test_a_reign_that_is_behind_is_listened_to_first_and_one_that_is_not_is_left
     lease = pair.primary.said(Lease)[-1]
     for _ in range(20 * LEASE_NS // BEAT_NS):
         told = Lease(9, lease.epoch, lease.step, lease.digest)
-        pair.standby.hear(Frame(management_id(126, Command.LEASE), told.encode()))
+        pair.standby.hear(command_frame(told))
         pair.standby.pass_time(BEAT_NS)
     assert state(pair.standby) == "standby"
 
@@ -260,7 +259,7 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
     assert pair.standby.core.status()["phase"] == "glide"
     assert pair.standby.memory.latched.keys() == {"device:servo_left", "pe:right"}
     cleared = Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), cleared.encode()))
+    pair.standby.hear(command_frame(cleared))
     assert pair.standby.memory.latched.keys() == {"pe:right"}
     pair.orphan("left", "middle")
     assert pair.standby.requests[-1].now.phase == "glide"
@@ -269,7 +268,7 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
 
 def test_what_the_reign_has_not_told_for_three_turns_is_held_no_more(pair: Pair) -> None:
     held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), held.encode()))  # and CLEAR is lost
+    pair.standby.hear(command_frame(held))  # and CLEAR is lost
     pair.fly(29 * BEAT_NS)
     assert pair.standby.memory.latched.keys() == {"device:servo_left"}
     pair.fly(3 * BEAT_NS)
@@ -289,7 +288,7 @@ def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
     before = pair.standby.memory
     for kind, index in ((ElementKind.PHASE, 9), (ElementKind.DEVICE, 9), (99, 0)):
         told = Control(1, 0, Operation.HOLDS, kind, index)
-        pair.standby.hear(Frame(management_id(126, Command.CONTROL), told.encode()))
+        pair.standby.hear(command_frame(told))
     assert pair.standby.memory == before
 
 
@@ -312,7 +311,7 @@ def test_one_that_reigned_and_finds_a_higher_term_stands_by_and_forgets_its_epoc
         returned.live(pe)
     returned.pass_time(110 * MS)
     assert state(returned) == "reigning"
-    returned.hear(Frame(management_id(127, Command.LEASE), Lease(2, 0, Step.PREPARED, 0).encode()))
+    returned.hear(command_frame(Lease(2, 0, Step.PREPARED, 0), 127))
     assert returned.last("stepped_down")["term"] == 2
     assert state(returned) == "standby"
     assert returned.core.status()["epoch"] is None
@@ -325,13 +324,13 @@ def test_one_that_reigned_and_finds_a_higher_term_stands_by_and_forgets_its_epoc
 
 def test_the_frames_of_a_deposed_manager_are_not_followed(pair: Pair) -> None:
     lease = Lease(4, 0, Step.PREPARED, 0)
-    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
-    pair.standby.hear(Frame(management_id(127, Command.LEASE), lease.encode()))
+    pair.standby.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
+    pair.standby.hear(command_frame(lease, 127))
     before = pair.standby.memory
     pair.share()
     stale = Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2)
-    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), stale.encode()))
+    pair.standby.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
+    pair.standby.hear(command_frame(stale))
     assert pair.standby.memory == before
 
 
@@ -367,7 +366,7 @@ def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
 
 def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
     standby = standing_by()
-    standby.hear(Frame(management_id(126, Command.LEASE), Lease(1, 0, Step.PREPARED, 0).encode()))
+    standby.hear(command_frame(Lease(1, 0, Step.PREPARED, 0)))
     for pe in ("left", "middle"):
         standby.live(pe)
     standby.pass_time(LEASE_NS + MS)
@@ -394,14 +393,10 @@ class LateWithAKey:
     def __init__(self) -> None:
         self.one = standing_by()
         self.one.core = ManagerCore(PHASES, 127, NOTHING, self.one.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
-        self.signer = CommandSigner(Key(bytes(KEY_BYTES)), 126, 1)
+        self.manager = PlayedManager(126, 1, Key(bytes(KEY_BYTES)))
 
-    def tell(self, command: Command, message: Lease | Alive) -> None:
-        frame = Frame(management_id(126, command), message.encode())
-        tag = self.signer.tag(frame)
-        assert tag is not None
-        self.one.hear(frame)
-        self.one.hear(tag)
+    def tell(self, message: Lease | Alive) -> None:
+        self.one.hear(*self.manager.frames(message))
 
     def hear_all(self, flags: PeFlags) -> None:
         """Every PE says what it runs, with a tag that nobody here can look into."""
@@ -413,8 +408,8 @@ class LateWithAKey:
 def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_believed(*, manager_was_heard: bool) -> None:
     late = LateWithAKey()
     if manager_was_heard:
-        late.tell(Command.LEASE, Lease(1, 5, Step.GO_ALL, 9))
-        late.tell(Command.ALIVE, Alive(1, 0, frozenset((92, 93))))
+        late.tell(Lease(1, 5, Step.GO_ALL, 9))
+        late.tell(Alive(1, 0, frozenset((92, 93))))
     late.hear_all(PeFlags.HEARS_LEASE)
     late.one.pass_time(START_UP_WINDOW_NS + LEASE_NS)
     late.hear_all(PeFlags.HEARS_LEASE)
@@ -512,7 +507,7 @@ def test_what_it_has_heard_acknowledged_was_obeyed_and_the_operators_word_since_
     pair.primary.give(OperatorSaid(1, EnterPhase("climb")))
     pair.fly(10 * BEAT_NS)
     to_nobody = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), to_nobody.encode()))
+    pair.standby.hear(command_frame(to_nobody))
     pair.orphan(*PHASES.pes)
     assert pair.standby.last("taken_over")["phase"] == "climb"
     pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1))
@@ -525,9 +520,9 @@ def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
     spec = load(Path(__file__).parent.parent / "scenarios" / "slow_far_bus.dg.yaml")
     manager = OneManager(spec, node=127)
     manager.core = ManagerCore(spec, 127, NOTHING, manager.now_ns, standby=True)
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(1, 1, Step.GO_ALL, 7).encode()))
+    manager.hear(command_frame(Lease(1, 1, Step.GO_ALL, 7)))
     nodes = frozenset(pe.node_id for pe in spec.pes.values())
-    manager.hear(Frame(management_id(126, Command.ALIVE), Alive(1, 0, nodes).encode()))
+    manager.hear(command_frame(Alive(1, 0, nodes)))
     for pe in ("f1", "f2", "f3"):
         manager.hear(Frame(manager.state_id(pe), StatePage0(PeState.ACTIVE, PeFlags(0), 1, 1, 0, 7).encode()))
     manager.now_ns += 2_000 * MS
@@ -537,7 +532,7 @@ def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
 
 def test_without_a_term_left_it_stops_and_says_so() -> None:
     manager = standing_by()
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(4095, 0, Step.PREPARED, 0).encode()))
+    manager.hear(command_frame(Lease(4095, 0, Step.PREPARED, 0)))
     manager.pass_time(LEASE_NS + MS)
     for pe in PHASES.pes:
         manager.live(pe)
@@ -563,7 +558,7 @@ def test_a_reign_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) 
     pair.orphan(*PHASES.pes)
     manager = pair.standby
     manager.pass_time(3 * BEAT_NS)  # most say that they hear no LEASE, and have not said so for long
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
+    manager.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
     assert state(manager) == "standby"
     manager.pass_time(LEASE_NS + 2 * BEAT_NS)
     assert [one["before"] for one in manager.of("taken_over")] == [1, 3]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
-from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, Key
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.frame import Frame
@@ -27,14 +27,17 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
+    StatePage0,
     StatePage1,
     StatePage2,
     StatePage3,
     Step,
+    decode_state,
     is_welcome,
 )
 from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
 from lab.conformance.player import MS, demand, equal
+from lab.peers import ProvenStates
 
 KEY = Key(bytes(range(KEY_BYTES)))
 _ALL = frozenset((92, 93, 94))
@@ -473,41 +476,33 @@ class _KeyedPe:
     """Lets a played PE prove what it says, as soon as it was welcomed."""
 
     def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
-        self.session: Session | None = None
+        self.states = ProvenStates(pe.node, KEY)
         self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
         self.stride = 1  # from the number of one page 0 to the next: more is as if some were lost
-        self._manager, self._pe, self._beat, self._nonce = manager, pe, 0, 0x1234 + pe.node
+        self._manager, self._pe, self._nonce = manager, pe, 0x1234 + pe.node
         pe.say = self._say
         manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
 
     def _ask(self) -> None:
-        if self.session is None and self.asks and self._pe.speaks:
+        if self.states.session is None and self.asks and self._pe.speaks:
             page = StatePage2(self._pe.state, PeFlags(0), self._nonce)
             self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
         self._manager.clock.at(self._manager.now_ns + PERIOD_NS, self._ask)
 
-    def take(self, control: Control, number: int) -> None:
+    def take(self, control: Control) -> None:
+        self.states.take(control, self._manager.node)
         if control.node == self._pe.node and control.operation is Operation.WELCOME:
-            self.session, self._beat = Session(self._manager.node, control.term, number), 0
             page = StatePage3(self._pe.state, PeFlags(0), self._pe.digest, 0, 0)
             self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
         if control.node == self._pe.node and control.operation is Operation.RENEW:
-            self.session = None
             self._nonce += 1
 
     def _say(self, frame: Frame) -> None:
-        said, digest = split_state(frame.data)
-        is_first = frame.data[0] < 0x40
-        tag = 0
-        if self.session is not None and self.proves:
-            beat = self._beat if is_first else PAGE_1_BEAT
-            pending = self.emergency if is_first else NO_EMERGENCY
-            if is_first and self.emergency:
-                said = bytes((said[0] | PeFlags.FAULT_PENDING,)) + said[1:]
-            said = said[:4] + bytes((beat % 256,)) + said[5:] if is_first else said
-            tag = KEY.state_tag(self._pe.node, self.session, beat, said, digest, emergency=pending)
-        self._beat += self.stride * is_first
-        self._manager.main.say(Frame(frame.can_id, joined_state(said, tag)))
+        page = decode_state(frame.data)
+        assert isinstance(page, StatePage0 | StatePage1)
+        if isinstance(page, StatePage0) and self.emergency:
+            page = replace(page, flags=page.flags | PeFlags.FAULT_PENDING)
+        self._manager.main.say(self.states.prove(page, self.emergency, stride=self.stride, is_true=self.proves))
 
 
 def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
@@ -527,7 +522,7 @@ def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
             message = manager.hears[-1][1]
             assert isinstance(message, Control)
             for prover in provers.values():
-                prover.take(message, message.a << 16 | message.b)
+                prover.take(message)
 
     manager.main.hears = hears
     return provers

@@ -275,7 +275,7 @@ def another_manager_has_to_welcome_it_too() -> None:
     other = CommandSigner(KEY, 127, 6)
 
     def speaks() -> int:
-        lease = Frame(management_id(127, Command.LEASE), Lease(6, 0, Step.PREPARED, 0).encode())
+        lease = command_frame(Lease(6, 0, Step.PREPARED, 0), 127)
         tag = other.tag(lease)
         assert tag is not None
         pe.main.say(lease, tag)
