@@ -173,6 +173,7 @@ _INCOHERENT = (
     Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2)}),
     Slice((ModuleSlice(GAUGE, 1, ()),)),  # no such mode
     Slice((ModuleSlice(5, 0, ()),)),  # not of this PE
+    Slice((_GAUGE, _GAUGE)),  # twice the same module
 )
 
 
