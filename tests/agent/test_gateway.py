@@ -48,7 +48,7 @@ def test_an_uplink_need_not_be_the_first_port() -> None:
     pe = OnePe(replace(GATEWAY_TABLE, ports=(far, near), uplink=1))
     lease = command_frame(Lease(1, 7, Step.BREAK, 1007))
     assert pe.hear(lease, port=0) == []
-    assert forwarded(pe.hear(lease, 1), lease, port=0)
+    assert forwarded(pe.hear(lease, port=1), lease, 0)
 
 
 # A datum from beyond whose module may also run on this side of the gateway is exclusive there (rule 6).

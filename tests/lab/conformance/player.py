@@ -75,6 +75,38 @@ class Player:
             self.hears(sent.frame)
 
 
+class UnderTest:
+    """One real node and its surroundings, whose time is virtual."""
+
+    def __init__(self, period_ns: int) -> None:
+        """period_ns: of the heartbeats."""
+        self.clock, self._period_ns = Clock(), period_ns
+
+    @property
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.clock.now_ns
+
+    def run(self, ms: float) -> int:
+        """Let time pass; gives when that began."""
+        began_ns = self.now_ns
+        self.clock.run_until(began_ns + round(ms * MS))
+        self.validate()
+        return began_ns
+
+    def validate(self) -> None:
+        """Raise where an invariant of the node does not hold."""
+
+    def run_until(self, t_ns: int) -> None:
+        """Let time pass up to a moment."""
+        self.clock.run_until(t_ns)
+
+    def run_into_next_period(self, ms: int) -> int:
+        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
+        self.clock.run_until(self.now_ns // self._period_ns * self._period_ns + self._period_ns + ms * MS)
+        return self.now_ns
+
+
 def demand(holds: bool, story: str) -> None:
     """Raise DrillError where something does not hold."""
     if not holds:
