@@ -96,7 +96,7 @@ RULES = [
         r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
     ),
     Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
-    Rule(r"tools/mutate .* --list", How.RUN),
+    Rule(r"python -m lab\.mutation .* --list", How.RUN),
     Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
