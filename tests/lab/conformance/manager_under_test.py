@@ -13,6 +13,7 @@ from heronry_manager.core.memory import NOTHING, Memory
 from heronry_manager.core.planning_policy import FromPlanner, PlannerAnswered
 from heronry_manager.core.vocabulary import ManagerEvent, Order, PlanFailed, PlanReady, Reply, RequestPlan
 from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.nodes import SimulatedManager
