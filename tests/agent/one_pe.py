@@ -11,11 +11,10 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Action, Drive, Driven, Event, StartModule, StepModule, Stepped, StopModule
 from heronry_agent.module import Value
 from heronry_wire.canaerospace import DataType, Datum, encode_data
-from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
+from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import management_id, state_id
+from heronry_wire.identifiers import state_id
 from heronry_wire.management import (
-    COMMAND_OF,
     Activate,
     Alive,
     Control,
@@ -41,7 +40,9 @@ from heronry_wire.pe_table import (
     SourceEntry,
     VariableEntry,
 )
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Send
+from lab import peers
+from lab.peers import SteppedCore, command_frame
 
 MS = 1_000_000
 BEAT_NS = 20 * MS
@@ -133,29 +134,20 @@ FLYING = Slice((RUN_CONTROL, RUN_SERVO_1), remote={RATE: NEIGHBOUR}, publish={DE
 Message = Lease | Alive | Prepare | SliceHead | SliceBody | Activate | Ping | Control
 
 
-def command_frame(message: Message, manager: int = MANAGER) -> Frame:
-    return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
-
-
 def slice_messages(wanted: Slice, epoch: int, digest: int, term: int = 1) -> list[Message]:
     """PREPARE, head and bodies, as a manager sends them."""
-    body = wanted.encode()
-    chunks = [body[at : at + 5] for at in range(0, len(body), 5)]
-    return [
-        Prepare(term, epoch, digest),
-        SliceHead(NODE, epoch & 0xFF, len(body), slice_digest(TABLE.spec_digest, body)),
-        *(SliceBody(NODE, epoch & 0xFF, index, chunk) for index, chunk in enumerate(chunks, start=1)),
-    ]
+    return [Prepare(term, epoch, digest), *peers.slice_messages(NODE, epoch, wanted, TABLE.spec_digest)]
 
 
-class OnePe:
+class OnePe(SteppedCore[Event, Action]):
     """The core, its clock, and all it has asked for."""
 
     def __init__(
         self, table: PeTable = TABLE, *, missing_images: frozenset[str] = frozenset(), secret: Secret | None = None
     ) -> None:
-        self.now_ns = 1_000 * MS
-        self.core = AgentCore(table, 5, self.now_ns, missing_images=missing_images, secret=secret)
+        now_ns = 1_000 * MS
+        super().__init__(AgentCore(table, 5, now_ns, missing_images=missing_images, secret=secret), now_ns)
+        self.core: AgentCore
         self.done: list[tuple[int, Action]] = []
         self.outputs: dict[int, dict[str, Value]] = {}  # what each module answers
         self.reports: dict[int, tuple[tuple[str, int], ...]] = {}  # what each module reports in every step
@@ -167,7 +159,7 @@ class OnePe:
 
     def give(self, event: Event) -> list[Action]:
         """Give an event now, and answer for the modules."""
-        actions = self.core.step(self.now_ns, event)
+        actions = super().give(event)
         self.core.validate()
         self.done += [(self.now_ns, action) for action in actions]
         for action in list(actions):
@@ -189,20 +181,8 @@ class OnePe:
         reports, phases = self.reports.get(module, ()), self.phases.get(module, ())
         return self.give(Stepped(module, release, self.outputs.get(module, {}), writes, reports, phases, self.spent_ns))
 
-    def hear(self, frame: Frame, port: int = 0) -> list[Action]:
-        return self.give(Received(port, frame))
-
     def command(self, *messages: Message, manager: int = MANAGER) -> list[Action]:
-        return [action for message in messages for action in self.hear(command_frame(message, manager))]
-
-    def pass_time(self, duration_ns: int) -> list[Action]:
-        """Let time pass, deadline by deadline."""
-        end_ns, actions = self.now_ns + duration_ns, []
-        while (due_ns := self.core.next_deadline_ns()) <= end_ns:
-            self.now_ns = max(self.now_ns, due_ns)
-            actions += self.give(Tick())
-        self.now_ns = end_ns
-        return actions
+        return self.hear(*(command_frame(message, manager) for message in messages))
 
     def fly(self, duration_ns: int, *, epoch: int, digest: int, step: Step = Step.GO_ALL) -> list[Action]:
         """Let time pass with a manager that reigns, a neighbour that lives and gives its data."""

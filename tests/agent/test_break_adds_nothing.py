@@ -3,7 +3,6 @@
 from agent.one_pe import (
     ALARM,
     DEMAND,
-    DEMAND_ID,
     FAR,
     FLYING,
     GATEWAY_TABLE,
@@ -20,28 +19,9 @@ from agent.one_pe import (
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.management import Activate, Step
 
-MS = 1_000_000
 SILENT = Slice((RUN_CONTROL, RUN_SERVO_1), remote={RATE: NEIGHBOUR})
 CARRYING = Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}, forward={RATE: (NEIGHBOUR, 0b10)})
 CARRYING_FOR_ANOTHER = Slice((RUN_CONTROL,), remote={RATE: NEIGHBOUR}, forward={RATE: (FAR, 0b11)})
-
-
-def test_what_stays_is_published_anew_from_go_on() -> None:
-    pe = OnePe()
-    pe.outputs = {1: {"demand": 0.5}}
-    pe.configure(SILENT, 1)
-    pe.configure(FLYING, 2, Step.BREAK)
-    assert sent(pe.fly(100 * MS, epoch=2, digest=1002, step=Step.BREAK), DEMAND_ID) == []
-    pe.command(Activate(1, 2, Step.GO, 1002))
-    assert sent(pe.fly(100 * MS, epoch=2, digest=1002, step=Step.GO), DEMAND_ID) != []
-
-
-def test_what_is_published_before_and_after_goes_on_at_break() -> None:
-    pe = OnePe()
-    pe.outputs = {1: {"demand": 0.5}}
-    pe.configure(FLYING, 1)
-    pe.configure(FLYING, 2, Step.BREAK)
-    assert sent(pe.fly(100 * MS, epoch=2, digest=1002, step=Step.BREAK), DEMAND_ID) != []
 
 
 def test_a_gateway_forwards_anew_from_go_on() -> None:

@@ -1,7 +1,5 @@
 """A PE as CANopen and CANaerospace tools see it: its core, read, written and commanded by an unmodified client."""
 
-from typing import Any
-
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
@@ -9,36 +7,30 @@ from agent.canopen_master import Master, refusal
 from agent.one_pe import (
     CONTROL,
     DEMAND_ID,
-    FAR,
     FLYING,
     GATEWAY_TABLE,
     MANAGER,
     MONITOR,
     MS,
-    NEIGHBOUR,
     NODE,
     SERVO_1,
     SERVO_2,
     TABLE,
     OnePe,
     pages,
-    sent,
 )
 from heronry_agent.core.network_management import NetworkManagement
 from heronry_agent.core.vocabulary import Action, StartFailed
-from heronry_wire.canaerospace import DataType
 from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
+from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import FaultCode, Lease, PeState, Step
-from heronry_wire.node_services import Service, ServiceMessage, decode_service, encode_service, request
 from heronry_wire.sansio import Send
 
 BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130
 SECOND = 1_000 * MS
-FRAME_NS = 135_000  # the longest there is, at 1 Mbit/s
 
 
 @pytest.fixture
@@ -166,42 +158,6 @@ def test_a_table_is_taken_only_if_it_is_the_one_that_is_there(master: Master) ->
         assert stream.read() == TABLE.to_json().encode()
 
 
-def test_a_flying_pe_takes_no_table_and_leaves_the_bus_to_the_data(master: Master) -> None:
-    table = master.sdo["Table of this PE"]
-    master.pe.configure(FLYING, 7)
-    same = TABLE.to_json().encode()
-    assert refusal(lambda: table.open("wb", size=len(same), block_transfer=True)) == 0x0800_0022
-    began_ns = master.pe.now_ns
-    for _ in range(100):
-        master.sdo.upload(0x1000, 0)
-    asked_and_answered_ns = 100 * 2 * FRAME_NS
-    assert master.pe.now_ns - began_ns >= 0.99 * 10 * asked_and_answered_ns
-    began_ns = master.pe.now_ns
-    with table.open("rb", block_transfer=True) as stream:
-        assert stream.read() == same
-    assert master.pe.now_ns - began_ns >= 10 * len(same) // 7 * FRAME_NS
-    assert master.sdo.upload(0x1000, 0) == bytes(4), "the end of a block has no answer, and what follows it has one"
-
-
-def test_a_client_that_does_not_wait_for_its_answer_is_not_answered(master: Master) -> None:
-    master.pe.configure(FLYING, 7)
-    ask = Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))
-    answers = [sent(master.pe.hear(ask), sdo_response_id(NODE)) for _ in range(8)]
-    assert [len(frames) for frames in answers] == [1, *[0] * 7]
-    assert len(sent(master.pe.pass_time(SECOND), sdo_response_id(NODE))) == 4
-    assert master.pe.core.counts["SDO request before the answer to the last", ask.can_id] == 3
-
-
-def test_what_is_not_understood_is_counted(master: Master) -> None:
-    counters = master.sdo["Counters"]
-    assert counters[1].raw == 0
-    master.pe.hear(Frame(sdo_request_id(NODE), b"\x40\x00\x10"))
-    master.pe.hear(Frame(0, b"\x01"))
-    master.pe.hear(Frame(0, b"\x09\x00"))
-    assert counters[1].raw == 3
-    assert counters[2].raw == 0
-
-
 def test_what_a_flying_pe_sends_is_the_same_while_it_is_read() -> None:
     """State frames, data and echoes go out at the same instants, whatever a client fetches."""
 
@@ -228,15 +184,6 @@ def test_what_a_flying_pe_sends_is_the_same_while_it_is_read() -> None:
 
 
 # NMT
-
-
-def test_on_a_desk_nmt_works_as_in_the_book(master: Master) -> None:
-    for command, state in ((START, OPERATIONAL), (STOP, STOPPED), (ENTER_PRE_OPERATIONAL, PRE_OPERATIONAL)):
-        for node in (NODE, 0):
-            master.nmt(command, node)
-            assert master.heartbeats(master.pe.pass_time(SECOND)) == [state]
-    master.nmt(STOP, NEIGHBOUR)
-    assert master.heartbeats(master.pe.pass_time(SECOND)) == [PRE_OPERATIONAL]
 
 
 def test_a_stopped_pe_answers_no_sdo_until_a_manager_speaks(master: Master) -> None:
@@ -285,91 +232,7 @@ def test_nobody_takes_a_surface_away_by_nmt(master: Master, command: int) -> Non
     assert sorted(pe.running) == [CONTROL, SERVO_1]
 
 
-def test_nobody_holds_a_pe_up_that_a_manager_is_about_to_configure(master: Master) -> None:
-    master.pe.command(Lease(1, 0, Step.PREPARED, 0))
-    assert master.nmt(STOP) == []
-    assert master.sdo[0x1000].raw == 0
-
-
-def test_from_beyond_a_gateway_nobody_commands_or_reads() -> None:
-    pe = OnePe(GATEWAY_TABLE)
-    for frame in (Frame(0, bytes((STOP, 0))), Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))):
-        assert pe.hear(frame, port=1) == []
-        assert pe.core.counts["command from beyond", frame.can_id] == 1
-    assert sent(pe.hear(Frame(sdo_request_id(NODE), bytes.fromhex("4000100000000000"))), sdo_response_id(NODE), 0)
-
-
 # CANaerospace node services
-
-
-def asked(pe: OnePe, message: ServiceMessage) -> list[ServiceMessage]:
-    answers = [decode_service(frame) for frame in sent(pe.hear(encode_service(message)), 129)]
-    assert all(isinstance(answer, ServiceMessage) for answer in answers)
-    return [answer for answer in answers if isinstance(answer, ServiceMessage)]
-
-
-def test_time_that_is_given_can_be_read_and_moves_nothing(master: Master) -> None:
-    time = master.sdo["Time given by NSS"]
-    assert [number.raw for number in time.values()] == [0, 0xFFFF_FFFF]
-    due_ns = master.pe.core.next_deadline_ns()
-    assert asked(master.pe, request(Service.NSS, 0, data_type=DataType.ULONG, value=123_456)) == []
-    assert asked(master.pe, request(Service.NSS, 0, data_type=DataType.FLOAT, value=1.0)) == []
-    assert master.pe.core.next_deadline_ns() == due_ns
-    master.pe.pass_time(40 * MS)
-    assert [number.raw for number in time.values()] == [123_456, 40]
-
-
-@pytest.mark.parametrize(
-    ("data_type", "value", "result"),
-    [
-        (DataType.SHORT2, (heartbeat_id(NODE), 250), 0),
-        (DataType.SHORT2, (heartbeat_id(NODE), 0), 0),
-        (DataType.SHORT2, (heartbeat_id(NODE), 99), -6),
-        (DataType.SHORT2, (heartbeat_id(NODE), -1), -6),
-        (DataType.SHORT2, (heartbeat_id(FAR), 250), -6),
-        (DataType.SHORT2, (DEMAND_ID, 250), -6),
-        (DataType.ULONG, 250, -6),
-        (DataType.NODATA, None, -6),
-    ],
-)
-def test_the_interval_of_the_heartbeat_alone_can_be_set(
-    master: Master, data_type: DataType, value: Any, result: int
-) -> None:
-    (answer,) = asked(master.pe, request(Service.TIS, NODE, data_type=data_type, value=value))
-    assert (answer.datum.node_id, answer.datum.data_type) == (NODE, DataType.NODATA)
-    assert answer.datum.message_code == result & 0xFF
-    assert master.sdo[0x1017].raw == (1000 if result else value[1])
-    for node in (0, FAR):
-        assert asked(master.pe, request(Service.TIS, node, data_type=data_type, value=value)) == []
-
-
-def test_the_state_is_told_when_it_is_asked_for_but_not_at_any_rate(master: Master) -> None:
-    pe = master.pe
-    pe.pass_time(100 * MS)
-
-    def told(duration_ns: int) -> int:
-        return len(pages(pe.pass_time(duration_ns)))
-
-    quiet = told(10 * MS)
-    pe.hear(encode_service(request(Service.STS, NODE)))
-    assert told(0) == 2
-    pe.pass_time(SECOND - 10 * MS)
-    for _ in range(100):
-        pe.hear(encode_service(request(Service.STS, NODE)))
-        pe.pass_time(0)
-    assert told(20 * MS) <= 6
-    pe.pass_time(SECOND)
-    pe.hear(encode_service(request(Service.STS, 0)))
-    assert told(0) == 0
-    assert told(1 * MS) >= 2  # in its turn: the second of all
-    assert pe.hear(encode_service(request(Service.STS, FAR))) == []
-    assert quiet <= 1
-
-
-def test_malformed_and_unknown_requests_are_not_answered(master: Master) -> None:
-    for frame in (Frame(128, b"\x5d"), encode_service(request(Service.FPS, NODE)), encode_service(request(77, NODE))):
-        assert master.pe.hear(frame) == []
-    assert master.pe.core.counts["malformed node service", 128] == 1
 
 
 def test_a_heartbeat_that_is_set_before_boot_up_begins_after_it() -> None:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from agent.one_pe import (
-    BEAT_NS,
     CONTROL,
     DEMAND_ID,
     FLYING,
@@ -13,43 +12,29 @@ from agent.one_pe import (
     NODE,
     RATE,
     RUN_MONITOR,
-    RUN_SERVO_1,
     SERVO_1,
     TABLE,
     OnePe,
     neighbour_state,
     sent,
-    slice_messages,
     started,
-    stopped,
 )
-from heronry_agent.core.restarts import BACK_OFF_NS
 from heronry_agent.core.schedule import HUNG_NS
 from heronry_agent.core.vocabulary import (
     Action,
     Drive,
-    DriveFailed,
-    Driven,
     EndPartition,
-    ImagesMissing,
     MeasureStep,
-    NotReady,
-    PartitionEnded,
-    StartFailed,
-    StartModule,
     StepFailed,
     StepMeasured,
     StepModule,
     Stepped,
-    StopModule,
 )
 from heronry_agent.module import Value
-from heronry_wire.configuration_slice import ModuleSlice, Slice
+from heronry_wire.configuration_slice import Slice
 from heronry_wire.identifiers import actuator_echo_id, emcy_id
 from heronry_wire.management import (
     RESTART_HEARD,
-    Activate,
-    Alive,
     Control,
     ElementKind,
     FaultCode,
@@ -128,20 +113,6 @@ def step_of(actions: list[Action], module: int) -> StepModule:
 # Failing
 
 
-def test_a_module_that_raises_begins_again_twice_and_is_then_given_up() -> None:
-    pe = flying()
-    pe.raising.add(CONTROL)
-    begun_ns = pe.now_ns
-    actions = fly(pe, 300 * MS)
-    told = [code for code, index, _ in pe.codes(actions) if index == CONTROL]
-    assert "MODULE_RESTARTED" in told
-    assert "MODULE_EXCEPTION" in told
-    starts = [at_ns - begun_ns for at_ns, a in pe.done if isinstance(a, StartModule) and a.module == CONTROL]
-    assert starts == [0, 0, BACK_OFF_NS]
-    assert CONTROL not in pe.running
-    assert {SERVO_1, MONITOR} <= pe.running.keys()
-
-
 def test_a_new_reign_is_told_who_has_stopped_and_who_was_cleared_begins_again_in_it() -> None:
     pe = flying(restarts=0)
     pe.raising.add(CONTROL)
@@ -192,47 +163,7 @@ def test_a_configuration_that_stops_a_module_ends_its_wait() -> None:
     assert pe.running == {MONITOR: 0}
 
 
-def test_what_a_device_cannot_do_is_a_fault_of_its_module() -> None:
-    pe = flying()
-    pe.give(DriveFailed(SERVO_1, "up is no angle"))
-    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
-    pe.give(DriveFailed(SERVO_1, "it waits already"))
-    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
-
-
-def test_one_that_cannot_be_built_is_given_up_at_once() -> None:
-    pe = flying()
-    pe.give(StartFailed(CONTROL, "no such file"))
-    assert pe.heard_of() == {("MODULE_EXCEPTION", CONTROL): 1}
-
-
 # Hanging
-
-
-def test_a_module_that_hangs_is_ended_with_its_partition_and_others_go_on() -> None:
-    pe = flying(monitor="watch")
-    pe.hanging.add(CONTROL)
-    actions = fly(pe, HUNG_NS + BEAT_NS)
-    assert [a.partition for a in actions if isinstance(a, EndPartition)] == ["flight"]
-    assert pe.heard_of().keys() == {("MODULE_RESTARTED", CONTROL)}
-    assert len(pe.steps[MONITOR]) > 3, "it lives in another partition"
-    assert pe.running.keys() == {CONTROL, SERVO_1, MONITOR}
-
-
-def test_what_lived_with_it_begins_again_for_nothing() -> None:
-    pe = flying()
-    pe.hanging.add(CONTROL)
-    actions = fly(pe, HUNG_NS + BEAT_NS)
-    assert {SERVO_1, MONITOR} <= set(started(actions))
-    assert SERVO_1 not in {index for _, index in pe.heard_of()}
-
-
-def test_one_that_goes_on_hanging_is_given_up() -> None:
-    pe = flying()
-    pe.hanging.add(CONTROL)
-    fly(pe, 3 * HUNG_NS + BACK_OFF_NS + 3 * BEAT_NS)
-    assert ("MODULE_OVERRUN", CONTROL) in pe.heard_of()
-    assert pe.running.keys() == {SERVO_1, MONITOR}
 
 
 def test_one_that_could_not_run_is_not_accused() -> None:
@@ -246,61 +177,6 @@ def test_one_that_could_not_run_is_not_accused() -> None:
 
 
 # Partitions that end
-
-
-def test_the_end_of_a_partition_is_charged_to_who_was_computing() -> None:
-    pe = flying(monitor="watch")
-    pe.pass_time(0)
-    pe.give(PartitionEnded("flight", "killed by SIGSEGV", SERVO_1))
-    assert pe.heard_of() == {("MODULE_RESTARTED", SERVO_1): 1}
-    assert pe.running.keys() == {CONTROL, SERVO_1, MONITOR}
-
-
-def test_the_end_under_one_that_was_stopped_is_charged_to_nobody_and_the_others_begin_again() -> None:
-    pe = flying()
-    before = pe.running
-    pe.configure(Slice(FLYING.modules, remote=FLYING.remote, publish=FLYING.publish), 8)
-    pe.pass_time(50 * MS)
-    actions = pe.give(PartitionEnded("flight", "it hangs in a module that was stopped", MONITOR))
-    assert pe.heard_of() == {}
-    assert started([*actions, *pe.pass_time(1 * MS)]) == [CONTROL, SERVO_1]
-    assert pe.running.keys() == before.keys() - {MONITOR}
-
-
-def test_if_nobody_was_all_of_them_are_charged_and_given_up_in_the_end() -> None:
-    pe = flying(restarts=1, monitor="watch")
-    pe.pass_time(0)
-    pe.give(PartitionEnded("flight", "killed by SIGKILL"))
-    assert pe.heard_of() == {("MODULE_RESTARTED", CONTROL): 1, ("MODULE_RESTARTED", SERVO_1): 1}
-    pe.give(PartitionEnded("flight", "killed by SIGKILL"))
-    assert pe.running == {MONITOR: 0}
-    assert pe.heard_of().keys() >= {("PARTITION_ENDED", CONTROL), ("PARTITION_ENDED", SERVO_1)}
-
-
-def test_the_end_of_a_partition_with_nothing_in_it_is_nobody_s_fault() -> None:
-    pe = flying()
-    pe.give(PartitionEnded("spare", "exit code 1"))
-    assert pe.heard_of() == {}
-
-
-def test_a_step_before_its_partition_is_ready_is_taken_again_with_what_there_is_then() -> None:
-    pe = flying(monitor="watch")
-    pe.hanging.add(MONITOR)
-    pe.pass_time(0)
-    release = pe.held[MONITOR]
-    pe.hanging.clear()
-    pe.now_ns += 7 * MS
-    step = step_of(pe.give(NotReady(MONITOR, release)), MONITOR)
-    assert step.release > release
-    pe.give(NotReady(MONITOR, release))
-    assert pe.core.counts["stale answer", MONITOR] == 1
-
-
-def test_images_that_turn_out_to_be_missing_are_refused_from_then_on() -> None:
-    pe = OnePe()
-    pe.give(ImagesMissing(frozenset({"control"})))
-    pe.command(Alive(1, 0, frozenset({NODE})), *slice_messages(FLYING, 7, 1007))
-    assert pe.ask()[1].reason.name == "IMAGE"
 
 
 # Outputs
@@ -325,41 +201,7 @@ def test_a_branch_may_drive_as_long_as_another_node_was_heard_and_no_longer() ->
     assert step.until_ns == heard_ns + pe.core.lease_ns
 
 
-def test_a_device_that_moved_for_a_module_that_has_stopped_is_not_echoed() -> None:
-    pe = flying()
-    pe.configure(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}), 8)
-    assert sent(pe.give(Driven(SERVO_1, 1.0)), actuator_echo_id(NODE)) == []
-
-
 # Modes
-
-
-def blind(publish: dict[int, int]) -> Slice:
-    return Slice((ModuleSlice(CONTROL, 1, ()), RUN_SERVO_1), publish=publish)
-
-
-def test_a_module_that_changes_its_mode_is_kept_for_it() -> None:
-    pe = flying()
-    actions = pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
-    assert StopModule(CONTROL, keep=True) in actions
-    assert started(pe.command(Activate(1, 8, Step.GO, 1008))) == [CONTROL]
-
-
-def test_one_that_was_kept_and_is_not_wanted_after_all_is_dropped() -> None:
-    pe = flying()
-    pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
-    pe.command(*slice_messages(Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}), 9, 1009))
-    actions = pe.command(Activate(1, 9, Step.GO_ALL, 1009))
-    assert StopModule(CONTROL) in actions
-
-
-def test_one_that_failed_is_not_kept() -> None:
-    pe = flying()
-    pe.raising.add(CONTROL)
-    pe.pass_time(50 * MS)
-    actions = pe.command(*slice_messages(blind(FLYING.publish), 8, 1008), Activate(1, 8, Step.BREAK, 1008))
-    assert StopModule(CONTROL) in actions
-    assert stopped(actions).count(CONTROL) == 1
 
 
 def test_a_chain_over_two_partitions_hands_on_within_the_instant() -> None:

@@ -2,12 +2,9 @@
 
 from dataclasses import replace
 
-import pytest
-
 from agent.one_pe import (
     BEAT_NS,
     CONTROL,
-    FLYING,
     GATEWAY_TABLE,
     MONITOR,
     MS,
@@ -17,13 +14,11 @@ from agent.one_pe import (
     RUN_MONITOR,
     TABLE,
     OnePe,
-    neighbour_state,
     sent,
 )
-from heronry_agent.core.faults import QUIET_NS, Faults
+from heronry_agent.core.faults import Faults
 from heronry_agent.core.schedule import OVERRUNS_IN_A_ROW, Schedule
-from heronry_agent.core.vocabulary import Action, Note, Stepped
-from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
+from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, emergency_event_id
@@ -57,33 +52,6 @@ def watching(*, reports: bool = True) -> OnePe:
     return pe
 
 
-def test_a_flight_critical_fault_is_an_emergency_event_too_each_time_it_is_told() -> None:
-    pe = watching()
-    actions = pe.pass_time(4 * BEAT_NS)
-    events = [decode_data(frame) for frame in sent(actions, emergency_event_id(NODE))]
-    assert len(events) == len(emergencies(actions)) > 1
-    assert events[0] == Datum(NODE, DataType.ERROR, 0, 0, ErrorReport(0xFF03 - 0x10000, ElementKind.DEVICE, LEFT))
-    assert [event.message_code for event in events if isinstance(event, Datum)] == list(range(len(events)))
-
-
-def test_another_fault_is_no_emergency_event() -> None:
-    pe = watching()
-    pe.reports[MONITOR] = (("device:right", 57),)
-    actions = pe.pass_time(4 * BEAT_NS)
-    assert emergencies(actions)
-    assert sent(actions, emergency_event_id(NODE)) == []
-
-
-def test_a_cleared_fault_that_is_still_found_is_told_at_once() -> None:
-    pe = watching()
-    pe.pass_time(2 * BEAT_NS)
-    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
-    assert emergencies(pe.pass_time(QUIET_NS // 2)) == []
-    cleared = pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT))
-    assert [(e.code, e.error_register, e.index) for e in emergencies(cleared)] == [(FaultCode.RESET, 0, LEFT)]
-    assert [e.code for e in emergencies(pe.pass_time(2 * BEAT_NS))][:1] == [FaultCode.REPORTED]
-
-
 def test_clearing_twice_what_was_never_told_or_for_another_pe_says_nothing() -> None:
     pe = watching(reports=False)
     assert pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT)) == []
@@ -103,29 +71,6 @@ def test_a_gateway_passes_the_emergency_events_of_nodes_beyond_toward_the_manage
     assert pe.hear(event, port=0) == []
 
 
-class Slow(OnePe):
-    """A PE whose module `control` answers after a while."""
-
-    took_ns = 0
-
-    def answer(self, module: int, release: int) -> list[Action]:
-        self.now_ns += self.took_ns
-        self.spent_ns = self.took_ns
-        return super().answer(module, release)
-
-
-def test_a_module_that_takes_longer_than_its_period_again_and_again_is_stopped_and_told() -> None:
-    pe = Slow()
-    pe.configure(replace(FLYING, modules=FLYING.modules[:1]), 7)
-    pe.took_ns = 26 * MS
-    pe.pass_time(20 * MS)
-    assert CONTROL not in pe.running
-    assert len(pe.steps[CONTROL]) == OVERRUNS_IN_A_ROW
-    told = [e for e in emergencies([action for _, action in pe.done]) if e.code is FaultCode.MODULE_OVERRUN]
-    assert {(e.kind, e.index) for e in told} == {(ElementKind.MODULE, CONTROL)}
-    assert any("longer than its period" in action.text for _, action in pe.done if isinstance(action, Note))
-
-
 def test_a_step_in_time_forgives_those_before_it() -> None:
     schedule = Schedule()
     schedule.start(CONTROL, 40_000, 0)
@@ -141,14 +86,6 @@ def test_a_step_in_time_forgives_those_before_it() -> None:
     assert [step(26 * MS) for _ in range(OVERRUNS_IN_A_ROW)] == [False] * (OVERRUNS_IN_A_ROW - 1) + [True]
 
 
-def test_a_late_answer_of_a_module_that_was_stopped_is_no_overrun() -> None:
-    pe = OnePe()
-    pe.configure(FLYING, 7)
-    pe.configure(WATCHING, 8)
-    pe.give(Stepped(CONTROL, 1, {}))
-    assert pe.core.counts["stale answer", CONTROL] == 1
-
-
 def test_a_new_reign_is_told_what_still_stands_also_of_what_runs_here_no_more() -> None:
     pe = watching()
     pe.pass_time(BEAT_NS)
@@ -160,29 +97,6 @@ def test_a_new_reign_is_told_what_still_stands_also_of_what_runs_here_no_more() 
     assert (told.kind, told.index) == ABOUT_LEFT
     pe.command(Control(2, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT), Control(2, NODE, Operation.CLEAR, *ABOUT_LEFT))
     assert not emergencies(pe.command(Lease(3, 8, Step.GO_ALL, 1008)))
-
-
-@pytest.mark.parametrize("others_first", [False, True])
-def test_who_has_heard_nobody_since_may_have_missed_that_it_was_cleared_and_tells_it_no_more(
-    *, others_first: bool
-) -> None:
-    pe = watching()
-    pe.pass_time(BEAT_NS)
-    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
-    pe.reports.clear()
-    pe.pass_time(6 * BEAT_NS)
-    if others_first:
-        pe.hear(neighbour_state(7))
-    assert not emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))
-
-
-def test_what_was_found_in_a_silence_and_acknowledged_after_it_is_told_to_the_next_reign() -> None:
-    pe = watching()
-    pe.pass_time(6 * BEAT_NS)
-    pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
-    pe.reports.clear()
-    (told,) = emergencies(pe.command(Lease(2, 7, Step.GO_ALL, 1007)))
-    assert (told.kind, told.index) == ABOUT_LEFT
 
 
 def test_that_a_restart_was_heard_makes_no_fault_younger() -> None:

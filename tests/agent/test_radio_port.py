@@ -1,6 +1,5 @@
 """A gateway at its radio: one frame at a time, at the pace of what can be used, and what it tells the manager."""
 
-import itertools
 from dataclasses import replace
 
 from agent.one_pe import (
@@ -15,12 +14,10 @@ from agent.one_pe import (
     command_frame,
     neighbour_state,
     rate_frame,
-    sent,
 )
 from heronry_agent.core.vocabulary import Action, Left
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
-from heronry_wire.gateway_report import LinkReport, LinkState, decode_link
 from heronry_wire.management import Alive, Lease, Prepare, SliceBody, StatePage0, Step, decode_state
 from heronry_wire.sansio import Received, Send, Tick
 
@@ -78,13 +75,7 @@ class Gateway(OnePe):
         page = decode_state(neighbour_state(0, node=FAR).data)
         assert isinstance(page, StatePage0)
         frame = Frame(neighbour_state(0, node=FAR).can_id, replace(page, sequence=sequence % 256).encode())
-        return self.hear(frame, RADIO)
-
-
-def reports(actions: list[Action]) -> list[LinkReport]:
-    decoded = [decode_link(frame.data) for frame in sent(actions, LINK_ID, UPLINK)]
-    assert all(isinstance(report, LinkReport) for report in decoded)
-    return [report for report in decoded if isinstance(report, LinkReport)]
+        return self.hear(frame, port=RADIO)
 
 
 def test_the_next_frame_goes_when_the_last_one_has_left() -> None:
@@ -94,87 +85,6 @@ def test_the_next_frame_goes_when_the_last_one_has_left() -> None:
     assert [one.frame for one in pe.by_radio] == [command_frame(Prepare(1, 7, 1007))]
     pe.wait(11 * MS)
     assert pe.by_radio[-1].frame == command_frame(Lease(1, 7, Step.PREPARED, 1007)), "the more urgent one first"
-
-
-def test_a_newer_datum_takes_the_place_of_the_one_that_waits() -> None:
-    pe = Gateway(frame_ns=40 * MS)
-    pe.configure(FORWARDS, 7)
-    pe.wait(300 * MS)
-    pe.frame_ns = None
-    for number in range(5):
-        pe.hear(rate_frame(float(number), code=number), UPLINK)
-        pe.now_ns += MS
-    pe.frame_ns = AT_ONCE
-    pe.give(Left(RADIO, 40 * MS))
-    forwarded = [one.frame for one in pe.by_radio if one.frame.can_id == RATE_ID]
-    assert forwarded[-1] == rate_frame(4.0, code=4)
-    assert len(forwarded) <= 2
-
-
-def test_a_report_goes_up_once_in_a_period_of_the_radio() -> None:
-    pe = Gateway()
-    found = []
-    for number in range(30):
-        pe.beyond(number)
-        found += reports(pe.wait(PERIOD_NS))
-    assert 29 <= len(found) <= 31
-    assert {(report.node, report.state, report.usable, report.delivered) for report in found} == {
-        (NODE, LinkState.UP, 1000, 100)
-    }
-    steps = {(after.sequence - before.sequence) % 64 for before, after in itertools.pairwise(found)}
-    assert steps == {1}
-
-
-def test_a_slower_radio_is_told_and_its_queue_stays_short() -> None:
-    pe = Gateway(frame_ns=12 * MS)  # a tenth of its bit rate
-    pe.configure(FORWARDS, 7)
-    found = []
-    for number in range(300):
-        if number % 10 == 0:
-            found += reports(pe.beyond(number // 10))
-        pe.hear(rate_frame(1.0, code=number % 256), UPLINK)
-        pe.command(Alive(1, number % 256, frozenset({NEIGHBOUR, NODE})))
-        found += reports(pe.wait(10 * MS))
-    assert all(80 <= report.usable <= 110 for report in found[3:])
-    assert max(report.queued for report in found) <= 4
-    assert found[-1].dropped > 0
-
-
-def test_a_radio_from_beyond_which_nothing_comes_is_gone_and_it_is_back_with_the_first_frame() -> None:
-    pe = Gateway()
-    pe.beyond(0)
-    gone = reports(pe.wait(3 * PERIOD_NS))
-    assert {report.state for report in gone} == {LinkState.UP}
-    at_once = reports(pe.wait(PERIOD_NS // 8 + MS))
-    assert at_once[-1].state is LinkState.GONE
-    assert at_once[-1].usable == 0
-    assert [report.state for report in reports(pe.beyond(1))] == [LinkState.UP]
-
-
-def test_a_radio_that_takes_nothing_gets_the_next_frame_after_a_period() -> None:
-    pe = Gateway(frame_ns=None)
-    pe.wait(10 * MS)
-    first = len(pe.by_radio)
-    assert first == 1
-    pe.wait(5 * PERIOD_NS)
-    assert 3 <= len(pe.by_radio) - first <= 6
-
-
-def test_what_is_withdrawn_does_not_reach_the_radio() -> None:
-    pe = Gateway(frame_ns=None)
-    pe.configure(FORWARDS, 7)
-    pe.hear(rate_frame(1.0), UPLINK)
-    pe.configure(Slice(), 8)
-    pe.frame_ns = AT_ONCE
-    pe.wait(5 * PERIOD_NS)
-    assert RATE_ID not in {one.frame.can_id for one in pe.by_radio}
-
-
-def test_reports_of_gateways_further_out_are_passed_up() -> None:
-    pe = Gateway()
-    frame = Frame(LINK_ID + 1, LinkReport(FAR, LinkState.UP, 0, 500, 90, 0, 0).encode())
-    assert sent(pe.hear(frame, RADIO), LINK_ID + 1, UPLINK) == [frame]
-    assert sent(pe.hear(frame, UPLINK), LINK_ID + 1) == []
 
 
 def test_frames_of_29_bits_on_the_radio_are_not_measured() -> None:
@@ -204,7 +114,7 @@ def test_a_frame_that_leaves_after_it_was_given_up_changes_nothing() -> None:
 def test_what_waits_of_a_producer_does_not_reach_the_radio_when_the_new_one_is_beyond_it() -> None:
     pe = Gateway(frame_ns=None)
     pe.configure(FORWARDS, 7)
-    pe.hear(rate_frame(1.0), UPLINK)
+    pe.hear(rate_frame(1.0), port=UPLINK)
     pe.configure(Slice(forward={RATE: (FAR, 0b01)}), 8)
     handed = len(pe.by_radio)
     pe.frame_ns = AT_ONCE

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.canopen_master import refusal
-from heronry_agent.core.sdo_server import BLOCK_PAUSE_NS, SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
+from heronry_agent.core.sdo_server import SEGMENTS_PER_BLOCK, TIME_OUT_NS, SdoServer
 from heronry_wire.sansio import NEVER_NS
-from heronry_wire.sdo import Abort, abort_message, crc, read_head
+from heronry_wire.sdo import Abort, abort_message
 from thoroughness import part_of
 
 MS = 1_000_000
@@ -194,18 +194,6 @@ def test_segments_of_a_block_that_are_lost_are_sent_again(lost: set[int]) -> Non
     assert line.shelf.values[DOMAIN] == content
 
 
-def test_a_block_upload_with_a_hole_goes_on_behind_what_has_come(line: Line) -> None:
-    line.shelf.values[DOMAIN] = bytes(range(256))
-    ask = line.ask
-    assert ask(message("a4 0220 00 0a")) == message("c6 0220 00 00010000")
-    first = [ask(message("a3")), *line.pass_time(50 * MS)]
-    assert [answer[0] for answer in first if answer] == list(range(1, 11))
-    again = [ask(message("a2 04 14")), *line.pass_time(50 * MS)]  # four of ten; then twenty at a time
-    assert [answer[0] for answer in again if answer] == list(range(1, 21))
-    assert again[0] is not None
-    assert again[0][1:] == bytes(range(28, 35))
-
-
 def test_what_is_not_there_or_not_allowed_is_said(line: Line) -> None:
     client = line.client
     for index, sub_index, code in ((0x3000, 0, 0x0602_0000), (TEXT, 7, 0x0609_0011)):
@@ -234,43 +222,10 @@ def test_an_answer_that_is_lost_leaves_nothing_behind(line: Line) -> None:
 # One that does everything wrong
 
 
-def test_a_toggle_bit_that_does_not_alternate_ends_the_transfer(line: Line) -> None:
-    assert line.ask(message("21 0220 00 0e")) == message("60 0220 00")
-    assert line.ask(message("00 61")) == message("20")
-    assert aborted(line.ask(message("00 61"))) is Abort.TOGGLE
-    assert line.ask(message("40 0120 00")) is not None
-    assert aborted(line.ask(message("70"))) is Abort.TOGGLE
-    assert line.is_idle()
-    assert line.shelf == Shelf()
-
-
-def test_an_expedited_write_without_a_size_has_the_length_of_the_object(line: Line) -> None:
-    assert line.ask(message("22 0020 00 09080706")) == message("60 0020 00")
-    assert line.shelf.values[NUMBER] == b"\x09\x08\x07\x06"
-
-
-def test_reading_a_short_value_takes_one_answer(line: Line) -> None:
-    assert line.ask(message("40 0020 00")) == message("43 0020 00 01020304")
-
-
 def test_reading_nothing_takes_one_empty_segment(line: Line) -> None:
     assert line.ask(message("40 0420 00")) == message("41 0420 00")
     assert line.ask(message("60")) == message("0f")
     assert line.is_idle()
-
-
-@pytest.mark.parametrize(
-    "segments",
-    [
-        ["00 31323334353637", "11 38"],  # more than announced
-        ["0b 3132"],  # less, and that is all
-        ["00 31323334353637", "00"],
-    ],
-)
-def test_a_length_other_than_announced_is_refused(line: Line, segments: list[str]) -> None:
-    line.ask(message("21 0220 00 03"))
-    assert aborted(line.ask(message(segments[0]))) is Abort.LENGTH
-    assert line.shelf == Shelf()
 
 
 def test_a_value_that_never_ends_is_cut_off(line: Line) -> None:
@@ -282,95 +237,6 @@ def test_a_value_that_never_ends_is_cut_off(line: Line) -> None:
     numbers = list(range(1, SEGMENTS_PER_BLOCK + 1)) * (ROOM // 7)
     assert abort_message(DOMAIN, 0, Abort.LENGTH) in [line.ask(bytes((number,)) + b"endless") for number in numbers]
     assert line.shelf.values[DOMAIN] == b"before"
-
-
-def test_a_client_that_falls_silent_is_given_up(line: Line) -> None:
-    for opening in ("21 0220 00 0e", "40 0120 00", "c2 0220 00 0e", "a4 0120 00 20"):
-        line.ask(message(opening))
-        index, sub_index, _ = read_head(message(opening))
-        assert list(line.pass_time(2 * TIME_OUT_NS)) == [abort_message(index, sub_index, Abort.TIME_OUT)]
-        assert line.is_idle()
-    assert line.server.tick(line.now_ns) is None
-
-
-def test_a_block_that_breaks_off_is_answered_with_what_has_come_and_then_given_up(line: Line) -> None:
-    line.ask(message("c2 0220 00 40"))
-    assert line.ask(message("01 31323334353637")) is None
-    assert line.ask(message("02 31323334353637")) is None
-    assert list(line.pass_time(BLOCK_PAUSE_NS)) == [message(f"a2 02 {SEGMENTS_PER_BLOCK:02x}")]
-    assert [aborted(answer) for answer in line.pass_time(TIME_OUT_NS)] == [Abort.TIME_OUT]
-    assert line.shelf == Shelf()
-
-
-def test_a_block_without_its_first_segment_begins_anew(line: Line) -> None:
-    line.ask(message("c6 0220 00 0a"))
-    assert line.ask(message("82 38393a")) == message(f"a2 00 {SEGMENTS_PER_BLOCK:02x}")
-    assert line.ask(message("01 31323334353637")) is None
-    assert line.ask(message("01 31323334353637")) is None  # doubled
-    assert line.ask(message("82 38393a")) == message(f"a2 02 {SEGMENTS_PER_BLOCK:02x}")
-    checksum = crc(b"123456789:").to_bytes(2, "little").hex()
-    assert line.ask(message(f"d1 {checksum}")) == message("a1")
-    assert line.shelf.values[DOMAIN] == b"123456789:"
-    assert line.is_idle()
-
-
-@pytest.mark.parametrize(
-    ("opening", "end", "reason"),
-    [
-        ("c6 0220 00 03", "d1 0000", Abort.CRC),
-        ("c2 0220 00 04", "d1", Abort.LENGTH),
-        ("c2 0220 00 02", "d1", Abort.LENGTH),
-        ("c2 0520 00 03", "d1", Abort.VALUE),
-    ],
-)
-def test_a_block_with_a_wrong_checksum_or_length_is_refused(line: Line, opening: str, end: str, reason: Abort) -> None:
-    line.ask(message(opening))
-    assert line.ask(message("81 313233")) is not None
-    assert aborted(line.ask(message(end))) is reason
-    assert line.shelf == Shelf()
-
-
-def test_a_block_upload_names_its_block_size_and_how_many_have_come(line: Line) -> None:
-    for size in ("00", "80"):
-        assert aborted(line.ask(message(f"a0 0120 00 {size}"))) is Abort.BLOCK_SIZE
-    line.ask(message("a0 0120 00 7f"))
-    assert line.ask(message("a3")) == message("81 612074657874")
-    assert aborted(line.ask(message("a2 02 7f"))) is Abort.SEQUENCE
-    line.ask(message("a0 0120 00 7f"))
-    line.ask(message("a3"))
-    assert aborted(line.ask(message("a2 00 00"))) is Abort.BLOCK_SIZE
-    line.ask(message("a0 0120 00 7f"))
-    line.ask(message("a3"))
-    assert line.ask(message("a2 01 7f")) == message("c5")  # one byte unused, no checksum asked for
-    assert line.ask(message("a1")) is None
-    assert line.is_idle()
-
-
-def test_segments_of_an_upload_leave_the_bus_to_others_in_between(line: Line) -> None:
-    line.shelf.values[DOMAIN] = bytes(100)
-    line.ask(message("a0 0220 00 7f"))
-    line.ask(message("a3"))
-    began_ns = line.now_ns
-    times = [line.now_ns for _ in line.pass_time(100 * MS)]
-    assert times == [began_ns + number * SEGMENT_NS for number in range(1, 15)]
-
-
-@pytest.mark.parametrize("text", ["00", "60", "d1", "a1", "a2", "a3", "e0 0220", "ff"])
-def test_what_has_no_place_is_refused(line: Line, text: str) -> None:
-    assert aborted(line.ask(message(text))) is Abort.COMMAND
-    line.ask(message("a0 0120 00 7f"))
-    assert aborted(line.ask(message(text))) is Abort.COMMAND if text != "a3" else True
-    assert text == "a3" or line.is_idle()
-
-
-def test_an_abort_of_the_client_is_not_answered(line: Line) -> None:
-    line.ask(message("21 0220 00 0e"))
-    assert line.ask(message("80 0220 00")) is None
-    assert line.is_idle()
-    line.ask(message("c2 0220 00 0e"))
-    line.ask(message("01"))
-    assert line.ask(message("80 0220 00")) is None
-    assert line.is_idle()
 
 
 def test_of_two_clients_the_later_one_is_served(line: Line) -> None:

@@ -15,7 +15,6 @@ from heronry_agent.shell.table_waiting import WaitingCore
 from heronry_wire.authentication import SEAL_BYTES, Key
 from heronry_wire.canopen_objects import OBJECTS
 from heronry_wire.canopen_objects import TABLE as TABLE_INDEX
-from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import (
@@ -31,32 +30,24 @@ from heronry_wire.management import (
     decode_state,
 )
 from heronry_wire.pe_table import TableError
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Received, Send
 from heronry_wire.sdo import Abort
+from lab.peers import PlayedManager, SteppedCore
 
 
-class Waiting:
+class Waiting(SteppedCore):
     """The core and its time."""
 
     def __init__(self, secret: Secret | None = None) -> None:
-        self.now_ns = 0
-        self.core = WaitingCore(NODE, 1_000_000, 0, secret)
-
-    def pass_time(self, duration_ns: int) -> list[Action]:
-        end_ns, actions = self.now_ns + duration_ns, []
-        while self.core.next_deadline_ns() <= end_ns:
-            self.now_ns = max(self.now_ns, self.core.next_deadline_ns())
-            actions += self.core.step(self.now_ns, Tick())
-        self.now_ns = end_ns
-        return actions
+        super().__init__(WaitingCore(NODE, 1_000_000, 0, secret), 0)
 
     def ask(self, message: bytes) -> tuple[list[bytes], list[str]]:
         """Answers to an SDO request, and notes."""
-        actions = self.core.step(self.now_ns, Received(0, Frame(sdo_request_id(NODE), message)))
+        actions = self.hear(Frame(sdo_request_id(NODE), message))
         notes = [action.text for action in actions if isinstance(action, Note)]
         return [frame.data for frame in sent(actions, sdo_response_id(NODE))], notes
 
-    def give(self, text: bytes) -> tuple[Abort | None, list[str]]:
+    def write(self, text: bytes) -> tuple[Abort | None, list[str]]:
         """Write a table by segments: why it is refused, and what is noted."""
         (answer,), notes = self.ask(
             b"\x21" + TABLE_INDEX.to_bytes(2, "little") + b"\0" + len(text).to_bytes(4, "little")
@@ -88,7 +79,7 @@ def test_it_is_a_node_and_to_a_manager_it_is_down() -> None:
 
 def test_it_takes_its_table() -> None:
     waiting = Waiting()
-    refusal, notes = waiting.give(TABLE.to_json().encode() + b"\n")
+    refusal, notes = waiting.write(TABLE.to_json().encode() + b"\n")
     assert refusal is None
     assert notes == ["PE tail of small"]
     assert waiting.core.table == TABLE
@@ -107,11 +98,11 @@ def test_it_takes_its_table() -> None:
 )
 def test_a_table_that_cannot_be_used_is_refused_with_its_reason(text: bytes, says: str) -> None:
     waiting = Waiting()
-    refusal, (note,) = waiting.give(text)
+    refusal, (note,) = waiting.write(text)
     assert refusal is Abort.VALUE
     assert says in note
     assert waiting.core.table is None
-    assert waiting.give(TABLE.to_json().encode())[0] is None
+    assert waiting.write(TABLE.to_json().encode())[0] is None
 
 
 def test_who_is_no_pe_cannot_wait() -> None:
@@ -142,15 +133,11 @@ class KeyedWaiting(Waiting):
 
     def __init__(self) -> None:
         super().__init__(Secret(KEY, b"salt"))
-        self.signer = CommandSigner(KEY, MANAGER, 3)
-
-    def hear(self, *frames: Frame) -> list[Action]:
-        return [action for frame in frames for action in self.core.step(self.now_ns, Received(0, frame))]
+        self.manager = PlayedManager(MANAGER, 3, KEY)
 
     def tell(self, *messages: Message) -> list[Action]:
         """Say commands, each with its TAG."""
-        frames = [command_frame(message) for message in messages]
-        return self.hear(*(one for frame in frames for one in (frame, self.signer.tag(frame) or frame)))
+        return self.hear(*self.manager.frames(*messages))
 
     def pages(self, actions: list[Action]) -> list[object]:
         return [decode_state(frame.data) for frame in sent(actions, state_id(NODE))]
@@ -159,7 +146,7 @@ class KeyedWaiting(Waiting):
         """Let it ask, and answer it."""
         (page,) = self.pages(self.tell(Lease(3, 0, Step.PREPARED, 0)))
         assert isinstance(page, StatePage2)
-        (said,) = self.pages(self.hear(*self.signer.welcome(NODE, page.nonce)))
+        (said,) = self.pages(self.hear(*self.manager.welcome(NODE, page.nonce)))
         assert isinstance(said, StatePage3)
         assert said.state is PeState.UNCONFIGURED
 
@@ -180,21 +167,21 @@ def test_with_a_key_it_is_silent_until_a_manager_speaks_and_then_asks() -> None:
 
 def test_it_takes_its_table_sealed_and_unlocked_and_in_no_other_way(keyed: KeyedWaiting) -> None:
     sealed = KEY.sealed(TEXT)
-    assert keyed.give(sealed) == (Abort.DEVICE_STATE, [])
+    assert keyed.write(sealed) == (Abort.DEVICE_STATE, [])
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
     for not_sealed in (TEXT, FOREIGN.sealed(TEXT), sealed[:-1], TEXT[:SEAL_BYTES], sealed.replace(b"small", b"large")):
-        refusal, (note,) = keyed.give(not_sealed)
+        refusal, (note,) = keyed.write(not_sealed)
         assert refusal is Abort.VALUE
         assert "not sealed with the key of this fleet" in note
     assert keyed.core.table is None
-    assert keyed.give(sealed) == (None, ["PE tail of small"])
+    assert keyed.write(sealed) == (None, ["PE tail of small"])
     assert keyed.core.table == TABLE
 
 
 def test_it_is_locked_again_when_the_time_is_up(keyed: KeyedWaiting) -> None:
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 9_999))
     keyed.pass_time((LONGEST_UNLOCK_S * 1_000 + 1) * MS)
-    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
 
 
 @pytest.mark.parametrize(
@@ -210,17 +197,17 @@ def test_it_is_locked_again_when_the_time_is_up(keyed: KeyedWaiting) -> None:
 def test_nothing_else_that_a_manager_says_unlocks_it(keyed: KeyedWaiting, message: Message) -> None:
     keyed.tell(Lease(3, 0, Step.PREPARED, 0))
     keyed.tell(message)
-    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
 
 
 def test_an_unlock_without_its_tag_does_nothing(keyed: KeyedWaiting) -> None:
     keyed.hear(command_frame(Control(3, NODE, Operation.UNLOCK, 30)))
-    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
+    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE
 
 
 def test_nmt_waits_for_the_lock_too(keyed: KeyedWaiting) -> None:
     keyed.hear(STOP)
-    assert keyed.give(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE  # it answers: it was not stopped
+    assert keyed.write(KEY.sealed(TEXT))[0] is Abort.DEVICE_STATE  # it answers: it was not stopped
     keyed.tell(Control(3, NODE, Operation.UNLOCK, 30))
     keyed.hear(STOP)
     assert keyed.ask(b"\x40\x00\x10\0\0\0\0\0") == ([], [])

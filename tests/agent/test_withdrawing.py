@@ -3,35 +3,10 @@
 from agent.one_pe import DEMAND_ID, FLYING, NEIGHBOUR, NODE, RUN_SERVO_1, OnePe, neighbour_state
 from heronry_agent.core.vocabulary import Action
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.identifiers import state_id
 from heronry_wire.management import Activate, Alive, Lease, Step
-from heronry_wire.sansio import Send, Withdraw
+from heronry_wire.sansio import Withdraw
 
 WITHOUT_CONTROL = Slice((RUN_SERVO_1,), remote={1: 94})
-NODE_STATE = state_id(NODE)
-
-
-def position(actions: list[Action], wanted: type[Action]) -> int:
-    """Place of the first withdrawal, or of the first state frame."""
-    for place, action in enumerate(actions):
-        if isinstance(action, wanted) and (not isinstance(action, Send) or action.frame.can_id == NODE_STATE):
-            return place
-    raise AssertionError(f"no {wanted.__name__} in {actions}")
-
-
-def test_what_is_published_no_longer_is_withdrawn_before_the_pe_reports_broken() -> None:
-    pe = OnePe()
-    pe.configure(FLYING, epoch=1)
-    actions = pe.configure(WITHOUT_CONTROL, epoch=2, step=Step.BREAK)
-    assert Withdraw(frozenset({DEMAND_ID})) in actions
-    after_activation = actions[position(actions, Withdraw) :]
-    assert position(after_activation, Send) > 0
-
-
-def test_what_stays_published_is_not_withdrawn() -> None:
-    pe = OnePe()
-    pe.configure(FLYING, epoch=1)
-    assert not [action for action in pe.configure(FLYING, epoch=2) if isinstance(action, Withdraw)]
 
 
 def allowed() -> OnePe:
@@ -49,12 +24,6 @@ def withdrawn(actions: list[Action]) -> set[int]:
 # A PE that hears and is not heard: what it made while it was allowed to must not go out when it is heard again.
 
 
-def test_what_waits_is_withdrawn_when_the_manager_counts_on_us_no_more() -> None:
-    pe = allowed()
-    assert withdrawn(pe.command(Alive(1, 2, frozenset({NEIGHBOUR})))) == {DEMAND_ID}
-    assert not withdrawn(pe.command(Alive(1, 3, frozenset({NEIGHBOUR}))))  # nothing was made since
-
-
 def test_what_waits_is_withdrawn_when_another_pe_runs_a_newer_epoch() -> None:
     pe = allowed()
     assert not withdrawn(pe.hear(neighbour_state(1, 1001)))
@@ -68,12 +37,6 @@ def test_what_waits_is_withdrawn_when_a_configuration_runs_without_us() -> None:
 
 def test_what_waits_is_withdrawn_when_the_manager_means_something_else_by_our_epoch() -> None:
     assert withdrawn(allowed().command(Lease(1, 1, Step.GO_ALL, 7))) == {DEMAND_ID}
-
-
-def test_what_waits_is_withdrawn_when_another_node_has_our_node_id() -> None:
-    pe = allowed()
-    assert withdrawn(pe.hear(neighbour_state(1, node=NODE))) == {DEMAND_ID}
-    assert not withdrawn(pe.hear(neighbour_state(1, node=NODE)))  # nothing was made since
 
 
 def test_who_runs_nothing_that_may_move_withdraws_nothing() -> None:

@@ -18,14 +18,13 @@ from agent.one_pe import (
     SERVO_1,
     TABLE,
     OnePe,
-    pages,
     slice_messages,
     started,
     stopped,
 )
-from heronry_agent.core.vocabulary import Note, StartFailed
+from heronry_agent.core.vocabulary import StartFailed
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, StatePage1, Step
+from heronry_wire.management import Activate, Alive, Lease, Step
 
 WATCHED = Slice(
     (RUN_CONTROL, RUN_SERVO_1, RUN_MONITOR),
@@ -52,39 +51,10 @@ def alone(pe: OnePe) -> list:
     return pe.pass_time(2 * LEASE_NS)
 
 
-def test_what_is_expendable_rests_when_the_lease_has_run_out_and_nothing_else() -> None:
-    pe = flying()
-    leased_ns = pe.now_ns - BEAT_NS
-    assert stopped(pe.pass_time(leased_ns + LEASE_NS - pe.now_ns)) == []
-    actions = pe.pass_time(BEAT_NS)
-    assert (stopped(actions), pe.running) == ([MONITOR], CRITICAL)
-    assert [page.load for page in pages(actions) if isinstance(page, StatePage1)][:1] == [40]
-    assert any(isinstance(a, Note) and a.text.endswith("going on with what is critical") for a in actions)
-    told = [page for page in pages(actions) if isinstance(page, StatePage0)]
-    assert {(page.state, page.epoch, page.digest) for page in told} == {(PeState.ACTIVE, 7, 1007)}
-    assert stopped(alone(pe)) == []
-
-
 def test_with_nothing_that_is_expendable_nothing_rests() -> None:
     pe = flying(replace(WATCHED, expendable=frozenset()))
     assert stopped(alone(pe)) == []
     assert pe.running == ALL
-
-
-def test_a_lease_that_names_what_runs_starts_it_again_whoever_reigns() -> None:
-    pe = flying()
-    alone(pe)
-    assert started(pe.command(lease(epoch=0, term=2))) == []
-    assert started(pe.command(lease(term=2))) == [MONITOR]
-    assert pe.running == ALL
-    assert started(pe.command(lease(term=2))) == []
-
-
-def test_the_same_manager_is_heard_again_with_the_very_words_of_before() -> None:
-    pe = flying()
-    alone(pe)
-    assert started(pe.command(lease())) == [MONITOR]
-    assert stopped(alone(pe)) == [MONITOR]
 
 
 def test_a_command_that_is_no_lease_starts_nothing() -> None:

@@ -21,11 +21,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from random import Random
-from typing import TypeGuard
 
 from heronry_agent.core.agent import AgentCore
 from heronry_agent.core.authenticity import Secret
-from heronry_agent.core.vocabulary import Action
+from heronry_agent.core.vocabulary import Action, Event
 from heronry_dg.model import Spec
 from heronry_manager.core.compilation import Compiler
 from heronry_tools.console.errors import exit_code
@@ -34,9 +33,8 @@ from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Use, classify, management_id, state_id
+from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Use, classify, management_id
 from heronry_wire.management import (
     Activate,
     Alive,
@@ -51,8 +49,9 @@ from heronry_wire.management import (
     Step,
     decode_state,
 )
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Send
 from heronry_wire.timing import exact_bits
+from lab.peers import PlayedManager, SteppedCore
 
 _MS = 1_000_000
 _NS_PER_S = 1_000_000_000
@@ -95,12 +94,13 @@ class Attacked:
         self.attacks: Counter[str] = Counter()
         key = Key(self._random.randbytes(KEY_BYTES))
         table = Compiler(spec).table(next(iter(spec.pes)))
-        self._node, self._state_id, self._now_ns = table.node_id, state_id(table.node_id), _NS_PER_S
-        self._core = AgentCore(table, 1, self._now_ns, secret=Secret(key, self._random.randbytes(16)))
+        self._node = table.node_id
+        self._core = AgentCore(table, 1, _NS_PER_S, secret=Secret(key, self._random.randbytes(16)))
+        self._pe = SteppedCore[Event, Action](self._core, _NS_PER_S)
         self._watch = _Watch(self._core)
-        self._signer = CommandSigner(key, FIRST_MANAGER, _TERM)
+        self._manager = PlayedManager(FIRST_MANAGER, _TERM, key)
         foreign = Key(self._random.randbytes(KEY_BYTES))
-        self._foreign = [CommandSigner(foreign, node, _TERM + 1) for node in (FIRST_MANAGER, LAST_MANAGER)]
+        self._foreign = [PlayedManager(node, _TERM + 1, foreign) for node in (FIRST_MANAGER, LAST_MANAGER)]
         self._said: list[Pair] = []
         self._waiting: set[Frame] = set()  # commands that were heard since the last beat, whatever became of them
         self._kinds: dict[str, Callable[[], list[Frame]]] = {
@@ -130,7 +130,7 @@ class Attacked:
         frames = self._kinds[kind]()
         self._waiting.update(frames)
         before, refused = self._watch.seen(), self.refused
-        actions = [action for frame in frames for action in self._hear(frame)]
+        actions = self._pe.hear(*frames)
         said = [action for action in actions if not self._is_question(action)]
         self.attacks[kind] += 1
         if said or self._watch.seen() != before or self.refused == refused:
@@ -140,37 +140,25 @@ class Attacked:
         """Let the PE ask, and answer it."""
         asked: list[int] = []
         while not asked:
-            self._now_ns = self._core.next_deadline_ns()
-            pages = [decode_state(a.frame.data) for a in self._core.step(self._now_ns, Tick()) if self._is_state(a)]
-            asked = [page.nonce for page in pages if isinstance(page, StatePage2)]
-        for frame in self._signer.welcome(self._node, asked[0]):
-            self._hear(frame)
+            asked = self._pe.nonces(_MS, self._node)
+        self._pe.hear(*self._manager.welcome(self._node, asked[0]))
         self._lead()
         assert self._core.reign.term == _TERM, "the true manager is not believed"
 
     def _lead(self) -> None:
         """A beat of the true manager, which must be believed."""
-        self._now_ns += _BEAT_NS
         self._waiting.clear()
-        while self._core.next_deadline_ns() <= self._now_ns:
-            self._core.step(self._now_ns, Tick())
+        self._pe.pass_time(_BEAT_NS)
         for pair in (self._true(Command.LEASE), self._true(Command.ALIVE)):
             self._say(pair)
         ping = self._true(Command.PING)
-        self._hear(ping[0])
-        assert self._hear(ping[1]), "a true PING is not answered"
+        assert self._pe.hear(*ping), "a true PING is not answered"
 
     def _say(self, pair: Pair) -> list[Action]:
         self._said.append(pair)
         if len(self._said) > _REMEMBERED:
             self._said[self._random.randrange(_REMEMBERED)] = self._said.pop()
-        return [action for frame in pair for action in self._hear(frame)]
-
-    def _hear(self, frame: Frame) -> list[Action]:
-        return self._core.step(self._now_ns, Received(0, frame))
-
-    def _is_state(self, action: Action) -> TypeGuard[Send]:
-        return isinstance(action, Send) and action.frame.can_id == self._state_id
+        return self._pe.hear(*pair)
 
     def _is_question(self, action: Action) -> bool:
         """Tell whether it asks for a fresh start: to be more cautious is no harm."""
@@ -209,12 +197,11 @@ class Attacked:
                 return frame
 
     def _true(self, command: Command) -> Pair:
-        return self._tagged(self._signer, Frame(management_id(FIRST_MANAGER, command), self._payload(command)))
+        return self._tagged(self._manager, Frame(management_id(FIRST_MANAGER, command), self._payload(command)))
 
-    def _tagged(self, signer: CommandSigner, frame: Frame) -> Pair:
-        tag = signer.tag(frame)
-        assert tag is not None
-        return frame, tag
+    def _tagged(self, manager: PlayedManager, frame: Frame) -> Pair:
+        command, tag = manager.tagged(frame)
+        return command, tag
 
     # Attacks
 
@@ -223,7 +210,7 @@ class Attacked:
         tag_id = management_id(FIRST_MANAGER, Command.TAG)
         if self._random.randrange(2):
             return [frame, Frame(tag_id, self._random.randbytes(8))]
-        pair = list(self._tagged(self._signer, frame))
+        pair = list(self._tagged(self._manager, frame))
         spoilt = self._random.randrange(2)
         data = bytearray(pair[spoilt].data)
         data[self._random.randrange(len(data))] ^= 1 << self._random.randrange(8)
@@ -234,17 +221,17 @@ class Attacked:
         return list(self._random.choice(self._said))
 
     def _reordered(self) -> list[Frame]:
-        early = self._tagged(self._signer, self._frame())
+        early = self._tagged(self._manager, self._frame())
         self._say(self._true(Command.LEASE))
         return list(early)
 
     def _truncated(self) -> list[Frame]:
-        frame, tag = self._tagged(self._signer, self._frame())
+        frame, tag = self._tagged(self._manager, self._frame())
         return [frame._replace(data=frame.data[: self._random.randrange(len(frame.data))]), tag]
 
     def _foreigner(self) -> list[Frame]:
-        signer, manager = self._random.choice(list(zip(self._foreign, (FIRST_MANAGER, LAST_MANAGER), strict=True)))
-        return list(self._tagged(signer, self._frame(_TERM + 1, manager)))
+        manager = self._random.choice(self._foreign)
+        return list(self._tagged(manager, self._frame(_TERM + 1, manager.node)))
 
 
 def management_load(spec: Spec, key: Key | None) -> dict[str, float]:

@@ -33,7 +33,8 @@ from heronry_wire.management import (
     Step,
     decode_command,
 )
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Send, Tick
+from lab.peers import SteppedCore
 
 MS = 1_000_000
 BEAT_NS = 20 * MS
@@ -70,7 +71,7 @@ def two_tails() -> Spec:
     return loads(SPEC_TEXT, "two_tails.dg.yaml")
 
 
-class OneManager:
+class OneManager(SteppedCore[ManagerEvent, ManagerAction]):
     """The core, its clock, and all it has asked for."""
 
     def __init__(
@@ -83,9 +84,9 @@ class OneManager:
         key: Key | None = None,
     ) -> None:
         self.spec = spec or two_tails()
-        self.now_ns = 1_000 * MS
-        self.memory = replace(memory, term=max(memory.term, term - 1))  # as a journal would have it
-        self.core = ManagerCore(self.spec, node, self.memory, self.now_ns, key=key)
+        self.memory, now_ns = replace(memory, term=max(memory.term, term - 1)), 1_000 * MS  # as a journal would have it
+        super().__init__(ManagerCore(self.spec, node, self.memory, now_ns, key=key), now_ns)
+        self.core: ManagerCore
         self.node = node
         self.events: list[dict[str, Any]] = []
         self.requests: list[RequestPlan] = []
@@ -99,7 +100,7 @@ class OneManager:
 
     def give(self, event: ManagerEvent) -> list[ManagerAction]:
         """Give an event now."""
-        actions = self.core.step(self.now_ns, event)
+        actions = super().give(event)
         self.core.validate()
         for action in actions:
             match action:
@@ -120,9 +121,6 @@ class OneManager:
         message = decode_command(frame.can_id - management_id(self.node, Command.LEASE), frame.data)
         if not isinstance(message, Malformed):
             self.commands.append(message)
-
-    def hear(self, frame: Frame) -> list[ManagerAction]:
-        return self.give(Received(0, frame))
 
     def pass_time(self, duration_ns: int) -> None:
         """Let time pass, deadline by deadline; PEs that live beat on."""

@@ -11,7 +11,6 @@ from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, OperatorSaid, Order, Reply
 from heronry_manager.planner.exact import plan
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     Activate,
@@ -27,11 +26,10 @@ from heronry_wire.management import (
     PeState,
     Prepare,
     Reason,
-    SliceBody,
-    SliceHead,
     StatePage1,
     Step,
 )
+from lab.peers import command_frame, slice_messages
 from manager.one_manager import BEAT_NS, MS, OneManager
 from manager.test_standby import PHASES
 
@@ -71,7 +69,7 @@ def test_it_says_what_it_would_do_and_nothing_on_the_bus(advisor: OneManager) ->
 
 def test_a_manager_that_reigns_beside_it_is_no_rival(advisor: OneManager) -> None:
     lease = Lease(9, 0, Step.PREPARED, 0)
-    advisor.hear(Frame(management_id(127, Command.LEASE), lease.encode()))
+    advisor.hear(command_frame(lease, 127))
     advisor.start(fly=False)
     assert advisor.requests == []  # what that one holds is told in turn
     advisor.pass_time(1000 * MS)
@@ -107,9 +105,7 @@ class Beside:
         self._beats = 0
 
     def say(self, *messages: ManagementMessage) -> None:
-        for message in messages:
-            command = next(c for c, kinds in _SAID_AS.items() if isinstance(message, kinds))
-            self.one.hear(Frame(management_id(127, command), message.encode()))
+        self.one.hear(*(command_frame(message, 127) for message in messages))
 
     def run(self, found: Plan | None, epoch: int) -> None:
         """Let all PEs run a plan, or something that nobody has heard of, and the manager say so."""
@@ -122,12 +118,8 @@ class Beside:
         """The same, with the slices: it may be overheard."""
         compiled = self.one.compiler.configuration(found.configuration)
         for node, body in compiled.slices.items():
-            frames = [body[at : at + 5] for at in range(0, len(body), 5)]
-            self.say(
-                *([Prepare(2, epoch, compiled.digest)] if node == 92 else []),
-                SliceHead(node, epoch, len(body), compiled.slice_digests[node]),
-                *(SliceBody(node, epoch, n, part) for n, part in enumerate(frames, start=1)),
-            )
+            self.say(*([Prepare(2, epoch, compiled.digest)] if node == 92 else []))
+            self.say(*slice_messages(node, epoch, body, PHASES.digest))
         self.say(Activate(2, epoch, Step.GO_ALL, compiled.digest))
         self.run(found, epoch)
 
@@ -145,16 +137,6 @@ class Beside:
     def obey(self, order: Order) -> Reply:
         (reply,) = (action for action in self.one.give(OperatorSaid(7, order)) if isinstance(action, Reply))
         return reply
-
-
-_SAID_AS = {
-    Command.LEASE: Lease,
-    Command.ALIVE: Alive,
-    Command.PREPARE: Prepare,
-    Command.SLICE: SliceHead | SliceBody,
-    Command.ACTIVATE: Activate,
-    Command.CONTROL: Control,
-}
 
 
 @pytest.fixture

@@ -1,23 +1,20 @@
 """A manager with a key: what it tags, whom it believes, and what a PE has to do for it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.core.authenticity import GUESSES
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
-    PAGE_1_BEAT,
     Key,
     Session,
-    joined_state,
-    split_state,
 )
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
@@ -40,6 +37,7 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.sansio import Received, Send
+from lab.peers import ProvenStates, command_frame
 from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
@@ -47,20 +45,12 @@ UNCONFIGURED = StatePage0(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 1, 0, 0, 0)
 LEFT = 92
 
 
-@dataclass
-class Pe:
+class Pe(ProvenStates):
     """A PE that holds a key, as far as its states go."""
 
-    manager: OneManager
-    name: str = "left"
-    key: Key = KEY
-    session: Session | None = None
-    beat: int = 0
-
-    @property
-    def node(self) -> int:
-        """Its node-ID."""
-        return self.manager.spec.pes[self.name].node_id
+    def __init__(self, manager: OneManager, name: str = "left", key: Key = KEY, session: Session | None = None) -> None:
+        super().__init__(manager.spec.pes[name].node_id, key, session)
+        self.manager = manager
 
     def ask(self, nonce: int = 77) -> None:
         """Say a nonce, and take the answer if there is one."""
@@ -77,25 +67,15 @@ class Pe:
         self, page: StatePage0 = UNCONFIGURED, session: Session | None = None, emergency: bytes = NO_EMERGENCY
     ) -> Frame:
         """Say a page 0, tagged, which proves an EMCY; gives the frame."""
-        said, _ = split_state(replace(page, sequence=self.beat % 256).encode())
-        session = session or self.session
-        digest = page.digest
-        tag = (
-            0
-            if session is None
-            else self.key.state_tag(self.node, session, self.beat, said, digest, emergency=emergency)
-        )
-        self.beat += 1
-        frame = Frame(state_id(self.node), said + tag.to_bytes(3))
+        own, self.session = self.session, session or self.session
+        frame = self.prove(page, emergency)
+        self.session = own
         self.manager.hear(frame)
         return frame
 
     def stages(self, page: StatePage1) -> None:
         """Say a page 1, tagged."""
-        assert self.session is not None
-        said, digest = split_state(page.encode())
-        tag = self.key.state_tag(self.node, self.session, PAGE_1_BEAT, said, digest)
-        self.manager.hear(Frame(state_id(self.node), joined_state(said, tag)))
+        self.manager.hear(self.prove(page))
 
     def reports(self, emergency: Emergency) -> bytes:
         """Say an EMCY."""
@@ -105,6 +85,14 @@ class Pe:
     def counts(self) -> bool:
         """Tell whether the manager has heard it lately."""
         return status(self.manager)["state"] in ("up", "suspect")
+
+
+def changed(pe: Pe, **fields: Any) -> Pe:
+    """The same PE, but for this."""
+    other = copy(pe)
+    for name, value in fields.items():
+        setattr(other, name, value)
+    return other
 
 
 def status(manager: OneManager) -> dict[str, Any]:
@@ -132,30 +120,6 @@ def pe(manager: OneManager) -> Pe:
     return one
 
 
-def test_every_command_is_followed_by_its_tag_and_nothing_else_is(manager: OneManager) -> None:
-    told = [frame for frame in manager.frames if frame.can_id < 210]
-    assert {frame.can_id for frame in told[::2]} == {200, 201}
-    assert {frame.can_id for frame in told[1::2]} == {207}
-    signer = CommandSigner(KEY, NODE, 1)
-    assert [signer.tag(frame) for frame in told[::2]] == told[1::2]
-
-
-def test_a_manager_without_a_key_tags_nothing() -> None:
-    one = OneManager()
-    one.pass_time(6 * BEAT_NS)
-    assert all(frame.can_id != 207 for frame in one.frames)
-
-
-def test_a_pe_is_up_once_its_states_are_tagged_in_a_session(manager: OneManager) -> None:
-    pe = Pe(manager)
-    pe.say()
-    assert not pe.counts()
-    pe.ask()
-    pe.say()
-    assert pe.counts()
-    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
-
-
 def test_nobody_is_answered_while_the_manager_only_listens_or_advises() -> None:
     listening = OneManager(key=KEY)
     pe = Pe(listening)
@@ -170,27 +134,13 @@ def test_nobody_is_answered_while_the_manager_only_listens_or_advises() -> None:
     assert advising.frames == []
 
 
-def test_a_nonce_is_answered_once_in_half_a_period_and_0_is_none(manager: OneManager) -> None:
-    nobody, first, early, second = (Pe(manager) for _ in range(4))
-    nobody.ask(0)
-    first.ask()
-    early.ask()
-    manager.pass_time(BEAT_NS)
-    second.ask()
-    assert [one.session for one in (nobody, early)] == [None, None]
-    assert (first.session, second.session) == (Session(NODE, 1, 2), Session(NODE, 1, 5))
-    pe = first
-    pe.say()  # it may have taken the first answer, or the second
-    assert pe.counts()
-
-
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda pe: replace(pe, key=FOREIGN),
-        lambda pe: replace(pe, session=Session(127, 1, pe.session.number)),
-        lambda pe: replace(pe, session=Session(NODE, 1, pe.session.number - 1)),
-        lambda pe: replace(pe, session=None),
+        lambda pe: changed(pe, key=FOREIGN),
+        lambda pe: changed(pe, session=Session(127, 1, pe.session.number)),
+        lambda pe: changed(pe, session=Session(NODE, 1, pe.session.number - 1)),
+        lambda pe: changed(pe, session=None),
     ],
     ids=["foreign", "for another manager", "from before", "untagged"],
 )
@@ -221,17 +171,6 @@ GYRO, CONTROL = (Emergency(FaultCode.REPORTED, 0x81, kind, 0, 7) for kind in (El
 def latched(manager: OneManager) -> list[str]:
     """Elements that have been reported, as the manager tells."""
     return [event["element"] for event in manager.events if event["event"] == "fault_reported"]
-
-
-def test_an_emcy_counts_once_a_state_proves_it_and_is_acknowledged_then(manager: OneManager, pe: Pe) -> None:
-    pe.say()
-    said = pe.reports(GYRO)
-    assert latched(manager) == []
-    pe.say(PENDING, emergency=said)
-    assert len(latched(manager)) == 1
-    assert [c.operation for c in manager.commands if isinstance(c, Control)][-1] is Operation.ACKNOWLEDGE
-    pe.say()
-    assert pe.counts()
 
 
 def test_of_many_emcys_each_is_proven_by_a_state_of_its_own_and_a_forged_one_by_none(
@@ -273,34 +212,6 @@ def test_a_lost_channel_is_told_as_it_is_heard_since_no_plan_depends_on_it() -> 
     assert [event["channel"] for event in manager.events if event["event"] == "channel_lost"] == ["can0.2"]
 
 
-REFUSES = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, 0, 0, Reason.IMAGE, 0)
-
-
-def preparing(manager: OneManager) -> tuple[Pe, int]:
-    """Welcome all PEs and let the manager prepare an epoch; gives one of them, and the epoch."""
-    pes = [Pe(manager, name) for name in manager.spec.pes]
-    for pe in pes:
-        pe.ask()
-        pe.say(replace(UNCONFIGURED, flags=PeFlags.HEARS_LEASE))
-    manager.pass_time(BEAT_NS)
-    manager.answer()
-    return pes[0], manager.prepared()[0]
-
-
-def test_page_1_counts_where_its_tag_fits_and_a_forged_one_gives_nobody_up(manager: OneManager) -> None:
-    pe, epoch = preparing(manager)
-    refusal = replace(REFUSES, staged_epoch=epoch)
-    pe.stages(replace(refusal, reason=Reason.INCOMPLETE))
-    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 0}
-    replace(pe, key=FOREIGN).stages(refusal)
-    manager.hear(Frame(state_id(LEFT), refusal.encode()))
-    manager.hear(Frame(state_id(LEFT), replace(refusal, staged_epoch=999, staged_digest=5).encode()))
-    assert not [event for event in manager.events if event["event"] == "pe_refused"]
-    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 2, "refused_commands": 0}
-    pe.stages(refusal)
-    assert [event["reason"] for event in manager.events if event["event"] == "pe_refused"] == ["IMAGE"]
-
-
 def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:
     runs = StatePage0(PeState.ACTIVE, PeFlags(0), 1, 900, 0, 0xABCDEF)
     pe.say(runs)
@@ -312,25 +223,11 @@ def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: On
     assert status(manager)["epoch"] == 900
 
 
-def test_who_is_heard_and_not_believed_is_told_to_begin_anew(manager: OneManager, pe: Pe) -> None:
-    stranger = replace(pe, key=FOREIGN)
-    for _ in range(12):
-        manager.pass_time(BEAT_NS)
-        stranger.say()
-    renewals = [c for c in manager.commands if isinstance(c, Control) and c.operation is Operation.RENEW]
-    assert [renewal.node for renewal in renewals] == [LEFT, LEFT]
-    assert told_unproven(manager) == ["left"], "what was asked for the first time may still come"
-    for _ in range(12):
-        manager.pass_time(BEAT_NS)
-        stranger.say()
-    assert told_unproven(manager) == ["left"], "once"
-
-
 def test_who_lost_its_session_and_begins_anew_is_not_told_of(manager: OneManager, pe: Pe) -> None:
     for _ in range(3):
         for _ in range(6):
             manager.pass_time(BEAT_NS)
-            replace(pe, key=FOREIGN).say()
+            changed(pe, key=FOREIGN).say()
         pe.ask()
         pe.say()
         pe.say()
@@ -342,57 +239,10 @@ def told_unproven(manager: OneManager) -> list[str]:
     return [event["pe"] for event in manager.events if event["event"] == "states_unproven"]
 
 
-def test_once_it_is_guessed_at_two_states_in_a_row_must_fit(manager: OneManager, pe: Pe) -> None:
-    for _ in range(GUESSES):
-        pe.say()
-        replace(pe, key=FOREIGN).say()
-    assert [event["pe"] for event in manager.events if event["event"] == "states_doubted"] == ["left"]
-    assert pe.counts()
-    other = Pe(manager, "middle")
-    other.ask()
-    other.say()
-    manager.pass_time(4 * BEAT_NS)
-    assert not pe.counts()
-    pe.beat += 3  # some were lost
-    pe.say()
-    assert status(manager)["state"] == "down"
-    pe.say()
-    assert status(manager)["state"] == "returning"
-    for _ in range(257):
-        manager.pass_time(BEAT_NS)
-        other.say()
-    pe.beat += 3
-    pe.say()  # it is forgotten by now
-    assert status(manager)["state"] == "returning"
-
-
-def test_what_a_pe_has_refused_is_told_once_and_stands_in_the_status(manager: OneManager, pe: Pe) -> None:
-    page = StatePage3(PeState.UNCONFIGURED, PeFlags(0), 0, 3, 3)
-    for _ in range(2):
-        manager.hear(Frame(state_id(pe.node), page.encode()))
-    told = [event for event in manager.events if event["event"] == "commands_refused"]
-    assert [(event["pe"], event["unproven"], event["other"]) for event in told] == [("left", 3, 3)]
-    pe.say()
-    assert status(manager)["authentic"] == {"is_believed": True, "refused_states": 0, "refused_commands": 6}
-
-
-def test_more_refusals_are_told_once_a_second_and_a_restart_is_none(manager: OneManager, pe: Pe) -> None:
-    def refuses(unproven: int) -> int:
-        page = StatePage3(PeState.UNCONFIGURED, PeFlags(0), 0, unproven, 0)
-        manager.hear(Frame(state_id(pe.node), page.encode()))
-        return sum(event["event"] == "commands_refused" for event in manager.events)
-
-    assert [refuses(1), refuses(2)] == [1, 1]
-    manager.pass_time(1_000 * MS)
-    assert [refuses(2), refuses(0)] == [2, 2]
-    manager.pass_time(1_000 * MS)
-    assert refuses(1) == 3
-
-
 def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, digest: int = 0) -> list[Frame]:
     """A LEASE of another manager, and its TAG."""
     step = Step.GO_ALL if epoch else Step.PREPARED
-    frame = Frame(management_id(manager, Command.LEASE), Lease(term, epoch, step, digest).encode())
+    frame = command_frame(Lease(term, epoch, step, digest), manager)
     tag = signer.tag(frame)
     assert tag is not None
     return [frame, tag]
@@ -402,17 +252,6 @@ def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, dig
 def test_another_manager_ends_a_reign_only_with_the_key(manager: OneManager, key: Key, stops: int) -> None:
     for frame in lease_of(CommandSigner(key, 127, 9), 127, 9):
         assert manager.core.hears(frame.can_id)
-        manager.hear(frame)
-    assert len(manager.stops) == stops
-
-
-@pytest.mark.parametrize(("ahead", "stops"), [(0, 0), (50, 1)])
-def test_its_own_lease_said_again_ends_no_reign_and_that_of_a_double_that_is_further_on_does(
-    manager: OneManager, ahead: int, stops: int
-) -> None:
-    double = CommandSigner(KEY, NODE, 1)
-    double.number += ahead
-    for frame in lease_of(double, NODE, 1):
         manager.hear(frame)
     assert len(manager.stops) == stops
 

@@ -21,12 +21,9 @@ from heronry_manager.core.vocabulary import (
 from heronry_wire.authentication import Key
 from heronry_wire.management import (
     FORWARD_ONLY,
-    Alive,
-    Control,
     ElementKind,
     Emergency,
     FaultCode,
-    Operation,
     PeState,
 )
 from heronry_wire.sansio import Tick
@@ -63,67 +60,13 @@ def request(phase: int, detail: int) -> Emergency:
 # Phases
 
 
-def test_the_operator_enters_a_phase_and_a_plan_for_it_is_asked_for(manager: OneManager) -> None:
-    assert "it was climb" in say(manager, EnterPhase("land")).sentence
-    assert manager.requests[-1].now.phase == "land"
-    assert manager.last("phase_changed")["by"] == "the operator"
-    requests = len(manager.requests)
-    assert say(manager, EnterPhase("land")).done
-    assert len(manager.requests) == requests
-    assert status(manager)["phase"] == "land"
-
-
 def test_a_phase_that_there_is_not_is_refused_with_what_there_is(manager: OneManager) -> None:
     reply = say(manager, EnterPhase("glied"))
     assert not reply.done
     assert "did you mean 'glide'" in reply.sentence
 
 
-def test_a_request_is_acknowledged_each_time_and_counts_once(manager: OneManager) -> None:
-    manager.report("left", request(2, 1))
-    say(manager, EnterPhase("climb"))
-    manager.report("left", request(2, 1))
-    told = manager.answers()
-    assert [(c.operation, c.a, c.b) for c in told] == [(Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)] * 2
-    assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
-
-
-def test_a_rule_only_leads_on_and_a_module_may_lead_back(manager: OneManager) -> None:
-    manager.report("left", request(2, FORWARD_ONLY | 1))
-    manager.report("left", request(1, FORWARD_ONLY | 2))
-    assert status(manager)["phase"] == "land"
-    manager.report("left", request(1, 3))
-    assert status(manager)["phase"] == "glide"
-
-
-def test_who_is_not_counted_on_is_not_heard_and_may_count_anew_when_it_is(manager: OneManager) -> None:
-    manager.report("left", request(1, 1))
-    manager.reboot("left")
-    manager.commands.clear()
-    manager.report("left", request(2, 1))
-    assert manager.answers() == []
-    manager.pass_time(HOLD_DOWN_NS + BEAT_NS)
-    manager.report("left", request(2, 1))
-    assert status(manager)["phase"] == "land"
-
-
-def test_a_phase_that_the_spec_does_not_have_is_no_request(manager: OneManager) -> None:
-    manager.report("left", request(9, 1))
-    assert manager.answers() == []
-
-
 # Faults
-
-
-def test_an_element_that_the_operator_fails_is_planned_without_until_he_clears_it(manager: OneManager) -> None:
-    assert say(manager, FailElement("device:servo_left")).done
-    assert manager.requests[-1].now.down == {"device:servo_left"}
-    assert "already" in say(manager, FailElement("device:servo_left")).sentence
-    assert [one["element"] for one in status(manager)["latched"]] == ["device:servo_left"]
-    assert say(manager, ClearElement("device:servo_left")).done
-    assert manager.requests[-1].now.down == set()
-    assert manager.answers()[-1] == Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
-    assert status(manager)["latched"] == []
 
 
 @pytest.mark.parametrize("stopped", [True, False])
@@ -142,48 +85,12 @@ def test_a_module_that_was_stopped_and_is_cleared_before_a_plan_runs_again_with_
     assert len(manager.of("plan_unchanged")) == (not stopped)
 
 
-def test_the_managers_own_bus_cannot_be_failed_and_whoever_reports_it_was_heard_there(manager: OneManager) -> None:
-    asked = len(manager.requests)
-    reply = say(manager, FailElement("bus:can0"))
-    assert not reply.done
-    assert "name what has failed on it" in reply.sentence
-    manager.report("left", Emergency(FaultCode.REPORTED, 0x81, ElementKind.BUS, 0, 0))
-    assert [one["element"] for one in status(manager)["latched"]] == ["bus:can0"]
-    assert all("bus:can0" not in request.now.down for request in manager.requests[asked:])
-
-
 def test_a_cleared_fault_that_is_reported_again_is_latched_again(manager: OneManager) -> None:
     manager.report("left", LEFT_SERVO_FAILED)
     say(manager, ClearElement("device:servo_left"))
     manager.report("left", LEFT_SERVO_FAILED)
     assert len(manager.of("fault_reported")) == 2
     assert manager.requests[-1].now.down == {"device:servo_left"}
-
-
-@pytest.mark.parametrize("element", ["device:servo_left", "pe:left", "module:control"])
-def test_what_nothing_is_held_against_cannot_be_cleared(manager: OneManager, element: str) -> None:
-    reply = say(manager, ClearElement(element))
-    assert not reply.done
-    assert "nothing is latched" in reply.sentence
-
-
-def test_an_element_that_there_is_not_is_refused(manager: OneManager) -> None:
-    for order in (FailElement("pe:lefft"), ClearElement("servo")):
-        assert not say(manager, order).done
-    assert len(manager.requests) == 1
-
-
-def test_a_pe_that_the_operator_fails_speaks_in_vain_until_it_is_cleared(manager: OneManager) -> None:
-    say(manager, FailElement("pe:left"))
-    assert manager.requests[-1].now.down == {"pe:left"}
-    manager.pass_time(10 * HOLD_DOWN_NS)
-    assert 92 not in manager.said(Alive)[-1].nodes
-    pe = status(manager)["pes"]["left"]
-    assert (pe["state"], pe["why"]) == ("down", "failed, reported by the operator")
-    assert "hold-down" in say(manager, ClearElement("pe:left")).sentence
-    manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
-    assert manager.last("pe_joined")["pe"] == "left"
-    assert manager.requests[-1].now.down == set()
 
 
 def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) -> None:
@@ -195,20 +102,6 @@ def test_a_pe_that_is_down_already_can_be_failed_as_well(manager: OneManager) ->
     manager.live("left")
     manager.pass_time(2 * HOLD_DOWN_NS)
     assert manager.requests[-1].now.down == {"pe:left"}
-
-
-def test_clearing_ends_a_quarantine(manager: OneManager) -> None:
-    for _ in range(5):
-        manager.reboot("right")
-        while not manager.of("pe_joined") or manager.last("pe_joined")["t_ns"] < manager.last("pe_heard_again")["t_ns"]:
-            manager.pass_time(HOLD_DOWN_NS)
-    manager.reboot("right")
-    manager.pass_time(2 * BEAT_NS)
-    assert status(manager)["pes"]["right"]["held_down_for_ns"] > 10 * HOLD_DOWN_NS
-    assert say(manager, ClearElement("pe:right")).done
-    manager.pass_time(HOLD_DOWN_NS + BEAT_NS)
-    assert manager.last("pe_joined")["t_ns"] > manager.now_ns - 2 * HOLD_DOWN_NS
-    assert status(manager)["pes"]["right"]["state"] == "up"
 
 
 def test_a_channel_is_not_failed_for_nothing_would_be_planned_otherwise(manager: OneManager) -> None:
@@ -273,15 +166,6 @@ def test_the_status_tells_what_runs_what_is_served_and_what_nobody_watches(manag
 # The lock
 
 
-def test_a_pe_is_unlocked_by_name_where_there_is_a_key(manager: OneManager) -> None:
-    assert "has no key" in say(manager, UnlockPe("pe:left")).sentence
-    keyed = OneManager(key=Key(b"k" * 32))
-    keyed.pass_time(6 * BEAT_NS)
-    assert "name a PE, such as pe:left" in say(keyed, UnlockPe("module:control")).sentence
-    assert say(keyed, UnlockPe("pe:left")).sentence == "NMT and SDO may write on pe:left for 30 s"
-    assert Control(1, 92, Operation.UNLOCK, 30) in keyed.commands
-
-
 def test_who_only_advises_unlocks_nothing() -> None:
     core = ManagerCore(two_tails(), 126, NOTHING, 0, advise=True, key=Key(b"k" * 32))
     core.step(6 * BEAT_NS, Tick())
@@ -317,21 +201,6 @@ def test_a_request_counts_once_though_its_pe_was_lost_before_it_was_answered(man
     manager.pass_time(HOLD_DOWN_NS + 2 * BEAT_NS)
     manager.report("left", request(2, 1))
     assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
-
-
-def test_of_two_requests_the_later_one_counts_in_whatever_order_they_come(manager: OneManager) -> None:
-    manager.report("left", request(2, 2))
-    manager.report("left", request(1, 1))
-    assert status(manager)["phase"] == "land"
-    assert len(manager.answers()) == 2
-
-
-def test_the_phase_is_told_before_the_request_for_it_is_acknowledged(manager: OneManager) -> None:
-    manager.pass_time(10 * BEAT_NS)
-    manager.commands.clear()
-    manager.report("left", request(2, 1))
-    told = [(one.operation, one.b) for one in manager.said(Control)]
-    assert told == [(Operation.HOLDS, 2), (Operation.ACKNOWLEDGE, 1)]
 
 
 def test_a_restarted_manager_knows_which_request_was_obeyed(manager: OneManager) -> None:

@@ -81,40 +81,25 @@ functions:
     assert served(planned(spec)) == {"vital"}
 
 
-def test_within_a_class_the_greater_utility_wins() -> None:
+@pytest.mark.parametrize(("priority", "wanted"), [(3, {"good": "full"}), (5, {"good": "half", "other": "only"})])
+def test_within_a_class_the_greater_utility_wins(priority: int, wanted: dict[str, str]) -> None:
+    """Full alone is worth 1000; half and the other one 600, and a hundred times its priority."""
     spec = loads(
         TWO_PES
-        + """
-variables: {}
+        + f"""
+variables: {{}}
 modules:
   good:
     runs_on: [left]
-    modes: {full: {cpu: 0.7, ram: 1KiB, rate_hz: 10}, half: {cpu: 0.4, ram: 1KiB, rate_hz: 10}}
-  other: {runs_on: [left], cpu: 0.5, ram: 1KiB, rate_hz: 10}
+    modes: {{full: {{cpu: 0.7, ram: 1KiB, rate_hz: 10}}, half: {{cpu: 0.4, ram: 1KiB, rate_hz: 10}}}}
+  other: {{runs_on: [left], cpu: 0.5, ram: 1KiB, rate_hz: 10}}
 functions:
-  good: {output: good, priority: 10, value: [100, 60]}
-  other: {output: other, priority: 3}
+  good: {{output: good, priority: 10, value: [100, 60]}}
+  other: {{output: other, priority: {priority}}}
 """,
         "test",
     )
-    # full alone: 1000; half and other: 600 + 300; with a little more for the other one it turns round.
-    assert modes(planned(spec)) == {"good": "full"}
-    richer = loads(
-        TWO_PES
-        + """
-variables: {}
-modules:
-  good:
-    runs_on: [left]
-    modes: {full: {cpu: 0.7, ram: 1KiB, rate_hz: 10}, half: {cpu: 0.4, ram: 1KiB, rate_hz: 10}}
-  other: {runs_on: [left], cpu: 0.5, ram: 1KiB, rate_hz: 10}
-functions:
-  good: {output: good, priority: 10, value: [100, 60]}
-  other: {output: other, priority: 5}
-""",
-        "test",
-    )
-    assert modes(planned(richer)) == {"good": "half", "other": "only"}
+    assert modes(planned(spec)) == wanted
 
 
 VOTER = """

@@ -79,15 +79,6 @@ def test_the_radios_of_a_spec_with_their_gateways_and_who_is_lost_with_them() ->
     assert (ROVER.link_id, ROVER.gateway, ROVER.beyond) == (292, "ground", {"wheels"})
 
 
-def test_one_low_report_is_noise_and_two_are_a_fault_with_a_number(link: Link) -> None:
-    for usable in (100, 1000, 899, 905):
-        link.report(usable)
-    assert link.changes == []
-    link.repeat(700, 2)
-    assert link.changes == [("limited", 600)]
-    assert link.links.limits() == {"bus:radio": Fraction(3, 5)}
-
-
 def test_a_gateway_that_starts_anew_counts_anew(link: Link) -> None:
     """Its first reports look like late ones of before, unless it is known that it was away."""
     link.repeat(1000, 3)
@@ -105,19 +96,6 @@ def test_noise_about_a_step_moves_nothing(link: Link) -> None:
     for usable in (545, 835, 600, 540, 790) * 10:
         link.report(usable)
     assert link.changes == [("limited", 600)]
-
-
-def test_more_bandwidth_counts_after_a_hold_down_as_low_as_it_was_meanwhile(link: Link) -> None:
-    link.repeat(100, 2)
-    link.repeat(1000, 5)
-    link.report(500)
-    link.repeat(1000, 4)
-    assert link.changes == [("limited", 80)]
-    link.report(1000)
-    assert link.changes == [("limited", 80), ("limited", 400)]
-    link.repeat(1000, 11)
-    assert link.changes[-1] == ("limited", 1000)
-    assert link.links.limits() == {}
 
 
 def test_a_dip_begins_the_hold_down_anew(link: Link) -> None:
@@ -144,36 +122,12 @@ def test_a_radio_that_falls_again_and_again_is_held_down_longer_and_forgiven_aft
     assert link.links.limits() == {}
 
 
-def test_reports_that_are_doubled_late_foreign_or_malformed_are_dropped(link: Link) -> None:
-    low = [LinkReport(93, LinkState.UP, (link.sequence - back) % 64, 100, 100, 0, 0).encode() for back in range(8)]
-    for data in (*low, *low):
-        link.say(data)
-    link.report(100, node=94)
-    link.report(100, node=94)
-    link.say(b"\0")
-    assert link.changes == []
-
-
 def test_a_gateway_that_was_restarted_is_listened_to(link: Link) -> None:
     link.sequence = 30
     link.report(1000)
     link.sequence = 0
     link.repeat(100, 3)
     assert link.changes == [("limited", 80)]
-
-
-def test_gone_and_back_and_who_returns_finds_the_step_of_the_moment(link: Link) -> None:
-    link.report(0, LinkState.GONE)
-    link.report(0, LinkState.GONE)
-    assert link.changes == [("gone", 0)]
-    assert link.links.limits() == {}
-    link.anybody_beyond = False
-    for usable in (300, 90, 170):
-        link.report(usable)
-    assert link.changes[1:] == [("back", 1000), ("limited", 250), ("limited", 80), ("limited", 160)]
-    link.anybody_beyond = True
-    link.report(1000)
-    assert link.changes[-1] == ("limited", 160)
 
 
 class Flight(OneManager):
@@ -231,24 +185,6 @@ def test_a_limit_voids_a_plan_that_is_on_its_way() -> None:
     flight.report(100, times=2)
     flight.report(300, times=13)
     assert flight.requests[-1].now.limits == {"bus:radio": Fraction(1, 4)}
-
-
-def test_a_radio_that_is_gone_takes_all_who_are_beyond_at_once() -> None:
-    flight = Flight()
-    for pe in ("ground", "wheels"):
-        flight.die(pe)
-    flight.pass_time(800 * MS)
-    assert flight.of("pe_lost") == []
-    frame = LinkReport(93, LinkState.GONE, 9, 0, 100, 0, 0).encode()
-    flight.hear(Frame(RADIO.link_id, frame))
-    assert [(lost["pe"], lost["cause"]) for lost in flight.of("pe_lost")] == [
-        ("ground", "bus:radio is gone, says comms"),
-        ("wheels", "bus:radio is gone, says comms"),
-    ]
-    assert flight.requests[-1].now.down == {"pe:ground", "pe:wheels"}
-    assert flight.core.status()["links"]["radio"]["state"] == "gone"
-    flight.report(1000)
-    assert flight.last("link_back") == flight.last("link_back") | {"bus": "radio", "by": "comms"}
 
 
 def test_a_radio_is_unheard_until_its_gateway_reports() -> None:

@@ -1,15 +1,11 @@
 """The manager's half of the two phases, one epoch at a time: who is asked for what, how often, and for how long."""
 
-import itertools
-
-import pytest
-
 from heronry_dg.configuration import Configuration, Running
 from heronry_dg.objective import score
 from heronry_dg.plan import make_plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.reconfiguration import PATIENCE_PERIODS, Participant, Reconfiguration, Stage
+from heronry_manager.core.reconfiguration import Participant, Reconfiguration, Stage
 from heronry_wire.management import Activate, PeState, Prepare, SliceBody, SliceHead, Step
 from manager.one_manager import BEAT_NS, MS, two_tails
 
@@ -77,32 +73,6 @@ def run(
     return messages, overdue
 
 
-def test_it_begins_with_prepare_and_a_head_for_everybody_just_before_its_body() -> None:
-    (prepare, *slices), _ = run(opened(), 0, 5 * MS)
-    assert prepare == Prepare(1, 300, Compiler(two_tails()).configuration(FLYING).digest)
-    heads = [frame for frame in slices if isinstance(frame, SliceHead)]
-    assert sorted(head.node for head in heads) == [92, 93, 94]
-    assert {head.epoch_low for head in heads} == {300 & 0xFF}
-    for before, after in itertools.pairwise(slices):
-        if isinstance(after, SliceBody):
-            assert isinstance(before, SliceHead | SliceBody)
-            assert before.node == after.node
-
-
-def test_however_many_are_late_prepare_is_repeated_once_in_half_a_period() -> None:
-    messages, _ = run(opened(), 0, 4 * BEAT_NS)
-    repeated = [message for message in messages if isinstance(message, Prepare)]
-    assert 1 < len(repeated) <= 1 + 4 * 2
-
-
-def test_bodies_follow_at_half_the_bus_and_only_where_they_are_needed() -> None:
-    messages, _ = run(opened(), 0, 5 * MS)
-    bodies = [message for message in messages if isinstance(message, SliceBody)]
-    assert [(body.node, body.index) for body in bodies] == [(92, 1), (92, 2)]
-    messages, _ = run(opened(knows=("left",)), 0, 5 * MS)
-    assert not [message for message in messages if isinstance(message, SliceBody)]
-
-
 def test_a_late_timer_sends_no_flood() -> None:
     epoch = opened()
     epoch.staged("left", has_staged=False, wants_body=True, now_ns=0)
@@ -127,42 +97,6 @@ def test_nobody_who_is_no_participant_can_move_an_epoch() -> None:
     staged(epoch, "left")
     epoch.reported("left", PeState.ACTIVE, 0)
     assert epoch.all_staged()
-
-
-def test_what_is_not_acknowledged_is_repeated_less_and_less_often_and_then_given_up() -> None:
-    epoch = opened()
-    staged(epoch, "left", "middle")
-    messages, overdue = run(epoch, 0, 10_000 * MS)
-    heads = [message for message in messages if isinstance(message, SliceHead) and message.node == 94]
-    assert overdue == ["right"]
-    assert 5 <= len(heads) <= PATIENCE_PERIODS
-    assert len([message for message in messages if isinstance(message, Prepare)]) == len(heads)
-
-
-def test_with_nothing_exclusive_one_activation_goes_all_the_way() -> None:
-    epoch = opened()
-    staged(epoch, *PES)
-    assert epoch.all_staged()
-    said(epoch)
-    epoch.activate(set(), MS)
-    assert (epoch.stage, epoch.step) == (Stage.GOING, Step.GO_ALL)
-    assert [message.step for message in said(epoch) if isinstance(message, Activate)] == [Step.GO_ALL]
-
-
-def test_an_activation_that_was_lost_is_repeated_until_everybody_is_active() -> None:
-    epoch = opened()
-    staged(epoch, *PES)
-    epoch.activate(set(), 0)
-    epoch.reported("left", PeState.ACTIVE, 0)
-    messages, overdue = run(epoch, 0, 100 * MS)
-    assert len([message for message in messages if isinstance(message, Activate)]) > 2
-    assert not epoch.all_active()
-    for pe in ("middle", "right"):
-        epoch.reported(pe, PeState.ACTIVE, 100 * MS)
-    assert epoch.all_active()
-    assert overdue == []
-    epoch.finish()
-    assert epoch.next_deadline_ns() is None
 
 
 def test_a_state_frame_of_the_epoch_proves_that_it_was_staged() -> None:
@@ -191,20 +125,6 @@ def test_it_waits_for_those_who_must_break_and_for_identifiers_that_are_not_free
     assert epoch.stage is Stage.GOING
 
 
-def test_a_demux_that_is_not_free_holds_the_last_step() -> None:
-    epoch = opened(knows=("left",))
-    staged(epoch, *PES)
-    epoch.demux_free_ns = 70 * MS
-    epoch.activate(set(), MS)
-    assert (epoch.stage, epoch.step) == (Stage.HOLDING, Step.GO)
-    for pe in PES:
-        epoch.reported(pe, PeState.PARTIAL, 2 * MS)
-    assert epoch.next_deadline_ns() == 70 * MS
-    epoch.demux_free_ns = None
-    epoch.go(70 * MS)
-    assert epoch.step is Step.GO_ALL
-
-
 def test_nobody_waits_for_a_pe_beyond_a_radio_but_it_is_served_all_the_same() -> None:
     epoch = opened(awaited=("left", "middle"))
     staged(epoch, "left", "middle")
@@ -230,30 +150,12 @@ def test_who_must_break_is_awaited_even_beyond_a_radio() -> None:
     assert epoch.all_broken()
 
 
-@pytest.mark.parametrize("pe", PES)
-def test_an_abandoned_epoch_says_nothing_more_and_cannot_be_moved(pe: str) -> None:
-    epoch = opened()
-    said(epoch)
-    epoch.abandon()
-    staged(epoch, pe)
-    assert epoch.next_deadline_ns() is None
-    assert epoch.tick(10_000 * MS) == []
-    assert said(epoch) == []
-
-
 def called_by_number(*on_board: str) -> Reconfiguration:
     """An epoch that is contingency number 7; these PEs hold it."""
     epoch = opened(on_board=on_board)
     prepare, *_ = epoch.outbox
     assert prepare == Prepare(1, 300, epoch.compiled.digest, 7)
     return epoch
-
-
-def test_who_has_a_contingency_on_board_gets_no_slice() -> None:
-    messages, _ = run(called_by_number("left", "middle"), 0, 5 * MS)
-    assert {message.node for message in messages if isinstance(message, SliceHead | SliceBody)} == {94}
-    messages, _ = run(called_by_number(*PES), 0, 5 * MS)
-    assert [type(message) for message in messages] == [Prepare]
 
 
 def test_who_does_not_answer_to_a_number_gets_prepare_again_and_no_slice() -> None:

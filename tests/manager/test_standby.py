@@ -15,14 +15,12 @@ from heronry_manager.core.memory import NOTHING, Memory, Runs
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.turn import Turn
-from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid, Reply
+from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid
 from heronry_manager.planner.exact import plan
 from heronry_tools.sim.world.planning import plan_ahead
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import Command, management_id
 from heronry_wire.management import (
     FORWARD_ONLY,
     Activate,
@@ -43,6 +41,7 @@ from heronry_wire.management import (
     is_newer,
 )
 from heronry_wire.sansio import Tick
+from lab.peers import PlayedManager, command_frame
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")
@@ -107,66 +106,6 @@ def pair() -> Pair:
 
 def state(manager: OneManager) -> str:
     return str(manager.core.status()["manager"]["state"])
-
-
-def test_while_another_one_reigns_it_says_nothing_and_learns_what_runs(pair: Pair) -> None:
-    assert state(pair.standby) == "standby"
-    assert pair.standby.frames == []
-    assert pair.standby.last("standing_by")["node"] == 126
-    assert pair.standby.memory.runs == pair.primary.memory.runs
-    assert pair.standby.memory.term == 1
-
-
-def test_a_lease_that_it_alone_misses_makes_it_take_over_nothing(pair: Pair) -> None:
-    pair.standby.pass_time(3 * LEASE_NS)
-    assert state(pair.standby) == "standby"
-    assert pair.standby.frames == []
-
-
-def test_half_of_the_pes_are_not_enough_and_more_than_half_are(pair: Pair) -> None:
-    pair.orphan("left")
-    assert state(pair.standby) == "standby"
-    pair.say("middle", PeFlags(0))
-    assert pair.standby.last("taken_over")["before"] == 1
-    assert pair.standby.last("taken_over")["term"] == 2
-
-
-def test_a_reign_with_a_term_that_somebody_refuses_is_ended_once_it_is_known_what_it_holds() -> None:
-    pair = Pair(Memory(term=8))  # it has reigned before, and the other one does not know
-    for pe in PHASES.pes:
-        pair.say(pe, PeFlags.HEARS_LEASE)
-    pair.fly(12 * LEASE_NS)
-    assert state(pair.standby) == "standby"  # everybody obeys
-    pair.say("left", PeFlags(0))
-    assert (pair.standby.last("taken_over")["before"], pair.standby.last("taken_over")["term"]) == (1, 10)
-    assert pair.standby.last("adopted")["epoch"] == pair.primary.memory.runs.epoch  # type: ignore[union-attr]
-
-
-def test_a_reign_that_is_behind_is_listened_to_first_and_one_that_is_not_is_left_alone() -> None:
-    pair = Pair(Memory(term=8))
-    pair.say("left", PeFlags(0))
-    pair.fly(9 * LEASE_NS - 10 * BEAT_NS)
-    assert state(pair.standby) == "standby"
-    lease = pair.primary.said(Lease)[-1]
-    for _ in range(20 * LEASE_NS // BEAT_NS):
-        told = Lease(9, lease.epoch, lease.step, lease.digest)
-        pair.standby.hear(Frame(management_id(126, Command.LEASE), told.encode()))
-        pair.standby.pass_time(BEAT_NS)
-    assert state(pair.standby) == "standby"
-
-
-def test_it_commands_at_once_adopts_what_runs_and_counts_on_the_same_pes(pair: Pair) -> None:
-    runs = pair.primary.memory.runs
-    assert runs is not None
-    pair.orphan("left", "middle")
-    pair.standby.pass_time(0)
-    pair.standby.pass_time(MS)
-    assert pair.standby.said(Lease) == [Lease(2, runs.epoch, Step.GO_ALL, runs.digest)]
-    assert pair.standby.said(Alive)[0].nodes == {92, 93, 94}
-    assert pair.standby.last("adopted")["epoch"] == runs.epoch
-    assert pair.standby.requests[-1].at_leisure
-    pair.standby.answer()
-    assert pair.standby.said(Prepare) == []
 
 
 def test_who_was_not_heard_here_alone_is_not_held_down_when_its_manager_dies(pair: Pair) -> None:
@@ -261,90 +200,25 @@ def test_phase_and_faults_are_told_by_the_manager_and_go_on_after_it(pair: Pair)
     assert pair.standby.core.status()["phase"] == "glide"
     assert pair.standby.memory.latched.keys() == {"device:servo_left", "pe:right"}
     cleared = Control(1, 0, Operation.CLEAR, ElementKind.DEVICE, 0)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), cleared.encode()))
+    pair.standby.hear(command_frame(cleared))
     assert pair.standby.memory.latched.keys() == {"pe:right"}
     pair.orphan("left", "middle")
     assert pair.standby.requests[-1].now.phase == "glide"
     assert pair.standby.requests[-1].now.down >= {"pe:right"}
 
 
-def test_what_the_reign_has_not_told_for_three_turns_is_held_no_more(pair: Pair) -> None:
-    held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), held.encode()))  # and CLEAR is lost
-    pair.fly(29 * BEAT_NS)
-    assert pair.standby.memory.latched.keys() == {"device:servo_left"}
-    pair.fly(3 * BEAT_NS)
-    assert pair.standby.memory.latched == {}
-    assert pair.standby.last("fault_cleared")["by"] == "manager 126"
-
-
-def test_what_the_reign_tells_in_turn_is_held_for_as_long_as_it_does(pair: Pair) -> None:
-    pair.primary.report("left", FAULT)
-    pair.primary.give(OperatorSaid(2, FailElement("pe:right")))
-    pair.fly(100 * BEAT_NS)
-    assert pair.standby.memory.latched.keys() == {"device:servo_left", "pe:right"}
-    assert pair.standby.of("fault_cleared") == []
-
-
 def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
     before = pair.standby.memory
     for kind, index in ((ElementKind.PHASE, 9), (ElementKind.DEVICE, 9), (99, 0)):
         told = Control(1, 0, Operation.HOLDS, kind, index)
-        pair.standby.hear(Frame(management_id(126, Command.CONTROL), told.encode()))
+        pair.standby.hear(command_frame(told))
     assert pair.standby.memory == before
-
-
-def test_the_operator_is_told_whom_to_talk_to(pair: Pair) -> None:
-    (reply,) = (one for one in pair.standby.give(OperatorSaid(7, EnterPhase("land"))) if isinstance(one, Reply))
-    assert not reply.done
-    assert "say it to manager 126" in reply.sentence
 
 
 def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_reigns(pair: Pair) -> None:
     pair.standby.report("left", FAULT)
     assert pair.standby.frames == []
     assert pair.standby.memory.latched == {}
-
-
-def test_one_that_reigned_and_finds_a_higher_term_stands_by_and_forgets_its_epochs(pair: Pair) -> None:
-    pair.orphan("left", "middle")
-    returned = standing_by(126)
-    for pe in PHASES.pes:
-        returned.live(pe)
-    returned.pass_time(110 * MS)
-    assert state(returned) == "reigning"
-    returned.hear(Frame(management_id(127, Command.LEASE), Lease(2, 0, Step.PREPARED, 0).encode()))
-    assert returned.last("stepped_down")["term"] == 2
-    assert state(returned) == "standby"
-    assert returned.core.status()["epoch"] is None
-    returned.answer()  # comes too late
-    said = len(returned.frames)
-    returned.pass_time(3 * BEAT_NS)
-    assert len(returned.frames) == said
-    assert returned.memory.term == 2
-
-
-def test_the_frames_of_a_deposed_manager_are_not_followed(pair: Pair) -> None:
-    lease = Lease(4, 0, Step.PREPARED, 0)
-    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
-    pair.standby.hear(Frame(management_id(127, Command.LEASE), lease.encode()))
-    before = pair.standby.memory
-    pair.share()
-    stale = Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2)
-    pair.standby.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), stale.encode()))
-    assert pair.standby.memory == before
-
-
-@pytest.mark.parametrize(("node", "after_ns"), [(126, LEASE_NS), (127, START_UP_WINDOW_NS)])
-def test_where_nobody_reigns_at_the_start_126_goes_first(node: int, after_ns: int) -> None:
-    manager = standing_by(node)
-    for pe in PHASES.pes:
-        manager.live(pe)
-    manager.pass_time(after_ns - MS)
-    assert manager.frames == []
-    manager.pass_time(BEAT_NS + 2 * MS)
-    assert manager.said(Lease)[0].term == (1 if node == 126 else 2)
 
 
 def test_in_flight_127_waits_for_126_no_longer_than_three_leases() -> None:
@@ -368,7 +242,7 @@ def test_states_that_say_nothing_new_make_nobody_take_over(pair: Pair) -> None:
 
 def test_one_that_has_not_heard_everybody_yet_waits_with_its_plan() -> None:
     standby = standing_by()
-    standby.hear(Frame(management_id(126, Command.LEASE), Lease(1, 0, Step.PREPARED, 0).encode()))
+    standby.hear(command_frame(Lease(1, 0, Step.PREPARED, 0)))
     for pe in ("left", "middle"):
         standby.live(pe)
     standby.pass_time(LEASE_NS + MS)
@@ -395,14 +269,10 @@ class LateWithAKey:
     def __init__(self) -> None:
         self.one = standing_by()
         self.one.core = ManagerCore(PHASES, 127, NOTHING, self.one.now_ns, standby=True, key=Key(bytes(KEY_BYTES)))
-        self.signer = CommandSigner(Key(bytes(KEY_BYTES)), 126, 1)
+        self.manager = PlayedManager(126, 1, Key(bytes(KEY_BYTES)))
 
-    def tell(self, command: Command, message: Lease | Alive) -> None:
-        frame = Frame(management_id(126, command), message.encode())
-        tag = self.signer.tag(frame)
-        assert tag is not None
-        self.one.hear(frame)
-        self.one.hear(tag)
+    def tell(self, message: Lease | Alive) -> None:
+        self.one.hear(*self.manager.frames(message))
 
     def hear_all(self, flags: PeFlags) -> None:
         """Every PE says what it runs, with a tag that nobody here can look into."""
@@ -414,8 +284,8 @@ class LateWithAKey:
 def test_with_a_key_nobody_is_left_without_a_manager_because_nobody_can_be_believed(*, manager_was_heard: bool) -> None:
     late = LateWithAKey()
     if manager_was_heard:
-        late.tell(Command.LEASE, Lease(1, 5, Step.GO_ALL, 9))
-        late.tell(Command.ALIVE, Alive(1, 0, frozenset((92, 93))))
+        late.tell(Lease(1, 5, Step.GO_ALL, 9))
+        late.tell(Alive(1, 0, frozenset((92, 93))))
     late.hear_all(PeFlags.HEARS_LEASE)
     late.one.pass_time(START_UP_WINDOW_NS + LEASE_NS)
     late.hear_all(PeFlags.HEARS_LEASE)
@@ -513,7 +383,7 @@ def test_what_it_has_heard_acknowledged_was_obeyed_and_the_operators_word_since_
     pair.primary.give(OperatorSaid(1, EnterPhase("climb")))
     pair.fly(10 * BEAT_NS)
     to_nobody = Control(1, 99, Operation.ACKNOWLEDGE, ElementKind.PHASE, 7)
-    pair.standby.hear(Frame(management_id(126, Command.CONTROL), to_nobody.encode()))
+    pair.standby.hear(command_frame(to_nobody))
     pair.orphan(*PHASES.pes)
     assert pair.standby.last("taken_over")["phase"] == "climb"
     pair.standby.report("left", Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1))
@@ -526,9 +396,9 @@ def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
     spec = load(Path(__file__).parent.parent / "scenarios" / "slow_far_bus.dg.yaml")
     manager = OneManager(spec, node=127)
     manager.core = ManagerCore(spec, 127, NOTHING, manager.now_ns, standby=True)
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(1, 1, Step.GO_ALL, 7).encode()))
+    manager.hear(command_frame(Lease(1, 1, Step.GO_ALL, 7)))
     nodes = frozenset(pe.node_id for pe in spec.pes.values())
-    manager.hear(Frame(management_id(126, Command.ALIVE), Alive(1, 0, nodes).encode()))
+    manager.hear(command_frame(Alive(1, 0, nodes)))
     for pe in ("f1", "f2", "f3"):
         manager.hear(Frame(manager.state_id(pe), StatePage0(PeState.ACTIVE, PeFlags(0), 1, 1, 0, 7).encode()))
     manager.now_ns += 2_000 * MS
@@ -538,7 +408,7 @@ def test_a_pe_on_a_slow_bus_is_believed_for_five_of_its_own_periods() -> None:
 
 def test_without_a_term_left_it_stops_and_says_so() -> None:
     manager = standing_by()
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(4095, 0, Step.PREPARED, 0).encode()))
+    manager.hear(command_frame(Lease(4095, 0, Step.PREPARED, 0)))
     manager.pass_time(LEASE_NS + MS)
     for pe in PHASES.pes:
         manager.live(pe)
@@ -564,7 +434,7 @@ def test_a_reign_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) 
     pair.orphan(*PHASES.pes)
     manager = pair.standby
     manager.pass_time(3 * BEAT_NS)  # most say that they hear no LEASE, and have not said so for long
-    manager.hear(Frame(management_id(126, Command.LEASE), Lease(3, 0, Step.PREPARED, 0).encode()))
+    manager.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
     assert state(manager) == "standby"
     manager.pass_time(LEASE_NS + 2 * BEAT_NS)
     assert [one["before"] for one in manager.of("taken_over")] == [1, 3]

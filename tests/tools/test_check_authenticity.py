@@ -37,6 +37,7 @@ from heronry_wire.management import (
     StatePage2,
     Step,
 )
+from lab.peers import command_frame
 
 SPEC = load_spec("elevator_and_chute")
 NODE = SPEC.pes["tail_pe"].node_id
@@ -100,7 +101,7 @@ def test_who_does_what_was_said_by_who_has_the_key_is_well() -> None:
 
 def test_what_was_never_said_by_who_has_the_key_is_seen() -> None:
     bus = Bus()
-    forged = Frame(management_id(126, Command.PREPARE), Prepare(1, 1, 7).encode())
+    forged = command_frame(Prepare(1, 1, 7))
     bus.repeat((forged, Frame(management_id(126, Command.TAG), TAG.pack(Command.PREPARE, 0, 12345))))
     bus.pe_stages(1)
     assert bus.stories == ["tail_pe has been asked for epoch 1, and by nobody who has the key"]
@@ -218,7 +219,7 @@ def test_two_managers_are_believed_each_in_its_own_counting() -> None:
     bus = Bus()
     bus.say(Lease(1, 1, Step.GO_ALL, 7))
     other = CommandSigner(KEY, 127, 2)
-    frame = Frame(management_id(127, Command.LEASE), Lease(2, 1, Step.GO_ALL, 7).encode())
+    frame = command_frame(Lease(2, 1, Step.GO_ALL, 7), 127)
     tag = other.tag(frame)
     assert tag is not None
     bus.repeat((frame, tag))
@@ -246,7 +247,7 @@ def test_a_proof_needs_a_command_its_tag_and_a_number_that_is_not_too_far_ahead(
         return None if found is None else found.place
 
     signer = CommandSigner(KEY, 127, 2)
-    lease = Frame(management_id(127, Command.LEASE), Lease(2, 0, Step.PREPARED, 0).encode())
+    lease = command_frame(Lease(2, 0, Step.PREPARED, 0), 127)
     tags = [signer.tag(lease) for _ in range(3)]
     assert proven.newest(127) == Place(0, 0)
     assert take(tags[0] or lease) is None  # no command has come
@@ -255,7 +256,7 @@ def test_a_proof_needs_a_command_its_tag_and_a_number_that_is_not_too_far_ahead(
     assert [take(tag or lease) for tag in tags[:2]] == [Place(2, 0), Place(2, 1)]
     take(Frame(management_id(127, Command.LEASE), b"\x00"))
     assert take(tags[2] or lease) is None
-    slice_head = Frame(management_id(127, Command.SLICE), SliceHead(NODE, 1, 0, 0).encode())
+    slice_head = command_frame(SliceHead(NODE, 1, 0, 0), 127)
     take(slice_head)
     assert take(signer.tag(slice_head) or slice_head) is None
     assert take(Frame(management_id(127, Command.TAG), b"\x00")) is None
@@ -348,6 +349,6 @@ def test_a_pe_that_believes_what_is_forged_or_replayed_is_seen(
 def test_the_key_that_flies_is_not_that_of_anybody_else() -> None:
     proven = ProvenCommands(Key(bytes(range(32))))
     signer = CommandSigner(KEY, 126, 1)
-    lease = Frame(management_id(126, Command.LEASE), Lease(1, 0, Step.PREPARED, 0).encode())
+    lease = command_frame(Lease(1, 0, Step.PREPARED, 0))
     proven.take(Sent(0, "can0", "x", lease))
     assert proven.take(Sent(0, "can0", "x", signer.tag(lease) or lease)) is None

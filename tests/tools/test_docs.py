@@ -1,4 +1,4 @@
-"""The documentation does what it says: every command line in README.md and below docs/ is run here.
+"""The documentation does what it says: every command line in README.md, below docs/ and in tests/lab is run here.
 
 Command lines are those of fenced sh, bash and console blocks (in a console block, the lines after `$ `). The lines of
 one document run in order, in one copy of the checkout without its `.venv`, so that a line finds the files that an
@@ -31,7 +31,7 @@ from thoroughness import IS_WHOLE
 
 OWN_PROGRAMS: dict[str, Callable[[], object]] = {"heronry": heronry, "pe-agent": pe_agent}
 CHECKOUT = Path.cwd()
-DOCUMENTS = [Path("README.md"), *sorted(Path("docs").rglob("*.md"))]
+DOCUMENTS = [Path("README.md"), *sorted(Path("docs").rglob("*.md")), Path("tests/lab/README.md")]
 TIMEOUT_S = 180
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -90,12 +90,14 @@ RULES = [
         r"python -m lab.planner_race\b.*", How.RUN, more="--sizes 30x8 --cases 1 --seed 2 --effort 0.01", is_long=True
     ),
     Rule(r"PYTHONPATH=tests python -m planner\.(comparison|mutants) .*", How.EXEMPT, "tests/planner runs them"),
-    Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus", How.RUN),
+    Rule(r"heronry (bus|bound)\b.*|python -m lab\.benches\.bus\b.*", How.RUN),
     Rule(r"python -m lab\.benches\.takeover.*", How.RUN, more="--seeds 1 --kills 0"),
     Rule(
         r"heronry (status|phase|fail|clear|unlock)\b.*", How.EXEMPT, "tests/live/test_operator.py says it to a manager"
     ),
-    Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_drills.py plays them"),
+    Rule(r"python -m lab\.conformance pe_staging|python -m lab\.(fuzz|attack|cut_set_enumeration)\b.*", How.RUN),
+    Rule(r"python -m lab\.mutation .* --list", How.RUN),
+    Rule(r"python -m lab\.conformance\b.*", How.EXEMPT, "test_conformance.py plays them"),
     Rule(r"tools/mutate --seed \d+.*", How.EXEMPT, "for half an hour; test_mutation.py tries it on little"),
     Rule(r"sed .* dg_specs/.*", How.RUN),  # makes a file to try a command on
 ]

@@ -33,6 +33,7 @@ from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
 from heronry_wire.management import Lease, PeFlags, PeState, StatePage0, Step
+from lab.peers import command_frame
 from wire.test_socketcand import Server
 
 GOOD = CanInterface(
@@ -48,6 +49,7 @@ GOOD = CanInterface(
     receive_errors=0,
     bus_offs=0,
 )
+
 SPEC = Expected("small", "ab" * 32, 1_000_000, {92: "nose", 93: "tail"})
 
 
@@ -114,7 +116,7 @@ def state(node: int, incarnation: int = 1) -> Frame:
 
 
 def lease(manager: int, term: int = 1) -> Frame:
-    return Frame(management_id(manager, Command.LEASE), Lease(term, 7, Step.GO_ALL, 0).encode())
+    return command_frame(Lease(term, 7, Step.GO_ALL, 0), manager)
 
 
 def heard(*frames: Frame) -> Hearing:

@@ -22,9 +22,8 @@ from heronry_tools.sim.world.nodes import Driven, Moved
 from heronry_tools.sim.world.planning import best_plan
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
-from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
+from heronry_wire.identifiers import emcy_id, state_id
 from heronry_wire.management import (
-    SLICE_BYTES_PER_FRAME,
     Activate,
     Control,
     ElementKind,
@@ -35,12 +34,11 @@ from heronry_wire.management import (
     PeState,
     Prepare,
     Reason,
-    SliceBody,
-    SliceHead,
     StatePage0,
     StatePage1,
     Step,
 )
+from lab.peers import command_frame, slice_messages
 
 SPEC = load(shipped_spec_path("elevator_and_chute"))
 WELL = Situation()
@@ -52,7 +50,7 @@ def sent(frame: Frame, sender: str = "tail_pe", t_ns: int = 0) -> Sent:
 
 
 def activation(epoch: int, step: Step = Step.GO_ALL) -> Sent:
-    return sent(Frame(management_id(126, Command.ACTIVATE), Activate(1, epoch, step, 5).encode()), "manager 126")
+    return sent(command_frame(Activate(1, epoch, step, 5)), "manager 126")
 
 
 def state(epoch: int, digest: int, incarnation: int = 1, state: PeState = PeState.ACTIVE, node: int = TAIL) -> Sent:
@@ -74,21 +72,15 @@ def commands(
     """A configuration on its way, as frames: PREPARE, slices, what the PEs say, ACTIVATE."""
     compiled = Compiler(SPEC).configuration(configuration)
     announced = compiled.digest if digest is None else digest
-    frames = [Frame(management_id(126, Command.PREPARE), Prepare(1, 1, announced).encode())]
-    slices = management_id(126, Command.SLICE)
+    frames = [command_frame(Prepare(1, 1, announced))]
     for pe in SPEC.pes.values():
         if pe.name not in absent:
-            body = compiled.slices[pe.node_id]
-            frames.append(
-                Frame(slices, SliceHead(pe.node_id, 1, len(body), compiled.slice_digests[pe.node_id]).encode())
-            )
-            parts = [body[i : i + SLICE_BYTES_PER_FRAME] for i in range(0, len(body), SLICE_BYTES_PER_FRAME)]
-            for index, part in enumerate(parts if bodies else [], start=1):
-                frames.append(Frame(slices, SliceBody(pe.node_id, 1, index, part).encode()))
+            said = slice_messages(pe.node_id, 1, compiled.slices[pe.node_id], SPEC.digest)
+            frames += map(command_frame, said if bodies else said[:1])
             if pe.name not in unstaged:
-                said = StatePage1(PeState.ACTIVE, PeFlags(0), 1, announced, Reason.NONE, 0)
-                frames.append(Frame(state_id(pe.node_id), said.encode()))
-    frames.append(Frame(management_id(126, Command.ACTIVATE), Activate(1, 1, Step.GO_ALL, announced).encode()))
+                page = StatePage1(PeState.ACTIVE, PeFlags(0), 1, announced, Reason.NONE, 0)
+                frames.append(Frame(state_id(pe.node_id), page.encode()))
+    frames.append(command_frame(Activate(1, 1, Step.GO_ALL, announced)))
     return [sent(frame, "whoever") for frame in frames]
 
 
@@ -135,7 +127,7 @@ def test_what_was_reported_and_acknowledged_counts_as_failed() -> None:
     left = best_plan(SPEC, Situation(frozenset({"module:chute_driver"})), None).configuration
     position = list(SPEC.modules).index("chute_driver")
     heard = Control(1, TAIL, Operation.ACKNOWLEDGE, ElementKind.MODULE, position)
-    acknowledged = sent(Frame(management_id(126, Command.CONTROL), heard.encode()), "manager 126")
+    acknowledged = sent(command_frame(heard), "manager 126")
     assert judged([acknowledged, *commands(left)]) == []
     assert any(story.startswith("service: ") for story in judged(commands(left)))
 
@@ -350,7 +342,7 @@ def test_a_gateway_that_hands_on_out_of_order_takes_nobody_back_to_an_older_term
         checks.see(state(epoch, 7, node=ground)._replace(bus=bus, sender=sender))
 
     for term, epoch in ((1, 1), (5, 65)):
-        prepare = Frame(management_id(126, Command.PREPARE), Prepare(term, epoch, 7).encode())
+        prepare = command_frame(Prepare(term, epoch, 7))
         checks.see(sent(prepare, "manager 126"))
     for bus, sender in (("radio", "ground"), ("can0", "comms")):
         says(65, bus, sender)

@@ -54,6 +54,7 @@ from heronry_wire.management import (
     StatePage0,
     Step,
 )
+from lab.peers import command_frame
 from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
 PES = frozenset(elevator_and_chute().pes)
@@ -748,7 +749,7 @@ def test_who_is_named_by_a_stranger_may_take_that_for_new() -> None:
         (Frame(state_id(TAIL), bytes(8)), "stranger 1", KEY, True),
         (Frame(state_id(TAIL), bytes(8)), "tail_pe", None, True),
         (Frame(emcy_id(TAIL), bytes(8)), "stranger 1", None, True),
-        (Frame(management_id(126, Command.ALIVE), Alive(1, 0, frozenset({TAIL})).encode()), "stranger 1", KEY, False),
+        (command_frame(Alive(1, 0, frozenset({TAIL}))), "stranger 1", KEY, False),
         (Frame(management_id(126, Command.ALIVE), b""), "stranger 1", None, True),
     ],
 )

@@ -1,4 +1,4 @@
-"""Try the response-time analysis on a bus: `python -m lab.benches.bus`.
+"""The response-time analysis against a simulated bus, at critical instants and in any phasing.
 
 A bus is simulated by itself, event by event, and shares nothing with the analysis (`heronry_wire.timing`): nodes that
 queue by priority, frames of their longest length, one at a time and never interrupted; jitter, and below all messages
@@ -16,17 +16,17 @@ message itself does not. That is why the equations have a whole frame of blockin
 Exit code 1 where the analysis is wrong.
 """
 
-import argparse
 import heapq
 import itertools
 import sys
+from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from random import Random
 from typing import NamedTuple
 
-from heronry_tools.console.errors import exit_code
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
+from lab.benches.harness import Bench, Report, option
 
 QUARTERS = 4  # of a bit time
 REACHED = Fraction(9, 10)
@@ -200,26 +200,27 @@ def worked_example() -> Iterator[str]:
         )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the comparison and print what came of it; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m lab.benches.bus",
-        description="Hold the response-time analysis against a simulated bus, at critical instants and in any phasing.",
+def measure(arguments: Namespace, report: Report) -> None:
+    """Compare, and tell what came of it."""
+    report.lines(["Davis et al. 2007, 125 kbit/s:", *worked_example()])
+    tally = try_sets(arguments.sets, arguments.seed)
+    report.figures(
+        "{sets} message sets, {messages} messages with a bound, {several} with several instances:\n"
+        "  longer than the analysis says: {exceeded}\n"
+        "  below {reached:.0%} of it at the critical instant: {short}\n"
+        "  least share reached: {least:.1%}",
+        **{**tally._asdict(), "least": float(tally.least)},
+        reached=float(REACHED),
     )
-    parser.add_argument("--sets", type=int, default=100, metavar="N", help="random message sets (default: 100)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="what they are drawn from (default: 0)")
-    options = parser.parse_args(argv)
-    print("Davis et al. 2007, 125 kbit/s:")
-    print("\n".join(worked_example()))
-    tally = try_sets(options.sets, options.seed)
-    print(
-        f"{tally.sets} message sets, {tally.messages} messages with a bound, {tally.several} with several instances:\n"
-        f"  longer than the analysis says: {tally.exceeded}\n"
-        f"  below {float(REACHED):.0%} of it at the critical instant: {tally.short}\n"
-        f"  least share reached: {float(tally.least):.1%}"
-    )
-    return 1 if tally.exceeded or tally.short else 0
+    report.require(tally.exceeded == tally.short == 0)
 
 
+main = Bench(
+    "bus",
+    __doc__,
+    measure,
+    option("--sets", 100, "random message sets"),
+    option("--seed", 0, "what they are drawn from"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "bus_bench"))
+    sys.exit(main())

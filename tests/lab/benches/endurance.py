@@ -1,4 +1,4 @@
-"""False alarms, and reboots that go unnoticed: `python -m lab.benches.endurance`.
+"""False alarms in hours of flight without a fault, and reboots that go unnoticed.
 
     false alarms    hours of flight in which nothing fails: one frame in a thousand is destroyed, and one in a thousand
                     missed by each receiver, clocks are up to 500 ppm fast or slow, and the manager's processor stands
@@ -13,23 +13,22 @@ flight of its own, with a seed of its own.
 Exit code 1 where something was false, or was not noticed in time.
 """
 
-import argparse
 import sys
+from argparse import ArgumentTypeError, Namespace
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from random import Random
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_tools.commands.sim import processors, whole_number
-from heronry_tools.console.errors import exit_code
-from heronry_tools.console.progress import Progress
+from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Faults
+from lab.benches.harness import Bench, Report, counted, option, spec_option
 
 LOSS = 1e-3
 SKEW_PPM = 500
@@ -142,85 +141,85 @@ def _counted(simulation: Simulation) -> Counter[str]:
     return Counter(event["event"] for event in simulation.events)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m lab.benches.endurance",
-        description="Count false alarms in hours of flight without a fault, and reboots that go unnoticed.",
-    )
-    parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC", help="default: elevator_and_chute")
-    parser.add_argument("--hours", type=hours, default=1.0, metavar="H", help="of flight without a fault (default: 1)")
-    parser.add_argument(
-        "--reboots", type=whole_number, default=300, metavar="N", help="at least so many (default: 300)"
-    )
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
-    parser.add_argument(
-        "--jobs", type=processors, default=1, metavar="N", help="flights at a time (default: 1; 0: one per processor)"
-    )
-    parser.add_argument(
-        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast"
-    )
-    argv = sys.argv[1:] if argv is None else argv
-    arguments = parser.parse_args(argv)
+def measure(arguments: Namespace, report: Report) -> None:
+    """Fly, and tell what was false, or was not noticed."""
     if arguments.hours == arguments.reboots == 0:
-        parser.error("0 hours and 0 reboots show nothing; write more of one of them")
+        raise UserError("0 hours and 0 reboots show nothing; write more of one of them")
     if arguments.compiled:
-        go_on_compiled(argv, "lab.benches.endurance")
-    quiet = _hours(arguments)
-    reboots = _reboots(arguments)
-    return 1 if quiet.false or not all(reboot.is_in_time for reboot in reboots) else 0
+        go_on_compiled(arguments.words, "lab.benches.endurance")
+    report.begin(arguments.spec)
+    _hours(arguments, report)
+    _reboots(arguments, report)
 
 
 def hours(text: str) -> float:
     """Read how many hours to fly; argparse tells the name of this function to the user."""
     number = float(text)
     if not 0 <= number <= _MOST_HOURS:
-        raise argparse.ArgumentTypeError(f"{text} is no time to fly; write 0 to {_MOST_HOURS} hours")
+        raise ArgumentTypeError(f"{text} is no time to fly; write 0 to {_MOST_HOURS} hours")
     return number
 
 
-def _hours(arguments: argparse.Namespace) -> Quiet:
+def _hours(arguments: Namespace, report: Report) -> None:
     whole = Quiet(0)
     left_ns = round(arguments.hours * HOUR_NS)
     flights: list[tuple[int, int]] = []
     while left_ns > 0:
         flights.append((arguments.seed + len(flights), min(left_ns, HOUR_NS)))
         left_ns -= HOUR_NS
-    with Progress() as progress:
-        progress.begin("hours", len(flights))
-        for quiet in fly_all(spec_path(arguments.spec), flights, arguments.jobs, fly_quietly):
-            progress.step()
-            whole.virtual_ns += quiet.virtual_ns
-            whole.frames += quiet.frames
-            whole.stalls += quiet.stalls
-            whole.suspected += quiet.suspected
-            whole.false += quiet.false
-    flown = f"{whole.virtual_ns / HOUR_NS:g} h without a fault, {whole.frames} frames"
-    print(f"{arguments.spec}: {flown}, {LOSS:g} of them destroyed and missed,")
-    print(f"  {whole.stalls} stalls of the manager, clocks within {SKEW_PPM} ppm: {whole.suspected} PEs suspected,")
-    print(f"  {len(whole.false)} false alarms")
-    print("".join(f"    {line}\n" for line in whole.false), end="")
-    return whole
+    flown = fly_all(spec_path(arguments.spec), flights, arguments.jobs, fly_quietly)
+    for quiet in counted("hours", len(flights), flown):
+        whole.virtual_ns += quiet.virtual_ns
+        whole.frames += quiet.frames
+        whole.stalls += quiet.stalls
+        whole.suspected += quiet.suspected
+        whole.false += quiet.false
+    report.figures(
+        "  {hours:g} h without a fault, {frames} frames, {loss:g} of them destroyed and missed,\n"
+        "  {stalls} stalls of the manager, clocks within {skew_ppm} ppm: {suspected} PEs suspected,\n"
+        "  {false_alarms} false alarms",
+        hours=whole.virtual_ns / HOUR_NS,
+        frames=whole.frames,
+        loss=LOSS,
+        stalls=whole.stalls,
+        skew_ppm=SKEW_PPM,
+        suspected=whole.suspected,
+        false_alarms=len(whole.false),
+    )
+    report.lines(f"    {line}" for line in whole.false)
+    report.require(not whole.false)
 
 
-def _reboots(arguments: argparse.Namespace) -> list[Reboot]:
+def _reboots(arguments: Namespace, report: Report) -> None:
     each = len(load(spec_path(arguments.spec)).pes)
     seeds = range(arguments.seed, arguments.seed + -(-arguments.reboots // each))
-    reboots: list[Reboot] = []
-    with Progress() as progress:
-        progress.begin("flights with reboots", len(seeds))
-        for found in fly_all(spec_path(arguments.spec), seeds, arguments.jobs, fly_reboots):
-            progress.step()
-            reboots += found
+    flown = fly_all(spec_path(arguments.spec), seeds, arguments.jobs, fly_reboots)
+    reboots = [one for found in counted("flights with reboots", len(seeds), flown) for one in found]
     if reboots:
         missed = [reboot for reboot in reboots if not reboot.is_in_time]
-        longest = max(reboot.noticed_ns / reboot.heartbeat_ns for reboot in reboots if reboot.noticed_ns is not None)
-        share = 1 - len(missed) / len(reboots)
-        print(f"  {len(reboots)} reboots inside the window: {share:.1%} noticed within one heartbeat of the return,")
-        print(f"  the last one after {longest:.2f} heartbeats")
-        print("".join(f"    {reboot}\n" for reboot in missed), end="")
-    return reboots
+        report.figures(
+            "  {reboots} reboots inside the window: {in_time:.1%} noticed within one heartbeat of the return,\n"
+            "  the last one after {longest_heartbeats:.2f} heartbeats",
+            reboots=len(reboots),
+            in_time=1 - len(missed) / len(reboots),
+            longest_heartbeats=max(one.noticed_ns / one.heartbeat_ns for one in reboots if one.noticed_ns is not None),
+        )
+        report.lines(f"    {reboot}" for reboot in missed)
+        report.require(not missed)
 
 
+main = Bench(
+    "endurance",
+    __doc__,
+    measure,
+    spec_option("elevator_and_chute"),
+    option("--hours", 1.0, "of flight without a fault", hours, "H"),
+    option("--reboots", 300, "at least so many", whole_number),
+    option("--seed", 0, "of the first flight", whole_number),
+    option("--jobs", 1, "flights at a time; 0: one per processor", processors),
+    lambda parser: parser.add_argument(
+        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast"
+    ),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "endurance"))
+    sys.exit(main())

@@ -6,55 +6,50 @@
 a plan* adds the report that the manager's event stream carries, worked out when a plan is wanted for the first time.
 """
 
-import argparse
 import random
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Final
 
-from heronry_dg.loader import load
 from heronry_dg.objective import placement
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
-from heronry_tools.console.errors import exit_code
-from heronry_tools.console.spec_argument import spec_path
+from heronry_tools.console.spec_argument import load_spec
+from lab.benches.harness import Bench, Report
 
 _PLANS_TRIED: Final = 1000
 
 
-def main() -> int:
-    """Measure and print; gives the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("file", metavar="FILE", type=Path)
-    parser.add_argument("spec", metavar="SPEC")
-    arguments = parser.parse_args()
-    spec = load(spec_path(arguments.spec))
+def measure(arguments: Namespace, report: Report) -> None:
+    """Look everything up once."""
+    spec = load_spec(arguments.spec)
     begun_ns = time.process_time_ns()
     made = read_contingencies(arguments.file, spec)
     table = ContingencyTable(spec, made)
-    print(f"read and made ready: {(time.process_time_ns() - begun_ns) / 1e6:.0f} ms")
+    report.figures("read and made ready: {ready_ms:.0f} ms", ready_ms=(time.process_time_ns() - begun_ns) / 1e6)
     running = {phase: placement(made.configuration(plan.number)) for phase, down, plan in made.entries() if not down}
     calls = [(down, phase, dict(running[phase])) for phase, down, _ in made.entries()]
     random.Random(0).shuffle(calls)
-    _show("found", [_spent_ns(partial(table.find, *call)) for call in calls])
-    _show("as a plan", [_spent_ns(partial(table.plan, *call)) for call in calls[:_PLANS_TRIED]])
-    return 0
+    report.times("found", [_spent_us(partial(table.find, *call)) for call in calls], unit="us")
+    report.times("as a plan", [_spent_us(partial(table.plan, *call)) for call in calls[:_PLANS_TRIED]], unit="us")
 
 
-def _spent_ns(call: Callable[[], object]) -> int:
+def _spent_us(call: Callable[[], object]) -> float:
     begun_ns = time.perf_counter_ns()
     call()
-    return time.perf_counter_ns() - begun_ns
+    return (time.perf_counter_ns() - begun_ns) / 1e3
 
 
-def _show(what: str, spent_ns: list[int]) -> None:
-    spent_ns.sort()
-    median, p99 = spent_ns[len(spent_ns) // 2], spent_ns[len(spent_ns) * 99 // 100]
-    print(f"{what}: {len(spent_ns)} look-ups, median {median / 1e3:.1f} us, p99 {p99 / 1e3:.1f} us")
-
-
+main = Bench(
+    "look_up",
+    __doc__,
+    measure,
+    lambda parser: parser.add_argument("file", metavar="FILE", type=Path),
+    lambda parser: parser.add_argument("spec", metavar="SPEC"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "look_up_bench"))
+    sys.exit(main())

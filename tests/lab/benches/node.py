@@ -10,16 +10,15 @@ whole aircraft are `lab.benches.agent`'s). Four things are measured, each over s
     sent       processor time per frame that an agent sends: the difference between periods of 5 and of 20 ms
     received   the same per frame that it takes in: the difference that the traffic below makes
     full bus   the bus is filled, as far as this computer lets it, with state frames of other PEs, which every PE
-               reads: frames taken in, frames lost
+               reads: frames taken in, frames lost; none may be
 """
 
-import argparse
 import os
-import platform
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from argparse import Namespace
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import cycle
@@ -29,14 +28,15 @@ from tempfile import TemporaryDirectory
 import can
 
 from heronry_dg.loader import loads
-from heronry_tools.console.errors import exit_code
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.protocol import BusStatistics, ClientStatistics
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import PE_NODES, state_id
 from heronry_wire.management import PeFlags, PeState, StatePage0
-from lab.benches.agent import busy, cpu_s, lateness_ms, quantiles, resident_mib
+from lab.benches.harness import Bench, Report, option, seconds_option
+from lab.benches.processes import busy, cpu_s, resident_mib
+from lab.benches.state_frames import forget_waiting, lateness_ms
 
 _BITRATE = 1_000_000
 _SETTLE_S = 2.0
@@ -55,36 +55,37 @@ class Cost:
     bus_load: float
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark; gives the exit code: 1 where a frame was lost."""
-    parser = argparse.ArgumentParser(description="Measure nodes that run nothing.")
-    parser.add_argument("--agents", type=int, default=8, metavar="N", help="default 8")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement (default 60)")
-    parser.add_argument("--busy", type=int, default=os.cpu_count(), metavar="N", help="default one for each core")
-    arguments = parser.parse_args(argv)
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+def measure(arguments: Namespace, report: Report) -> None:
+    """Measure lateness, then what one agent costs."""
     for others in (0, arguments.busy):
-        with busy(others), _agents(arguments.agents, _PERIOD_MS) as (bus, pids):
-            late_ms = sorted(lateness_ms(bus, _PERIOD_MS, arguments.seconds))
-            print(f"{arguments.agents} agents beside {others} busy processes, heartbeats of {_PERIOD_MS} ms")
-            print("  later than their period, ms: " + ", ".join(quantiles(late_ms)))
-            print(f"  memory of an agent: {max(resident_mib(pid) for pid in pids):.1f} MiB")
-    return _costs(arguments.seconds)
+        with busy(others) as said, _agents(arguments.agents, _PERIOD_MS) as (bus, pids):
+            report.begin(f"{arguments.agents} agents, heartbeats of {_PERIOD_MS} ms, {said}")
+            report.times("state frames, later than due", lateness_ms(bus, _PERIOD_MS, arguments.seconds))
+            report.figures(
+                "  memory of an agent: {memory_mib:.1f} MiB", memory_mib=max(resident_mib(pid) for pid in pids)
+            )
+    _costs(arguments.seconds, report)
 
 
-def _costs(seconds: float) -> int:
+def _costs(seconds: float, report: Report) -> None:
     """Measure one agent: idle, with short heartbeats, on a full bus."""
     idle, quick = (_measured(period_ms, seconds) for period_ms in (_PERIOD_MS, _SHORT_PERIOD_MS))
     full = _measured(_PERIOD_MS, seconds, is_full=True)
-    sent_us = (quick.cpu_s - idle.cpu_s) / max(1, quick.sent - idle.sent) * 1e6
-    received_us = (full.cpu_s - idle.cpu_s) / max(1, full.received - idle.received) * 1e6
-    print(f"an agent, idle: {idle.cpu_s / seconds:.2%} of a core")
-    print(f"  CPU per frame sent {sent_us:.0f} us, received {received_us:.0f} us")
-    share = f"{full.cpu_s / seconds:.0%} of a core"
-    print(
-        f"a bus at {full.bus_load:.0%}: {full.received / seconds:.0f} frames/s taken in with {share}, {full.lost} lost"
+    report.begin("one agent")
+    report.figures(
+        "  idle: {idle_cpu:.2%} of a core; CPU per frame sent {sent_us:.0f} us, received {received_us:.0f} us",
+        idle_cpu=idle.cpu_s / seconds,
+        sent_us=(quick.cpu_s - idle.cpu_s) / max(1, quick.sent - idle.sent) * 1e6,
+        received_us=(full.cpu_s - idle.cpu_s) / max(1, full.received - idle.received) * 1e6,
     )
-    return 1 if full.lost else 0
+    report.figures(
+        "  a bus at {load:.0%}: {frames_per_s:.0f} frames/s taken in with {cpu:.0%} of a core, {lost} lost",
+        load=full.bus_load,
+        frames_per_s=full.received / seconds,
+        cpu=full.cpu_s / seconds,
+        lost=full.lost,
+    )
+    report.require(not full.lost)
 
 
 def _measured(period_ms: int, seconds: float, *, is_full: bool = False) -> Cost:
@@ -143,8 +144,7 @@ def _agents(count: int, period_ms: int) -> Iterator[tuple[SoftBus, list[int]]]:
             message = bus.recv()
             waited_for -= {message.arbitration_id} if message is not None else set()
         time.sleep(_SETTLE_S)
-        while bus.recv(0) is not None:
-            pass
+        forget_waiting(bus)
         yield bus, [process.pid for process in processes]
 
 
@@ -174,5 +174,13 @@ functions: {{nothing: {{output: nothing}}}}
 """
 
 
+main = Bench(
+    "node",
+    __doc__,
+    measure,
+    option("--agents", 8, "that run nothing"),
+    seconds_option(60.0, "of each measurement"),
+    option("--busy", os.cpu_count(), "processes that compute"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "node_bench"))
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""How fast an aircraft of eight PEs reacts on a half-loaded bus: `python -m lab.benches.reaction`.
+"""How fast an aircraft of eight PEs reacts on a half-loaded bus to the loss of one.
 
 The aircraft is made for this: eight PEs on one bus of 1 Mbit/s, data and management together half of what it carries;
 eight modules that talk and eight that listen from other PEs, each with a second PE to move to; and a DEMUX with
@@ -20,10 +20,10 @@ bus fly the same aircraft: `--write FILE`, `heronry contingencies FILE -o PLANS 
 Exit code 1 where a p99 is above its limit.
 """
 
-import argparse
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
@@ -37,13 +37,12 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.planning_policy import Answer, PlanningPolicy, Source
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
 from heronry_tools.commands.sim import flights, whole_number
-from heronry_tools.console.errors import exit_code
-from heronry_tools.console.progress import Progress
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
 from heronry_wire.identifiers import Use, classify
 from heronry_wire.management import PeState, StatePage0, decode_state
+from lab.benches.harness import Bench, Report, counted, option
 
 PES = 8
 TALKERS = 8
@@ -213,56 +212,47 @@ def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:
         gone.setdefault(sent.sender, sent.end_ns)
 
 
-def report(spec: Spec, times: Times) -> bool:
-    """Print the figures; tells whether every p99 is within its limit."""
+def tell(spec: Spec, times: Times, report: Report) -> None:
+    """Tell the times, each with the limit of its p99."""
     heartbeat_ms = spec.buses["can0"].heartbeat_ns // MS
     limit_ms = REACTION_MS.get(heartbeat_ms)
-    held_ms = None if limit_ms is None else limit_ms + 5 * heartbeat_ms
-    rows = [
-        ("decide (CPU)", times.decide, DECIDE_MS),
-        ("decision to active, one step", times.one_step, ONE_STEP_MS.get(heartbeat_ms)),
-        ("decision to active, more steps", times.several_steps, SEVERAL_STEPS_MS.get(heartbeat_ms)),
-        ("fault to active", times.reaction, limit_ms),
-        ("fault to active, DEMUX held", times.held, held_ms),
-    ]
-    load = sum(times.loads) / max(1, len(times.loads))
-    print(f"{len(spec.pes)} PEs, 1 Mbit/s, {load:.0%} load, {heartbeat_ms} ms heartbeats, k = 3")
-    print(f"{'ms':32}{'count':>7}{'median':>9}{'p99':>9}{'longest':>9}{'limit':>9}")
-    good = True
-    for name, values, limit in rows:
-        if values:
-            ordered = sorted(values)
-            p99 = ordered[min(len(ordered) - 1, int(0.99 * len(ordered)))]
-            good = good and (limit is None or p99 <= limit)
-            told = f"{limit:9.1f}" if limit is not None else ""
-            print(f"{name:32}{len(ordered):7}{ordered[len(ordered) // 2]:9.3f}{p99:9.3f}{ordered[-1]:9.3f}{told}")
-    return good
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog=f"python -m {HERE}", description="Measure how fast eight PEs on a half-loaded bus react to a loss."
+    report.figures(
+        "{pes} PEs, 1 Mbit/s, {load:.0%} load, {heartbeat_ms} ms heartbeats, k = 3",
+        pes=len(spec.pes),
+        load=sum(times.loads) / max(1, len(times.loads)),
+        heartbeat_ms=heartbeat_ms,
     )
-    parser.add_argument("--flights", type=flights, default=20, metavar="N", help="times eight deaths (default: 20)")
-    parser.add_argument("--heartbeat-ms", type=int, default=20, metavar="MS", help="default: 20")
-    parser.add_argument("--reserve", type=float, default=0.1, metavar="SHARE", help="for management (default: 0.1)")
-    parser.add_argument("--seed", type=whole_number, default=0, metavar="N", help="of the first flight (default: 0)")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write the aircraft's spec, and fly nothing")
-    arguments = parser.parse_args(argv)
+    report.times("decide (CPU)", times.decide, limit=DECIDE_MS)
+    report.times("decision to active, one step", times.one_step, limit=ONE_STEP_MS.get(heartbeat_ms))
+    report.times("decision to active, more steps", times.several_steps, limit=SEVERAL_STEPS_MS.get(heartbeat_ms))
+    report.times("fault to active", times.reaction, limit=limit_ms)
+    held_ms = None if limit_ms is None else limit_ms + 5 * heartbeat_ms
+    report.times("fault to active, DEMUX held", times.held, limit=held_ms)
+
+
+def measure(arguments: Namespace, report: Report) -> None:
+    """Look up, and fly."""
     text = aircraft(arguments.heartbeat_ms, arguments.reserve)
     if arguments.write is not None:
         arguments.write.write_text(text)
-        return 0
+        return
     spec, times = loads(text, "reaction.dg.yaml"), Times()
     measure_decisions(spec, times)
-    with Progress() as progress:
-        progress.begin("flights", arguments.flights)
-        for seed in range(arguments.seed, arguments.seed + arguments.flights):
-            measure_deaths(spec, seed, times)
-            progress.step()
-    return 0 if report(spec, times) else 1
+    seeds = range(arguments.seed, arguments.seed + arguments.flights)
+    for seed in counted("flights", len(seeds), seeds):
+        measure_deaths(spec, seed, times)
+    tell(spec, times, report)
 
 
+main = Bench(
+    "reaction",
+    __doc__,
+    measure,
+    option("--flights", 20, "times eight deaths", flights),
+    option("--heartbeat-ms", 20, "of the bus", metavar="MS"),
+    option("--reserve", 0.1, "for management", float, "SHARE"),
+    option("--seed", 0, "of the first flight", whole_number),
+    option("--write", None, "write the aircraft's spec, and fly nothing", Path, "FILE"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "reaction_bench"))
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Measure SDO block transfers into and out of a PE: `python -m lab.benches.sdo`.
+"""SDO block transfers into and out of a PE.
 
 An unmodified `canopen` client and an agent that runs nothing, as processes on an idle software bus of 1 Mbit/s. The
 client writes the PE's own table by block, and reads it, again and again. Beside it stands what the same client process
@@ -8,13 +8,12 @@ faster. An upload is paced by the PE to half of the bus.
 On a machine that does other things, the figures tell of those: `chrt -f 10` in front of the command keeps them out.
 """
 
-import argparse
-import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,33 +23,29 @@ import canopen
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
-from heronry_tools.console.errors import exit_code
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.canopen_objects import TABLE
 from heronry_wire.eds import FILE_NAME, eds_text
 from heronry_wire.identifiers import sdo_request_id
 from heronry_wire.sdo import SEGMENT_BYTES
+from lab.benches.harness import Bench, Report, option
+from lab.benches.processes import cpu_s
 
 _SPEC, _PE = "elevator_and_chute", "tail_pe"
 _PATIENCE_S = 10.0
-_CLOCK_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
-def main() -> None:
-    """Run the benchmark and print its figures."""
-    parser = argparse.ArgumentParser(
-        prog="python -m lab.benches.sdo", description="Measure SDO block transfers on a software bus."
-    )
-    parser.add_argument("--runs", type=int, default=20, help="transfers of each kind (default: %(default)s)")
-    runs = parser.parse_args().runs
+def measure(arguments: Namespace, report: Report) -> None:
+    """Send without a protocol, then with it."""
     with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus", 1_000_000) as hub:
-        _show("a single sender, no protocol", _bare(str(hub.path), runs))
+        report.begin("a single sender, no protocol")
+        _tell_rates(_bare(str(hub.path), arguments.runs), report)
         spec = load(shipped_spec_path(_SPEC))
         table = write_tables(spec, (_PE,), Path(folder))[_PE]
         words = [sys.executable, "-m", "heronry_agent", "--table", str(table), "--until-eof", "--quiet"]
         with subprocess.Popen([*words, "-i", "softbus", "-c", str(hub.path)], stdin=subprocess.PIPE) as agent:
-            _transfer(str(hub.path), Path(folder), spec.pes[_PE].node_id, runs, agent.pid)
+            _transfer(str(hub.path), spec.pes[_PE].node_id, arguments.runs, agent.pid, report)
             agent.terminate()
 
 
@@ -67,8 +62,8 @@ def _bare(path: str, runs: int) -> list[float]:
         return [_rate(send) for _ in range(runs)]
 
 
-def _transfer(path: str, folder: Path, node: int, runs: int, agent: int) -> None:
-    eds = folder / FILE_NAME
+def _transfer(path: str, node: int, runs: int, agent: int, report: Report) -> None:
+    eds = Path(path).with_name(FILE_NAME)
     eds.write_text(eds_text(), encoding="ascii")
     network = canopen.Network()
     network.connect(interface="softbus", channel=path)
@@ -89,12 +84,12 @@ def _transfer(path: str, folder: Path, node: int, runs: int, agent: int) -> None
             stream.write(content)
         return len(content)
 
-    print(f"the table has {len(content)} bytes")
-    for name, act in (("download, by block", write), ("upload, by block", lambda: len(read()))):
-        before_s = _cpu_s(agent)
-        _show(name, [_rate(act) for _ in range(runs)])
-        used_us = (_cpu_s(agent) - before_s) * 1e6 / (runs * -(-len(content) // SEGMENT_BYTES))
-        print(f"  the agent's CPU      {used_us:.0f} us for each segment")
+    for name, act in (("download", write), ("upload", lambda: len(read()))):
+        report.begin(f"{name}, by block, of a table of {len(content)} bytes")
+        before_s = cpu_s(agent)
+        _tell_rates([_rate(act) for _ in range(runs)], report)
+        used_us = (cpu_s(agent) - before_s) * 1e6 / (runs * -(-len(content) // SEGMENT_BYTES))
+        report.figures("  the agent's CPU: {us_per_segment:.0f} us for each segment", us_per_segment=used_us)
     network.disconnect()
 
 
@@ -104,16 +99,14 @@ def _rate(act: Callable[[], int]) -> float:
     return act() / (time.monotonic() - began_s)
 
 
-def _show(name: str, rates: list[float]) -> None:
-    slowest = sorted(rates)[len(rates) // 100]
-    print(f"{name}: median {statistics.median(rates) / 1e3:.1f} kB/s, slowest of a hundred {slowest / 1e3:.1f} kB/s")
+def _tell_rates(rates: list[float], report: Report) -> None:
+    report.figures(
+        "  median {median_kb_per_s:.1f} kB/s, slowest of a hundred {slowest_kb_per_s:.1f} kB/s",
+        median_kb_per_s=statistics.median(rates) / 1e3,
+        slowest_kb_per_s=sorted(rates)[len(rates) // 100] / 1e3,
+    )
 
 
-def _cpu_s(pid: int) -> float:
-    """Return the processor time that a process has used, user and system (proc(5), stat, fields 14 and 15)."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _CLOCK_TICKS_PER_S
-
-
+main = Bench("sdo", __doc__, measure, option("--runs", 20, "transfers of each kind"))
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "sdo_bench"))
+    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Measure the software bus: `python -m lab.benches.softbus`.
+"""What the software bus carries, and how late.
 
 Client processes at 1 Mbit/s send eight-byte frames as fast as the bus takes them, twice: once each of them
 receives everything that the others send, the worst that can be asked of the hub; then, as nodes do, each
@@ -9,12 +9,11 @@ processor, the lateness of reception (from the end of a frame on the bus to `rec
 receiver's own delay) and the frames that receivers lost.
 """
 
-import argparse
 import multiprocessing
-import os
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,28 +21,24 @@ from pathlib import Path
 import can
 from can.typechecking import CanFilter
 
-from heronry_tools.console.errors import exit_code
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
+from lab.benches.harness import Bench, Report, option, seconds_option
+from lab.benches.processes import cpu_s
 
 _NOTHING: list[CanFilter] = [{"can_id": 0x1FFF_FFFF, "can_mask": 0x1FFF_FFFF, "extended": True}]
 _SETTLE_S = 1.0
-_CLOCK_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
-def main() -> None:
-    """Run the benchmark and print its figures."""
-    parser = argparse.ArgumentParser(prog="python -m lab.benches.softbus", description="Measure the software bus.")
-    parser.add_argument("--clients", type=int, default=8)
-    parser.add_argument("--seconds", type=float, default=5.0)
-    options = parser.parse_args()
+def measure(arguments: Namespace, report: Report) -> None:
+    """Measure without and with filters."""
     for filtering in (False, True):
-        print("each hears itself and its neighbour" if filtering else "everybody hears everything")
+        report.begin("each hears itself and its neighbour" if filtering else "everybody hears everything")
         with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus") as hub:
-            _measure(hub, options.clients, options.seconds, filtering=filtering)
+            _measure(hub, arguments.clients, arguments.seconds, report, filtering=filtering)
 
 
-def _measure(hub: HubProcess, clients: int, seconds: float, *, filtering: bool) -> None:
+def _measure(hub: HubProcess, clients: int, seconds: float, report: Report, *, filtering: bool) -> None:
     spawn = multiprocessing.get_context("spawn")
     with (
         SoftBus(str(hub.path), can_filters=_NOTHING) as observer,
@@ -56,18 +51,20 @@ def _measure(hub: HubProcess, clients: int, seconds: float, *, filtering: bool) 
         while len(observer.statistics().clients) <= clients:
             time.sleep(0.01)
         time.sleep(_SETTLE_S)
-        before, cpu_before_s = observer.statistics(), _cpu_s(hub.pid)
+        before, cpu_before_s = observer.statistics(), cpu_s(hub.pid)
         time.sleep(seconds)
-        after, cpu_after_s = observer.statistics(), _cpu_s(hub.pid)
+        after, cpu_after_s = observer.statistics(), cpu_s(hub.pid)
         hub.close()
-        lateness_s = sorted(late for end in ends for late in end.result())
+        late_ms = [late for end in ends for late in end.result()]
     elapsed_s = (after.time_ns - before.time_ns) / 1e9
-    print(f"  frames per second      {(after.frames - before.frames) / elapsed_s:.0f}")
-    print(f"  bus load               {after.load_since(before):.1%}")
-    print(f"  hub, share of one CPU  {(cpu_after_s - cpu_before_s) / elapsed_s:.0%}")
-    for percent in (50, 99):
-        print(f"  lateness p{percent}           {lateness_s[len(lateness_s) * percent // 100] * 1e3:.3f} ms")
-    print(f"  frames not received    {sum(client.overruns for client in after.clients)}")
+    report.figures(
+        "  {frames_per_s:.0f} frames/s, bus load {load:.1%}, hub {hub_cpu:.0%} of one CPU, {lost} frames not received",
+        frames_per_s=(after.frames - before.frames) / elapsed_s,
+        load=after.load_since(before),
+        hub_cpu=(cpu_after_s - cpu_before_s) / elapsed_s,
+        lost=sum(client.overruns for client in after.clients),
+    )
+    report.times("lateness", late_ms)
 
 
 def _pair(number: int, clients: int) -> list[CanFilter]:
@@ -75,23 +72,24 @@ def _pair(number: int, clients: int) -> list[CanFilter]:
 
 
 def _talk_and_listen(path: str, number: int, filters: list[CanFilter] | None) -> list[float]:
-    """Send without pause until the hub ends; return by how much each reception was late (s)."""
-    lateness_s: list[float] = []
+    """Send without pause until the hub ends; return by how much each reception was late (ms)."""
+    late_ms: list[float] = []
     frame = can.Message(arbitration_id=0x100 + number, is_extended_id=False, data=[number] * 8)
     with SoftBus(path, filters, receive_own_messages=True) as bus, suppress(can.CanOperationError):
         bus.send(frame)
         while (received := bus.recv()) is not None:
-            lateness_s.append(time.time() - received.timestamp)
+            late_ms.append((time.time() - received.timestamp) * 1e3)
             if not received.is_rx:
                 bus.send(frame)
-    return lateness_s
+    return late_ms
 
 
-def _cpu_s(pid: int) -> float:
-    """Return the processor time that a process has used, user and system (proc(5), stat, fields 14 and 15)."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / _CLOCK_TICKS_PER_S
-
-
+main = Bench(
+    "softbus",
+    __doc__,
+    measure,
+    option("--clients", 8, "that send and receive"),
+    seconds_option(5.0, "of each measurement"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "bench"))
+    sys.exit(main())

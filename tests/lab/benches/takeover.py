@@ -16,57 +16,44 @@ should be, since a take-over stops nobody.
 Processes are killed once every PE is counted on and a configuration runs. On a busy computer the standby may have taken
 over before: whichever reigns is killed. Or a PE is lost at that very moment: then the next manager has to plan, and
 commands when that is deployed. Such a kill counts like any other, and is told of.
-
-Prints median, p99 and the longest, in milliseconds.
 """
 
-import argparse
-import platform
 import select
-import statistics
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.console.errors import exit_code
-from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.awaited_events import LONGEST_S, AwaitedEvents
-from heronry_tools.runtime.demo.buses import choose
 from heronry_tools.runtime.demo.ear import Ear
-from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.runtime.witness import Witness
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES, Command, management_id
 from heronry_wire.management import Lease, Step, decode_command
+from lab.benches.fleets import Aircraft, aircraft
+from lab.benches.harness import Bench, Report, option, spec_option
 
 _BEFORE_S = 2.0  # it is listened, and the manager thinks ahead
 _AFTER_S = 1.0  # for functions that fall silent
 _LEASE_IDS = {management_id(node, Command.LEASE) for node in MANAGER_NODES}
 
 
-def main() -> int:
-    """Run the benchmark; returns the exit code."""
-    parser = argparse.ArgumentParser(description="Measure how long an aircraft is without a manager.")
-    parser.add_argument("--seeds", type=int, default=40, help="flights in the simulator (default 40)")
-    parser.add_argument("--kills", type=int, default=5, help="kills of each kind with real processes (default 5)")
-    parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC")
-    arguments = parser.parse_args()
+def measure(arguments: Namespace, report: Report) -> None:
+    """Let managers die in each of the three ways."""
     spec = load_spec(arguments.spec)
     beat_ms = spec.buses[spec.manager.bus].heartbeat_ns // MS
-    machine = f"{platform.machine()}, Python {platform.python_version()}"
-    print(f"{spec.name}, heartbeats every {beat_ms} ms; {arguments.seeds} flights, {arguments.kills} kills; {machine}")
-    print(f"{'ms':<42}{'median':>9}{'p99':>9}{'longest':>9}{'silent':>9}")
-    _tell("standby, simulator", [_in_simulator(spec, seed) for seed in range(arguments.seeds)])
-    _tell("standby, processes", [_standby(arguments.spec) for _ in range(arguments.kills)])
+    report.begin(f"{spec.name}, heartbeats every {beat_ms} ms")
+    _tell("standby, simulator", [_in_simulator(spec, seed) for seed in range(arguments.seeds)], report)
+    _tell("standby, processes", [_standby(arguments.spec) for _ in range(arguments.kills)], report)
     restarts = [_restart(arguments.spec) for _ in range(arguments.kills)]
-    _tell("restart, processes: all of it", restarts)
-    _tell("  of it Python and the solver", restarts, [one.loading_ms for one in restarts])
-    _tell("  of it from then on", restarts, [one.gone_ms - one.loading_ms for one in restarts])
-    return 0
+    _tell("restart, processes: all of it", restarts, report)
+    report.times("  of it Python and the solver", [one.loading_ms for one in restarts])
+    report.times("  of it from then on", [one.gone_ms - one.loading_ms for one in restarts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,18 +104,15 @@ def _in_simulator(spec: Spec, seed: int) -> _Gone:
 
 
 def _standby(spec_name: str) -> _Gone:
-    spec = load_spec(spec_name)
-    folder = run_folder()
-    with Fleet(spec, spec_path(spec_name), folder) as fleet:
-        buses = choose(spec, folder, {}, None, prefer_vcan=False)
-        fleet.start_buses(buses)
+    with aircraft(spec_name) as flown:
+        fleet = flown.fleet
         primary = AwaitedEvents(fleet, fleet.start_manager(standby=True))
         primary.wait("manager_started")  # or the other one might come first, and reign
         standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
         standby.wait("standing_by")
-        _fly(fleet, spec, primary)
-        with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
-            death = _Death(fleet, spec, ear)
+        _fly(flown, primary)
+        with Ear(flown.main, flown.spec.buses[flown.main.name]) as ear:
+            death = _Death(flown, ear)
             victim = fleet.reigning()
             death.kill(victim)
             death.wait_for_commands(standby if victim == FIRST_MANAGER else primary)
@@ -136,14 +120,11 @@ def _standby(spec_name: str) -> _Gone:
 
 
 def _restart(spec_name: str) -> _Gone:
-    spec = load_spec(spec_name)
-    folder = run_folder()
-    with Fleet(spec, spec_path(spec_name), folder) as fleet:
-        buses = choose(spec, folder, {}, None, prefer_vcan=False)
-        fleet.start_buses(buses)
-        _fly(fleet, spec, AwaitedEvents(fleet, fleet.start_manager()))
-        with Ear(buses[spec.manager.bus], spec.buses[spec.manager.bus]) as ear:
-            death = _Death(fleet, spec, ear)
+    with aircraft(spec_name) as flown:
+        fleet = flown.fleet
+        _fly(flown, AwaitedEvents(fleet, fleet.start_manager()))
+        with Ear(flown.main, flown.spec.buses[flown.main.name]) as ear:
+            death = _Death(flown, ear)
             death.kill(FIRST_MANAGER)
             death.wait_for_commands(AwaitedEvents(fleet, fleet.start_manager()))
             return death.gone()
@@ -152,9 +133,9 @@ def _restart(spec_name: str) -> _Gone:
 class _Death:
     """A manager's death, as it is heard; times are the wall clock's, as the bus gives them."""
 
-    def __init__(self, fleet: Fleet, spec: Spec, ear: Ear) -> None:
+    def __init__(self, flown: Aircraft, ear: Ear) -> None:
         """Listen for a while first."""
-        self._fleet, self._ear, self._heard = fleet, ear, _Heard(Witness(spec))
+        self._fleet, self._ear, self._heard = flown.fleet, ear, _Heard(Witness(flown.spec))
         self._loading_ms = 0.0
         self._listen(_BEFORE_S)
 
@@ -198,26 +179,29 @@ class _Death:
             self._heard.see(round(at_s * 1e9), frame)
 
 
-def _fly(fleet: Fleet, spec: Spec, events: AwaitedEvents) -> None:
+def _fly(flown: Aircraft, events: AwaitedEvents) -> None:
     """Let every PE fly."""
-    for pe in spec.pes:
-        fleet.start_pe(pe)
+    flown.start_pes()
     there: set[str] = set()
-    while there != spec.pes.keys():
+    while there != flown.spec.pes.keys():
         told = events.wait("pe_joined", "pe_lost")
         (there.add if told["event"] == "pe_joined" else there.discard)(told["pe"])
     events.wait("reconfigured")
 
 
-def _tell(what: str, deaths: Sequence[_Gone], values: Sequence[float] = ()) -> None:
-    """Print a line of the table: of these times, by default of all that it took."""
-    if not deaths:
-        return
-    times = sorted(values or [death.gone_ms for death in deaths])
-    p99 = times[min(len(times) - 1, int(0.99 * len(times)))]
-    silent = sum(death.silent for death in deaths)
-    print(f"{what:<42}{statistics.median(times):>9.1f}{p99:>9.1f}{times[-1]:>9.1f}{silent:>9}", flush=True)
+def _tell(what: str, deaths: Sequence[_Gone], report: Report) -> None:
+    report.times(what, [death.gone_ms for death in deaths])
+    if silent := sum(death.silent for death in deaths):
+        report.figures("  {silent} functions fell silent meanwhile", silent=silent)
 
 
+main = Bench(
+    "takeover",
+    __doc__,
+    measure,
+    option("--seeds", 40, "flights in the simulator"),
+    option("--kills", 5, "kills of each kind with real processes"),
+    spec_option("elevator_and_chute"),
+)
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "takeover_bench"))
+    sys.exit(main())

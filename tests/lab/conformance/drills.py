@@ -1,6 +1,8 @@
-"""All drills, by name: FILE.DRILL."""
+"""All drills, by name: FILE.DRILL. Every public function of a file of drills is one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from inspect import isfunction
+from types import ModuleType
 
 from lab.conformance import (
     manager_counting,
@@ -42,8 +44,16 @@ _FILES = (
     manager_telling,
 )
 
+
+def _drills_of(file: ModuleType) -> Iterator[Drill]:
+    """Every public function of a file, in the order in which they stand there."""
+    for name, found in vars(file).items():
+        if isfunction(found) and found.__module__ == file.__name__ and not name.startswith("_"):
+            yield found
+
+
 DRILLS: Mapping[str, Drill] = {
-    f"{file.__name__.rpartition('.')[2]}.{drill.__name__}": drill for file in _FILES for drill in file.DRILLS
+    f"{file.__name__.rpartition('.')[2]}.{drill.__name__}": drill for file in _FILES for drill in _drills_of(file)
 }
 
 

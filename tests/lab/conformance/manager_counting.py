@@ -25,7 +25,8 @@ from lab.conformance.manager_under_test import (
     example,
     remembering,
 )
-from lab.conformance.player import MS, commanded, demand, equal
+from lab.conformance.player import MS, demand, equal
+from lab.peers import command_frame
 
 _S = 1000
 _ALL = {"flight", "tail_a", "tail_b"}
@@ -421,7 +422,7 @@ def of_two_managers_the_lower_term_gives_way() -> None:
         equal(manager.manager.stopped is not None, ends, f"ended after {said} of {by} at {at_ms} ms")
         equal(len(manager.told("second_manager")), int(ends), "told of a second manager")
     manager = ManagerUnderTest().flies()
-    frame = commanded(Lease(9, 0, Step.PREPARED, 0), other)
+    frame = command_frame(Lease(9, 0, Step.PREPARED, 0), other)
     manager.main.say(frame._replace(data=frame.data[:7]), frame._replace(extended=True))
     manager.main.command(Alive(9, 0, frozenset()), Prepare(9, 9, 9), manager=other)
     began_ns = manager.run(100)
@@ -456,28 +457,3 @@ def other_frames_mean_nothing() -> None:
     equal(lost["pe"], "tail_b", "who is lost")
     after_ns = lost["t_ns"] - last_ns
     demand(64 * MS < after_ns < 66 * MS, f"it is lost {after_ns / MS} ms after its last word")
-
-
-DRILLS = (
-    it_listens_before_it_speaks,
-    it_is_a_node_of_canopen_and_canaerospace_too,
-    it_waits_for_who_was_never_heard,
-    in_flight_it_does_not_wait,
-    who_is_late_is_asked_and_who_is_silent_is_lost,
-    who_answers_in_time_stays,
-    who_comes_back_is_held_down,
-    who_is_cleared_waits_for_the_shortest_time,
-    losses_are_forgiven_after_a_minute,
-    the_longest_hold_down_is_a_minute,
-    a_reboot_is_a_loss,
-    who_does_not_hear_is_failed,
-    what_page_1_says_of_the_lease_counts_too,
-    when_most_do_not_hear_nobody_is_failed,
-    who_hears_nobody_says_nothing,
-    who_hears_nobody_puts_nobody_in_quarantine,
-    who_is_refused_by_most_falls_silent,
-    who_is_far_behind_leaps_once,
-    of_two_managers_the_lower_term_gives_way,
-    who_is_still_starting_gives_way_too,
-    other_frames_mean_nothing,
-)

@@ -588,39 +588,3 @@ def epochs_of_a_term_begin_with_its_block() -> None:
     equal(numbers[:16], list(range(1, 17)), "the first epochs")
     demand(len(numbers) > 16, "the drill is too short")
     equal(numbers[16], 33, "the epoch after the first block of term 1")
-
-
-DRILLS = (
-    every_pe_gets_its_slice,
-    who_runs_its_slice_already_gets_the_head_alone,
-    bodies_take_half_of_the_bus,
-    who_does_not_stage_is_asked_again,
-    what_is_for_everybody_is_not_said_for_each,
-    who_does_not_take_a_step_is_asked_again,
-    who_misses_frames_gets_them_again,
-    who_refuses_is_failed,
-    an_answer_about_something_else_does_not_count,
-    a_change_before_activate_gives_the_number_up,
-    what_is_driven_breaks_before_it_makes,
-    what_is_late_frees_nothing,
-    a_silent_driver_is_given_t_lease,
-    who_a_reign_has_never_heard_is_given_t_lease,
-    who_has_only_staged_what_is_adopted_is_given_t_lease_too,
-    an_alive_that_waits_leaves_nobody_out,
-    what_is_remembered_and_newer_is_not_given_up_for_what_is_seen,
-    who_may_obey_another_reign_yet_is_given_t_lease,
-    who_says_once_more_what_it_ran_before_may_drive_what_comes,
-    who_speaks_and_is_given_up_is_given_t_lease_too,
-    a_jump_of_the_clock_frees_nothing,
-    who_runs_nothing_any_more_is_not_waited_for,
-    a_silent_stranger_may_drive_whatever_it_could,
-    who_has_let_go_is_not_waited_for,
-    who_comes_late_to_what_runs_is_admitted,
-    who_has_staged_what_was_given_up_gets_a_newer_one,
-    who_runs_what_nobody_commanded_is_failed,
-    it_adopts_what_runs,
-    what_is_adopted_is_newest_even_if_who_ran_it_is_gone,
-    it_adopts_nothing_that_is_not_clean,
-    a_foreseen_fault_is_called_by_its_number,
-    epochs_of_a_term_begin_with_its_block,
-)

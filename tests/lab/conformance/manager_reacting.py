@@ -575,30 +575,3 @@ def commands_keep_their_order() -> None:
     own = {management_id(126, command) for command in Command} | {1792 + 126}
     equal({one.frame.can_id for one in manager.main.heard} - own, set(), "identifiers that are not its own")
     demand(bool(manager.said(Alive)) and PERIOD_NS > 0, "no ALIVE")
-
-
-DRILLS = (
-    a_fault_is_latched_and_acknowledged,
-    its_own_bus_is_not_planned_without,
-    what_is_no_fault_is_not_latched,
-    a_pe_that_was_failed_stays_out,
-    orders_that_name_nothing_are_refused,
-    what_stopped_by_itself_is_started_by_another_epoch,
-    a_phase_is_entered_by_whoever_may,
-    who_has_not_told_its_incarnation_is_not_answered,
-    a_phase_that_is_asked_for_is_told_before_the_answer,
-    what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next,
-    which_requests_it_has_obeyed_it_tells_again_with_the_phase,
-    what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure,
-    it_tells_what_it_holds,
-    a_planner_that_fails_is_asked_again,
-    what_was_planned_at_once_is_bettered_at_leisure,
-    a_radio_is_planned_with_in_steps,
-    a_radio_that_gets_better_is_believed_after_a_hold_down,
-    a_radio_that_is_gone_takes_who_is_beyond,
-    reports_that_are_old_or_of_others_do_not_count,
-    the_journal_s_word_is_told_on,
-    who_only_advises_says_nothing,
-    who_only_advises_waits_for_no_answer,
-    commands_keep_their_order,
-)

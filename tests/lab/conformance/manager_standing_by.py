@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
-from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, Key
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.frame import Frame
@@ -27,14 +27,17 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
+    StatePage0,
     StatePage1,
     StatePage2,
     StatePage3,
     Step,
+    decode_state,
     is_welcome,
 )
 from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
 from lab.conformance.player import MS, demand, equal
+from lab.peers import ProvenStates
 
 KEY = Key(bytes(range(KEY_BYTES)))
 _ALL = frozenset((92, 93, 94))
@@ -473,41 +476,33 @@ class _KeyedPe:
     """Lets a played PE prove what it says, as soon as it was welcomed."""
 
     def __init__(self, manager: ManagerUnderTest, pe: PlayedPe) -> None:
-        self.session: Session | None = None
+        self.states = ProvenStates(pe.node, KEY)
         self.asks, self.proves, self.emergency = True, True, NO_EMERGENCY
         self.stride = 1  # from the number of one page 0 to the next: more is as if some were lost
-        self._manager, self._pe, self._beat, self._nonce = manager, pe, 0, 0x1234 + pe.node
+        self._manager, self._pe, self._nonce = manager, pe, 0x1234 + pe.node
         pe.say = self._say
         manager.clock.at(manager.now_ns + PERIOD_NS, self._ask)
 
     def _ask(self) -> None:
-        if self.session is None and self.asks and self._pe.speaks:
+        if self.states.session is None and self.asks and self._pe.speaks:
             page = StatePage2(self._pe.state, PeFlags(0), self._nonce)
             self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
         self._manager.clock.at(self._manager.now_ns + PERIOD_NS, self._ask)
 
-    def take(self, control: Control, number: int) -> None:
+    def take(self, control: Control) -> None:
+        self.states.take(control, self._manager.node)
         if control.node == self._pe.node and control.operation is Operation.WELCOME:
-            self.session, self._beat = Session(self._manager.node, control.term, number), 0
             page = StatePage3(self._pe.state, PeFlags(0), self._pe.digest, 0, 0)
             self._manager.main.say(Frame(state_id(self._pe.node), page.encode()))
         if control.node == self._pe.node and control.operation is Operation.RENEW:
-            self.session = None
             self._nonce += 1
 
     def _say(self, frame: Frame) -> None:
-        said, digest = split_state(frame.data)
-        is_first = frame.data[0] < 0x40
-        tag = 0
-        if self.session is not None and self.proves:
-            beat = self._beat if is_first else PAGE_1_BEAT
-            pending = self.emergency if is_first else NO_EMERGENCY
-            if is_first and self.emergency:
-                said = bytes((said[0] | PeFlags.FAULT_PENDING,)) + said[1:]
-            said = said[:4] + bytes((beat % 256,)) + said[5:] if is_first else said
-            tag = KEY.state_tag(self._pe.node, self.session, beat, said, digest, emergency=pending)
-        self._beat += self.stride * is_first
-        self._manager.main.say(Frame(frame.can_id, joined_state(said, tag)))
+        page = decode_state(frame.data)
+        assert isinstance(page, StatePage0 | StatePage1)
+        if isinstance(page, StatePage0) and self.emergency:
+            page = replace(page, flags=page.flags | PeFlags.FAULT_PENDING)
+        self._manager.main.say(self.states.prove(page, self.emergency, stride=self.stride, is_true=self.proves))
 
 
 def _keyed() -> tuple[ManagerUnderTest, dict[str, _KeyedPe]]:
@@ -527,7 +522,7 @@ def _provers(manager: ManagerUnderTest) -> dict[str, _KeyedPe]:
             message = manager.hears[-1][1]
             assert isinstance(message, Control)
             for prover in provers.values():
-                prover.take(message, message.a << 16 | message.b)
+                prover.take(message)
 
     manager.main.hears = hears
     return provers
@@ -842,39 +837,3 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
     equal(manager.told("fault_cleared"), [], "faults that it gives up")
     demand("servo_driver_1" in manager.told("advice")[-1]["stopped"], "it does not advise upon what is supposed")
     equal(manager.heard(-1, *Command), [], "commands of a manager that advises")
-
-
-DRILLS = (
-    half_of_those_counted_on_are_not_most,
-    of_a_term_that_is_behind_it_asks_whether_it_is_obeyed,
-    guesses_are_counted_and_forgiven,
-    who_was_counted_on_and_dies_unproven_is_not_waited_for,
-    what_a_pe_refuses_is_told,
-    lost_states_cost_nothing,
-    what_it_has_said_itself_is_nobody_else,
-    who_advises_follows_no_more_than_is_known,
-    who_advises_and_was_started_late_says_what_it_does_not_know,
-    it_takes_over_when_the_pes_hear_nobody,
-    it_waits_for_the_lease_to_expire,
-    only_who_was_counted_on_is_asked,
-    where_nobody_reigns_127_lets_126_go_first,
-    of_a_deposed_manager_it_believes_nothing,
-    what_is_held_no_more_is_cleared,
-    a_request_that_another_manager_has_obeyed_is_obeyed_no_more,
-    an_answer_counts_right_behind_the_phase_alone,
-    who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed,
-    with_a_key_nobody_else_says_what_runs,
-    who_comes_late_to_what_runs_does_not_hide_what_comes,
-    what_it_has_overheard_is_adopted,
-    what_was_called_by_its_number_is_adopted,
-    who_is_vouched_for_may_drive_anything,
-    what_is_no_configuration_is_not_remembered,
-    who_reigns_stands_by_before_a_higher_term,
-    every_command_is_tagged,
-    a_state_counts_when_it_is_proven,
-    a_nonce_is_answered_once_in_a_period,
-    an_emergency_counts_when_it_is_proven,
-    a_page_1_counts_when_it_is_proven,
-    who_is_guessed_at_needs_two_states_in_a_row,
-    the_lock_is_opened_by_order,
-)

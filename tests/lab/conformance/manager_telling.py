@@ -369,19 +369,3 @@ def its_events_tell_the_story() -> None:
     demand(0 < times["distribute"] < 10 * MS, f"distributed in {times['distribute']} ns")
     demand(20 * MS < times["activate"] < 100 * MS, f"activated in {times['activate']} ns, with T_lease to wait for")
     equal((done["moved"], done["started"], done["stopped"]), ([], ["servo_driver_2"], ["servo_driver_1"]), "changes")
-
-
-DRILLS = (
-    its_events_tell_the_story,
-    the_status_tells_how_things_stand,
-    the_status_tells_of_radios_and_phases,
-    a_lost_channel_is_told_of,
-    a_restart_goes_on_with_what_runs,
-    a_restart_believes_no_damaged_line,
-    a_restart_remembers_the_phase_and_who_was_failed,
-    what_is_cleared_at_a_restart_is_started,
-    a_restart_remembers_what_was_cleared,
-    a_plan_that_fits_a_smaller_radio_is_kept,
-    tables_say_what_the_spec_says,
-    slices_bring_a_source_to_every_reader_once,
-)

@@ -46,7 +46,7 @@ from heronry_wire.management import (
     decode_command,
     is_newer,
 )
-from lab.conformance.player import MS, Heard, Player, demand
+from lab.conformance.player import MS, Heard, Player, UnderTest, demand
 
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
 _STATES = {Step.BREAK: PeState.BROKEN, Step.GO: PeState.ACTIVE, Step.GO_ALL: PeState.ACTIVE}
@@ -192,7 +192,7 @@ class _Manager(SimulatedManager):
         self._told(event)
 
 
-class ManagerUnderTest:
+class ManagerUnderTest(UnderTest):
     """The manager and its aircraft."""
 
     def __init__(
@@ -209,7 +209,8 @@ class ManagerUnderTest:
     ) -> None:
         """Start it; the PEs speak from now on."""
         self.spec = spec = example("demux_actuators") if spec is None else spec
-        self.clock, self.node = Clock(), node
+        super().__init__(PERIOD_NS)
+        self.node = node
         self.main = Player(self.clock, spec.manager.bus, spec.buses[spec.manager.bus].bitrate)
         self.events: list[dict[str, Any]] = []
         self.disk = Disk(spec) if disk is None else disk
@@ -267,29 +268,10 @@ class ManagerUnderTest:
         for pe in self.pes.values():
             pe.take(message)
 
-    # Time
-
-    @property
-    def now_ns(self) -> int:
-        """Virtual time."""
-        return self.clock.now_ns
-
-    def run(self, ms: float) -> int:
-        """Let time pass; gives when that began."""
-        began_ns = self.now_ns
-        self.clock.run_until(began_ns + round(ms * MS))
+    def validate(self) -> None:
+        """Of its core, while it runs."""
         if self.manager.running:
             self.manager.core.validate()
-        return began_ns
-
-    def run_until(self, t_ns: int) -> None:
-        """Let time pass up to a moment."""
-        self.clock.run_until(t_ns)
-
-    def run_into_next_period(self, ms: int) -> int:
-        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
-        self.clock.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + ms * MS)
-        return self.now_ns
 
     def flies(self) -> "ManagerUnderTest":
         """Let the first configuration be brought about; gives this."""

@@ -140,13 +140,3 @@ def it_rests_again() -> None:
         pe.run(45)
         began_ns = pe.run(50)
         demand(bool(pe.data(HELP_ID, began_ns)), "what rested does not run")
-
-
-DRILLS = (
-    it_keeps_what_it_runs,
-    what_is_expendable_rests_after_t_lease,
-    what_rests_starts_when_it_is_named_again,
-    what_was_cleared_rests_with_the_others,
-    a_new_configuration_starts_what_it_wants,
-    it_rests_again,
-)

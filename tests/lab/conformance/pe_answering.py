@@ -172,14 +172,3 @@ def a_table_needs_its_seal() -> None:
     for text, reason in ((table, _REFUSED), (OTHER_KEY.sealed(table), _REFUSED), (KEY.sealed(table), None)):
         equal(Client(keyed).writes_table(text), reason, "why a table is refused")
     equal(len(keyed.notes("table")), 2, "notes of tables that were refused")
-
-
-DRILLS = (
-    it_says_who_it_is,
-    it_keeps_the_time_that_it_is_given,
-    only_the_interval_of_its_heartbeat_can_be_set,
-    it_says_its_state_when_asked_but_not_at_any_rate,
-    other_services_are_not_answered,
-    its_objects_name_the_modes,
-    a_table_needs_its_seal,
-)

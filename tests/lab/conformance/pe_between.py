@@ -55,7 +55,8 @@ from lab.conformance.pe_under_test import (
     gaps,
     moments,
 )
-from lab.conformance.player import MS, commanded, demand, equal
+from lab.conformance.player import MS, demand, equal
+from lab.peers import command_frame
 
 _FAR_PORT = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
 _LINK_ID = GATEWAY_IDS[0]
@@ -85,7 +86,7 @@ def commands_are_handed_on() -> None:
             began_ns = pe.run_into_next_period(8)
             pe.main.command(message)
             pe.run(3)
-            frame = commanded(message)
+            frame = command_frame(message)
             found = [one.frame for one in pe.far.since(began_ns, [frame.can_id])]
             equal(found, [frame] if is_handed_on else [], f"on the far bus, after {message}")
     began_ns = pe.run_into_next_period(8)
@@ -447,25 +448,3 @@ def a_gateway_s_own_word_goes_by_radio_too() -> None:
     demand(38 <= len(pe.pages_0(began_ns, pe.far)) <= 41, "its pages 0 on the radio")
     demand(3 <= len(pe.pages_1(began_ns, pe.far)) <= 5, "its pages 1 on the radio")
     demand(3 <= len(pe.far.since(began_ns, [heartbeat_id(NODE)])) <= 5, "its heartbeats on the radio")
-
-
-DRILLS = (
-    a_frame_that_cannot_leave_is_given_up,
-    only_what_is_numbered_shows_losses,
-    a_gateway_s_own_word_goes_by_radio_too,
-    commands_are_handed_on,
-    lease_and_alive_go_on_at_the_far_pace,
-    nobody_commands_from_beyond,
-    what_nodes_beyond_say_is_handed_up,
-    data_are_handed_on_as_wired,
-    what_it_reads_itself_is_handed_on_too,
-    a_radio_is_reported_on,
-    a_radio_that_loses_frames_is_told_so,
-    a_slow_radio_is_told_so,
-    a_radio_that_is_silent_is_gone,
-    what_goes_to_a_radio_waits_in_turn,
-    what_moves_away_is_not_sent_by_radio,
-    commands_wait_longer_than_data,
-    after_a_pause_a_radio_is_reported_on_again,
-    data_keep_to_their_share_of_a_radio,
-)

@@ -610,32 +610,3 @@ def a_value_goes_down_a_chain_at_once() -> None:
     pe.run(500)
     demand(len(seen) >= 4, "the last of the chain does not run")
     equal([read for read, _ in seen], [wanted for _, wanted in seen], "what the last of a chain reads")
-
-
-DRILLS = (
-    a_partition_that_ends_is_charged_to_who_was_computing,
-    a_request_ends_with_its_partition,
-    a_module_that_cannot_be_built_is_given_up,
-    answers_to_old_questions_are_dropped,
-    a_step_that_is_given_back_is_asked_for_anew,
-    what_is_as_old_as_it_may_be_is_fresh,
-    a_reader_waits_for_what_it_reads,
-    a_value_goes_down_a_chain_at_once,
-    a_report_is_repeated_until_it_is_acknowledged,
-    what_is_cleared_is_taken_back_and_told_anew,
-    a_new_term_is_told_what_was_heard_since_the_last_silence,
-    what_is_critical_is_told_to_everybody,
-    nothing_is_reported_while_outputs_are_held,
-    a_module_that_fails_is_built_anew_and_then_given_up,
-    a_module_that_was_given_up_runs_again_with_the_next_epoch,
-    a_failure_is_forgiven_after_a_minute,
-    a_module_without_restarts_is_given_up_at_once,
-    what_its_mode_does_not_give_is_not_published,
-    who_takes_too_long_is_given_up,
-    who_hangs_is_ended,
-    a_new_term_is_told_what_has_stopped,
-    a_request_is_made_once,
-    a_request_that_nobody_heard_goes_on,
-    a_phase_s_rule_holds_for_its_time,
-    a_rule_does_not_bridge_a_gap,
-)

@@ -45,7 +45,8 @@ from lab.conformance.pe_under_test import (
     PeUnderTest,
     moments,
 )
-from lab.conformance.player import MS, commanded, demand, equal
+from lab.conformance.player import MS, demand, equal
+from lab.peers import command_frame
 
 KEY = Key(bytes(range(KEY_BYTES)))
 OTHER_KEY = Key(bytes(KEY_BYTES))
@@ -148,7 +149,7 @@ def what_is_not_proven_is_refused() -> None:
     pe = Keyed().attended()
     pe.run(220)
     before, counted = pe.pages_3(-1)[-1][1], pe.object(COUNTERS, 1)
-    ping = commanded(Ping(5, NODE, 0))
+    ping = command_frame(Ping(5, NODE, 0))
     other = CommandSigner(OTHER_KEY, 126, 5)
     other.number = pe.signer.number
     pe.lease = pe.alive = None
@@ -166,7 +167,7 @@ def what_is_not_proven_is_refused() -> None:
     pe.run(3)
     pe.main.say(true)  # without its command
     pe.run(3)
-    changed = pe.signer.tag(commanded(Ping(5, NODE, 77)))
+    changed = pe.signer.tag(command_frame(Ping(5, NODE, 77)))
     assert changed is not None
     pe.main.say(Frame(ping.can_id, Ping(5, 0, 9).encode()), changed)
     pe.run(3)
@@ -191,7 +192,7 @@ def a_tag_must_come_in_time() -> None:
         pe = Keyed().attended()
         pe.lease = pe.alive = None
         pe.run_into_next_period(8)
-        ping = commanded(Ping(5, NODE, 0))
+        ping = command_frame(Ping(5, NODE, 0))
         tag = pe.signer.tag(ping)
         assert tag is not None
         pe.main.say(ping)
@@ -274,7 +275,7 @@ def another_manager_has_to_welcome_it_too() -> None:
     other = CommandSigner(KEY, 127, 6)
 
     def speaks() -> int:
-        lease = Frame(management_id(127, Command.LEASE), Lease(6, 0, Step.PREPARED, 0).encode())
+        lease = command_frame(Lease(6, 0, Step.PREPARED, 0), 127)
         tag = other.tag(lease)
         assert tag is not None
         pe.main.say(lease, tag)
@@ -381,7 +382,7 @@ def a_gateway_hands_on_tags() -> None:
         pe.run(4)
         equal(len(pe.far.since(began_ns, [_TAG_ID, management_id(126, Command.CONTROL)])), handed_on, f"WELCOME {node}")
     began_ns = pe.now_ns
-    lone = commanded(Control(5, FAR, Operation.CLEAR, 1, 1))
+    lone = command_frame(Control(5, FAR, Operation.CLEAR, 1, 1))
     pe.main.say(lone, Frame(_TAG_ID, bytes((6 << 5, 1, 2, 3, 4, 5, 6, 7))))
     pe.run(4)
     before = pe.counted
@@ -389,18 +390,3 @@ def a_gateway_hands_on_tags() -> None:
     pe.run(4)
     equal(pe.counted - before, 2, "frames from beyond that are counted")
     equal(pe.far.since(began_ns, [lone.can_id]), [], "handed on without a proof")
-
-
-DRILLS = (
-    it_asks_before_it_believes,
-    its_states_are_proven,
-    what_is_not_proven_is_refused,
-    a_tag_must_come_in_time,
-    numbers_may_be_missed,
-    a_welcome_answers_a_fresh_nonce,
-    a_new_session_begins_with_renew_and_with_a_new_term,
-    another_manager_has_to_welcome_it_too,
-    an_emergency_is_proven_by_the_next_page_0,
-    its_lock_opens_for_a_while,
-    a_gateway_hands_on_tags,
-)

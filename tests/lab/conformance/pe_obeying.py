@@ -5,7 +5,8 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import LAST_MANAGER, Command, management_id
 from heronry_wire.management import Activate, Alive, Lease, PeFlags, PeState, Ping, Prepare, Reason, Step
 from lab.conformance.pe_under_test import LEASE_NS, NODE, NOTHING, PeUnderTest
-from lab.conformance.player import MS, commanded, demand, equal
+from lab.conformance.player import MS, demand, equal
+from lab.peers import command_frame
 
 _EPOCH, _DIGEST = 17, 0x111111
 
@@ -92,7 +93,7 @@ def malformed_commands_change_nothing() -> None:
         Prepare(5, _EPOCH + 1, 2),
         Ping(5, NODE, 0),
     ):
-        frame = commanded(message)
+        frame = command_frame(message)
         pe.main.say(frame._replace(data=frame.data[:-1]))
     wrong_step = bytearray(Lease(5, _EPOCH + 1, Step.GO_ALL, 1).encode())
     wrong_step[4] = 9
@@ -110,7 +111,7 @@ def other_people_s_frames_are_no_commands() -> None:
     pe = PeUnderTest().attended()
     pe.run(7)
     counted, began_ns = pe.object(COUNTERS, 1), pe.now_ns
-    ping = commanded(Ping(5, NODE, 0))
+    ping = command_frame(Ping(5, NODE, 0))
     pe.main.say(ping._replace(extended=True), ping._replace(remote=True, data=b""))
     pe.run(3)
     equal(len(pe.pages_0(began_ns)), 0, "pages 0 after 29 bits")
@@ -130,14 +131,3 @@ def a_lease_is_heard_for_t_lease_after_a_pause_too() -> None:
     demand(PeFlags.HEARS_LEASE in pe.pinged().flags, "a LEASE that came 95 ms ago is not heard")
     pe.run_until(paused_ns + LEASE_NS + 3 * MS)
     demand(PeFlags.HEARS_LEASE not in pe.pinged().flags, "a LEASE is heard from the end of a pause on, not as it came")
-
-
-DRILLS = (
-    the_highest_term_is_obeyed,
-    a_deposed_manager_is_told_once,
-    nobody_is_told_of_a_term_before_the_first,
-    a_new_term_goes_on_where_the_old_one_was,
-    malformed_commands_change_nothing,
-    other_people_s_frames_are_no_commands,
-    a_lease_is_heard_for_t_lease_after_a_pause_too,
-)

@@ -270,18 +270,3 @@ def nmt_ends_what_was_under_way() -> None:
     client.commands(1)
     client.is_refused("0b f4 01", _COMMAND)
     client.hears(f"2b {_HEARTBEAT} f4 01", f"60 {_HEARTBEAT}")
-
-
-DRILLS = (
-    a_table_of_any_length_is_fetched_by_blocks,
-    what_grows_too_long_is_refused_on_the_way,
-    nmt_ends_what_was_under_way,
-    a_number_is_written_in_every_way,
-    what_is_wrong_is_refused_with_a_reason,
-    a_client_may_break_off,
-    a_client_that_falls_silent_is_given_up,
-    a_table_may_have_a_mebibyte,
-    a_table_is_fetched_by_segments,
-    a_table_is_fetched_by_blocks,
-    a_block_that_has_a_gap_is_told_so,
-)

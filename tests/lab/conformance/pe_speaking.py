@@ -192,18 +192,3 @@ def an_acknowledgement_of_nothing_does_nothing() -> None:
     after = pe.page_0()
     equal(replace(after, sequence=0), replace(before, sequence=0), "page 0 after CONTROL about nothing")
     demand(Step.GO_ALL > Step.GO, "steps are in order")
-
-
-DRILLS = (
-    it_speaks_at_its_place_in_the_period,
-    it_counts_to_255_and_on,
-    on_two_buses_each_has_its_own_period_and_count,
-    its_canopen_heart_beats_once_a_second,
-    nmt_is_obeyed_where_nobody_leads,
-    it_answers_a_ping_at_once,
-    after_a_pause_it_does_not_make_up_for_beats,
-    it_says_whether_it_hears_a_lease,
-    somebody_with_its_number_is_noted,
-    a_table_without_an_end_is_not_sent_by_itself,
-    an_acknowledgement_of_nothing_does_nothing,
-)

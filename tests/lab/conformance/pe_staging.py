@@ -173,6 +173,7 @@ _INCOHERENT = (
     Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 2)}),
     Slice((ModuleSlice(GAUGE, 1, ()),)),  # no such mode
     Slice((ModuleSlice(5, 0, ()),)),  # not of this PE
+    Slice((_GAUGE, _GAUGE)),  # twice the same module
 )
 
 
@@ -366,25 +367,3 @@ def page_1_tells_the_load() -> None:
         pe.flies(part, epoch, _DIGEST + epoch)
         pe.run(200)
         equal(pe.page_1().load, load, f"load of {len(part.modules)} modules")
-
-
-DRILLS = (
-    code_that_turns_out_to_be_missing_is_refused,
-    a_slice_is_staged_and_said_at_once,
-    its_frames_come_in_any_order_and_doubled,
-    what_is_for_others_is_left_alone,
-    what_is_missing_is_asked_for,
-    bytes_that_do_not_fit_are_refused,
-    another_head_begins_anew,
-    what_its_table_has_not_is_refused,
-    bytes_that_are_no_slice_are_refused,
-    an_image_that_cannot_be_loaded_is_refused,
-    what_is_old_is_refused,
-    a_newer_epoch_takes_the_place_of_what_is_collected,
-    what_runs_here_needs_no_body,
-    nothing_to_do_is_staged_by_its_head,
-    a_contingency_on_board_is_called_by_its_number,
-    data_stand_back_for_what_is_on_board,
-    what_cannot_run_is_not_staged_from_on_board_either,
-    page_1_tells_the_load,
-)

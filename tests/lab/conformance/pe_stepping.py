@@ -576,33 +576,3 @@ def its_objects_tell_what_each_module_does() -> None:
         pe.activate(_EPOCH, step, _DIGEST)
         pe.run(5)
         equal([pe.object(MODULE_STATES, module + 1) for module in range(5)], states, f"states at {step.name}")
-
-
-DRILLS = (
-    it_says_that_it_holds_back_what_could_run_elsewhere,
-    what_could_run_elsewhere_needs_its_name_in_alive,
-    its_objects_tell_what_each_module_does,
-    it_takes_one_step_after_the_other,
-    without_a_branch_go_is_the_last_step,
-    a_lease_is_as_good_as_an_activate,
-    what_was_not_staged_is_not_run,
-    break_takes_away_and_adds_nothing,
-    a_branch_that_ran_is_not_held,
-    a_module_that_can_goes_on_in_another_mode,
-    a_module_that_waits_to_be_built_anew_is_not_carried_over,
-    data_come_and_go_as_wired,
-    a_datum_that_its_producer_does_not_trust_says_so,
-    a_step_may_wait_for_the_processor,
-    what_another_node_may_send_is_taken_back,
-    what_the_manager_may_give_away_is_taken_back,
-    a_branch_needs_its_name_in_alive,
-    a_branch_needs_somebody_to_be_heard,
-    after_a_silence_an_alive_must_name_it,
-    who_begins_to_reign_ends_no_doubt,
-    a_step_before_the_last_ends_no_doubt,
-    who_is_not_heard_sends_nothing_that_could_run_elsewhere,
-    a_silence_within_t_lease_raises_no_doubt,
-    a_newer_epoch_elsewhere_stops_it,
-    what_could_run_elsewhere_is_sent_for_two_periods,
-    an_output_is_echoed,
-)

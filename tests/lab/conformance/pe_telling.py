@@ -53,7 +53,8 @@ from lab.conformance.pe_under_test import (
     PeUnderTest,
     datum,
 )
-from lab.conformance.player import MS, commanded, demand, equal
+from lab.conformance.player import MS, demand, equal
+from lab.peers import command_frame
 
 _FAR_PORT = Port("far", 500_000, 50 * MS, 3, wireless=False, channels=1, nodes=(FAR,))
 _GATEWAY = replace(TABLE, ports=(MAIN, _FAR_PORT))
@@ -64,7 +65,7 @@ def what_it_does_not_obey_is_counted() -> None:
     """Each once; and what is for others, or means nothing here, is not."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR}))
-    ping, request = commanded(Ping(5, NODE, 0)), Frame(sdo_request_id(NODE), with_data(UPLOAD, DEVICE_NAME, 0))
+    ping, request = command_frame(Ping(5, NODE, 0)), Frame(sdo_request_id(NODE), with_data(UPLOAD, DEVICE_NAME, 0))
     for counted, player, frame in (
         (1, pe.main, Frame(NMT_ID, bytes((1,)))),
         (1, pe.main, Frame(NMT_ID, bytes((77, NODE)))),
@@ -78,13 +79,13 @@ def what_it_does_not_obey_is_counted() -> None:
         (1, pe.main, Frame(REQUEST_ID, b"\1\2")),
         (1, pe.far, Frame(REQUEST_ID, b"\1\2")),
         (0, pe.main, ping),
-        (0, pe.main, commanded(Ping(5, NODE + 1, 0))),
-        (1, pe.main, commanded(Ping(4, NODE, 0))),
-        (1, pe.main, commanded(Ping(5, NODE, 0), 127)),
+        (0, pe.main, command_frame(Ping(5, NODE + 1, 0))),
+        (1, pe.main, command_frame(Ping(4, NODE, 0))),
+        (1, pe.main, command_frame(Ping(5, NODE, 0), 127)),
         (1, pe.main, ping._replace(data=ping.data[:3])),
         (1, pe.far, ping),
-        (1, pe.far, commanded(Lease(5, 0, Step.PREPARED, 0))),
-        (1, pe.far, commanded(Alive(5, 0, frozenset()))),
+        (1, pe.far, command_frame(Lease(5, 0, Step.PREPARED, 0))),
+        (1, pe.far, command_frame(Alive(5, 0, frozenset()))),
         (1, pe.main, Frame(management_id(126, Command.LEASE), b"\0\5")),
         (1, pe.main, Frame(management_id(126, Command.ALIVE), b"\0\5")),
         (1, pe.main, Frame(state_id(NEIGHBOUR), _PAGE[:7])),
@@ -302,16 +303,3 @@ def a_lost_channel_is_told_every_second() -> None:
         equal([said for _, said in pe.emergencies(began_ns)], later, "EMCYs after a second")
     equal(len(pe.notes("channel")), 5, "notes of channels")
     demand(PeFlags.FAULT_PENDING not in pe.pinged().flags, "a lost channel is pending")
-
-
-DRILLS = (
-    a_lost_channel_is_told_every_second,
-    what_it_does_not_obey_is_counted,
-    what_is_held_back_is_counted,
-    what_changes_is_noted,
-    releases_that_were_missed_are_counted,
-    requests_by_sdo_wait_for_their_turn,
-    an_echo_of_another_moves_the_world,
-    an_echo_that_nothing_here_feels_moves_nothing,
-    a_step_that_changes_nothing_is_not_taken_back,
-)

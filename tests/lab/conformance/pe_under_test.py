@@ -21,18 +21,16 @@ from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Action, Event, Heard, ModuleEvent, Note, NotReady, StepModule
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant import Plant
-from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
 from heronry_tools.sim.world.nodes import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
 from heronry_wire.canopen_objects import COUNTERS
-from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
+from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.contingency_block import Preloaded, write_block
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import FIRST_MANAGER, actuator_echo_id, emcy_id, sdo_request_id, sdo_response_id, state_id
 from heronry_wire.management import (
-    SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
     Emergency,
@@ -66,7 +64,8 @@ from heronry_wire.pe_table import (
 )
 from heronry_wire.sdo import UPLOAD, with_data
 from lab.conformance import puppets
-from lab.conformance.player import MS, SOON_NS, Player, demand, equal
+from lab.conformance.player import MS, SOON_NS, Player, UnderTest, demand, equal
+from lab.peers import slice_messages
 
 NODE, NEIGHBOUR, FAR = 95, 93, 100
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS
@@ -206,13 +205,14 @@ class _Pe(SimulatedPe):
         self._give(event)
 
 
-class PeUnderTest:
+class PeUnderTest(UnderTest):
     """The PE and its surroundings; everything that is played can be changed at any time."""
 
     def __init__(self, table: PeTable = TABLE, *, key: Key | None = None, clock_ppm: int = 0) -> None:
         """Start it; nothing is heard yet."""
         puppets.let_go()
-        self.clock, self.world, self.table = Clock(), PuppetPlant(), table
+        super().__init__(PERIOD_NS)
+        self.world, self.table = PuppetPlant(), table
         self.players = [Player(self.clock, port.bus, port.bitrate) for port in table.ports]
         self.main, self.far = self.players[0], self.players[-1]
         self.drives: list[int] = []  # when a branch was driven
@@ -248,26 +248,9 @@ class PeUnderTest:
 
     # Time, and what goes on by itself
 
-    @property
-    def now_ns(self) -> int:
-        """Virtual time."""
-        return self.clock.now_ns
-
-    def run(self, ms: float) -> int:
-        """Let time pass; gives when that began."""
-        began_ns = self.now_ns
-        self.clock.run_until(began_ns + round(ms * MS))
+    def validate(self) -> None:
+        """Of its core."""
         self.pe.core.validate()
-        return began_ns
-
-    def run_until(self, t_ns: int) -> None:
-        """Let time pass up to a moment."""
-        self.clock.run_until(t_ns)
-
-    def run_into_next_period(self, ms: int) -> int:
-        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
-        self.clock.run_until(self.now_ns // PERIOD_NS * PERIOD_NS + PERIOD_NS + ms * MS)
-        return self.now_ns
 
     def _beat(self) -> None:
         self._beats += 1
@@ -299,13 +282,7 @@ class PeUnderTest:
 
     def slice_frames(self, epoch: int, part: Slice | bytes) -> list[SliceHead | SliceBody]:
         """Head and body of a slice."""
-        body = part if isinstance(part, bytes) else part.encode()
-        head = SliceHead(NODE, epoch & 0xFF, len(body), slice_digest(self.table.spec_digest, body))
-        starts = range(0, len(body), SLICE_BYTES_PER_FRAME)
-        return [head] + [
-            SliceBody(NODE, epoch & 0xFF, number, body[start : start + SLICE_BYTES_PER_FRAME])
-            for number, start in enumerate(starts, start=1)
-        ]
+        return slice_messages(NODE, epoch, part, self.table.spec_digest)
 
     def activate(self, epoch: int, step: Step, digest: int) -> None:
         """Say ACTIVATE, and repeat it in LEASE from now on."""

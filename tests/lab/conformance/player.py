@@ -9,8 +9,9 @@ from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.frame_digest import FrameDigest
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.frame import Frame
-from heronry_wire.identifiers import FIRST_MANAGER, management_id
-from heronry_wire.management import COMMAND_OF, ManagementMessage
+from heronry_wire.identifiers import FIRST_MANAGER
+from heronry_wire.management import ManagementMessage
+from lab.peers import command_frame
 
 MS = 1_000_000
 SOON_NS = 1_500_000
@@ -57,7 +58,7 @@ class Player:
     def command(self, *messages: ManagementMessage, manager: int = FIRST_MANAGER) -> None:
         """Say what a manager says, each command with its TAG where there is a key."""
         for message in messages:
-            frame = commanded(message, manager)
+            frame = command_frame(message, manager)
             tag = None if self.sign is None else self.sign(frame)
             self.say(frame, *([] if tag is None else [tag]))
 
@@ -74,9 +75,36 @@ class Player:
             self.hears(sent.frame)
 
 
-def commanded(message: ManagementMessage, manager: int = FIRST_MANAGER) -> Frame:
-    """The frame of a command."""
-    return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
+class UnderTest:
+    """One real node and its surroundings, whose time is virtual."""
+
+    def __init__(self, period_ns: int) -> None:
+        """period_ns: of the heartbeats."""
+        self.clock, self._period_ns = Clock(), period_ns
+
+    @property
+    def now_ns(self) -> int:
+        """Virtual time."""
+        return self.clock.now_ns
+
+    def run(self, ms: float) -> int:
+        """Let time pass; gives when that began."""
+        began_ns = self.now_ns
+        self.clock.run_until(began_ns + round(ms * MS))
+        self.validate()
+        return began_ns
+
+    def validate(self) -> None:
+        """Raise where an invariant of the node does not hold."""
+
+    def run_until(self, t_ns: int) -> None:
+        """Let time pass up to a moment."""
+        self.clock.run_until(t_ns)
+
+    def run_into_next_period(self, ms: int) -> int:
+        """Let time pass until so far into the next heartbeat period, when everybody has spoken; gives that moment."""
+        self.clock.run_until(self.now_ns // self._period_ns * self._period_ns + self._period_ns + ms * MS)
+        return self.now_ns
 
 
 def demand(holds: bool, story: str) -> None:

@@ -33,11 +33,8 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
 from heronry_tools.sim.world.planning import plan_at_once
 from heronry_wire.authentication import KEY_BYTES, Key
-from heronry_wire.command_tags import CommandSigner
-from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
-    FIRST_MANAGER,
     FIRST_PE,
     GATEWAY_IDS,
     MANAGER_NODES,
@@ -49,8 +46,6 @@ from heronry_wire.identifiers import (
     state_id,
 )
 from heronry_wire.management import (
-    COMMAND_OF,
-    SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
     Control,
@@ -59,16 +54,14 @@ from heronry_wire.management import (
     Operation,
     Ping,
     Prepare,
-    SliceBody,
     SliceHead,
-    StatePage2,
     Step,
-    decode_state,
 )
 from heronry_wire.pe_table import PeTable
-from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.sansio import Received, Tick
 from heronry_wire.sdo import MESSAGE_BYTES, Abort
 from lab.fuzz.target import Story, Target
+from lab.peers import PlayedManager, SteppedCore, nonces_in, slice_messages
 
 KEY = Key(bytes(KEY_BYTES))
 MOST_EVENTS = 96
@@ -80,55 +73,36 @@ _STRANGE = (NMT_ID, 1, 92, 128, 129, 300, 326, 1536, 1920, GATEWAY_IDS[0], 2000,
 _OPERATIONS = tuple(Operation)
 
 
-class _Pe:
+class _Pe(SteppedCore[Event, Action]):
     """One core, its time, and the commands that a true manager could give it."""
 
     def __init__(self, spec: str, pe: str, key: Key | None) -> None:
         self.table, self._slices = _prepared(spec, pe)
-        self.now_ns = _MS
         secret = None if key is None else Secret(key, b"salt")
-        self.core = AgentCore(self.table, 1, self.now_ns, secret=secret)
-        terms = () if key is None else range(_TERM, _TERM + 3)
-        self._signers = {term: CommandSigner(KEY, FIRST_MANAGER, term) for term in terms}
+        super().__init__(AgentCore(self.table, 1, _MS, secret=secret), _MS)
+        self.core: AgentCore
+        self._managers = {term: PlayedManager(term=term, key=key) for term in range(_TERM, _TERM + 3)}
         self._steps: list[tuple[int, int]] = []  # that have not been answered
         self._drives: list[Drive] = []
         if key is not None:
-            self._meet()
+            asked: list[int] = []
+            while not asked:
+                asked = self.nonces(20 * _MS, self.table.node_id)
+            self.hear(*self._managers[_TERM].welcome(self.table.node_id, asked[0]), port=self.table.uplink)
 
-    def _meet(self) -> None:
-        """Let the PE ask, and answer it."""
-        asked: list[int] = []
-        while not asked:
-            actions = self._pass_time(20 * _MS)
-            pages = [decode_state(a.frame.data) for a in actions if isinstance(a, Send) and len(a.frame.data) == 8]
-            asked = [page.nonce for page in pages if isinstance(page, StatePage2)]
-        for frame in self._signers[_TERM].welcome(self.table.node_id, asked[0]):
-            self.give(Received(self.table.uplink, frame))
-
-    def give(self, event: Event) -> list[Action]:
+    def give(self, event: Event | Received | Tick) -> list[Action]:
         """Give an event now."""
-        actions = self.core.step(self.now_ns, event)
+        actions = super().give(event)
         self.core.validate()
         self._steps += [(one.module, one.release) for one in actions if isinstance(one, StepModule)]
         self._drives += [one for one in actions if isinstance(one, Drive)]
-        return actions
-
-    def _pass_time(self, duration_ns: int) -> list[Action]:
-        end_ns, actions = self.now_ns + duration_ns, list[Action]()
-        for _ in range(_MOST_TICKS):
-            due_ns = self.core.next_deadline_ns()
-            if due_ns > end_ns:
-                break
-            self.now_ns = max(self.now_ns, due_ns)
-            actions += self.give(Tick())
-        self.now_ns = end_ns
         return actions
 
     def tell(self, story: Story) -> None:
         """Let one thing happen."""
         match story.number(16):
             case 0 | 1:
-                self._pass_time(story.number(1 << 16) * 10_000)
+                self.pass_time(story.number(1 << 16) * 10_000, most_ticks=_MOST_TICKS)
             case 2 | 3 | 4 | 5:
                 self._command(story)
             case 6 | 7:
@@ -162,12 +136,7 @@ class _Pe:
 
     def _command(self, story: Story) -> None:
         term = _TERM + story.number(3)
-        for message in self._messages(story, term):
-            frame = Frame(management_id(FIRST_MANAGER, COMMAND_OF[type(message)]), message.encode())
-            self.give(Received(self.table.uplink, frame))
-            tag = self._signers[term].tag(frame) if term in self._signers else None
-            if tag is not None:
-                self.give(Received(self.table.uplink, tag))
+        self.hear(*self._managers[term].frames(*self._messages(story, term)), port=self.table.uplink)
 
     def _messages(self, story: Story, term: int) -> list[ManagementMessage]:
         """A command that a manager might give; digests belong to epochs, and slices are whole, mostly."""
@@ -182,9 +151,7 @@ class _Pe:
                 return [Prepare(term, epoch, digest, story.number(3))]
             case 3 | 4:
                 body = self._slices[story.number(256) % len(self._slices)]
-                head = SliceHead(node, epoch, len(body), slice_digest(self.table.spec_digest, body))
-                parts = [body[at : at + SLICE_BYTES_PER_FRAME] for at in range(0, len(body), SLICE_BYTES_PER_FRAME)]
-                bodies = [SliceBody(node, epoch, number, part) for number, part in enumerate(parts, start=1)]
+                head, *bodies = slice_messages(node, epoch, body, self.table.spec_digest)
                 return [Prepare(term, epoch, digest), head, *bodies[story.number(2) :]]
             case 5:
                 return [Activate(term, epoch, step, digest)]
@@ -242,36 +209,23 @@ def _agent(spec: str, pe: str, key: Key | None, data: bytes) -> None:
 
 def _waiting(key: Key | None, data: bytes) -> None:
     """Let a story happen to a node that waits for its table: frames under the identifiers that it heeds, and time."""
-    story, node, now_ns = Story(data), FIRST_PE, _MS
-    core = WaitingCore(node, 1_000_000, now_ns, None if key is None else Secret(key, b"salt"))
-    signer, known = CommandSigner(KEY, FIRST_MANAGER, _TERM), list(core.identifiers)
+    story, node = Story(data), FIRST_PE
+    core = WaitingCore(node, 1_000_000, _MS, None if key is None else Secret(key, b"salt"))
+    one, manager, known = SteppedCore(core, _MS), PlayedManager(term=_TERM, key=KEY), list(core.identifiers)
     for _ in range(MOST_EVENTS):
         kind = story.number(8)
-        actions: list[Action] = []
         if kind == 0:
-            now_ns = max(now_ns + story.number(1 << 16) * 10_000, core.next_deadline_ns())
-            actions = core.step(now_ns, Tick())
+            one.now_ns = max(one.now_ns + story.number(1 << 16) * 10_000, core.next_deadline_ns())
+            actions = one.give(Tick())
         elif kind == 1:
             operation = _OPERATIONS[story.number(256) % len(_OPERATIONS)]
-            frame = Frame(management_id(FIRST_MANAGER, Command.CONTROL), Control(_TERM, node, operation, 9).encode())
-            actions = [
-                one for said in (frame, signer.tag(frame) or frame) for one in core.step(now_ns, Received(0, said))
-            ]
+            actions = one.hear(*manager.frames(Control(_TERM, node, operation, 9)))
         elif kind < 5:
-            actions = core.step(now_ns, Received(0, Frame(sdo_request_id(node), story.bytes(MESSAGE_BYTES))))
+            actions = one.hear(Frame(sdo_request_id(node), story.bytes(MESSAGE_BYTES)))
         else:
-            frame = Frame(known[story.number(256) % len(known)], story.bytes(story.number(9)))
-            actions = core.step(now_ns, Received(0, frame))
-        _welcome(core, signer, actions, now_ns)
-
-
-def _welcome(core: WaitingCore, signer: CommandSigner, actions: list[Action], now_ns: int) -> None:
-    """Answer a node that asks."""
-    for action in actions:
-        page = decode_state(action.frame.data) if isinstance(action, Send) else None
-        if isinstance(page, StatePage2):
-            for frame in signer.welcome(FIRST_PE, page.nonce):
-                core.step(now_ns, Received(0, frame))
+            actions = one.hear(Frame(known[story.number(256) % len(known)], story.bytes(story.number(9))))
+        for nonce in nonces_in(actions, node):
+            one.hear(*manager.welcome(node, nonce))
 
 
 class _Shelf:

@@ -19,6 +19,7 @@ from heronry_manager.core.vocabulary import (
     EnterPhase,
     FailElement,
     JournalTold,
+    ManagerAction,
     ManagerEvent,
     OperatorSaid,
     Order,
@@ -28,8 +29,7 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_tools.sim.world.planning import plan_at_once
-from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
-from heronry_wire.command_tags import CommandSigner
+from heronry_wire.authentication import NO_EMERGENCY, Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
     FIRST_MANAGER,
@@ -47,7 +47,6 @@ from heronry_wire.management import (
     Emergency,
     FaultCode,
     Lease,
-    Operation,
     PeFlags,
     PeState,
     Prepare,
@@ -62,6 +61,7 @@ from heronry_wire.management import (
 from heronry_wire.sansio import Received, Send, Tick
 from lab.fuzz.agent_stories import KEY, MOST_EVENTS
 from lab.fuzz.target import Story, Target
+from lab.peers import PlayedManager, ProvenStates, SteppedCore
 
 _MS = 1_000_000
 _MOST_TICKS = 200
@@ -85,44 +85,44 @@ def _plan(spec: Spec, asked: RequestPlan) -> Plan:
     return _PLANS[question]
 
 
-class _Manager:
+class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
     """One core, its time, and the PEs around it."""
 
     def __init__(self, name: str, key: Key | None, *, standby: bool) -> None:
-        self.spec, self.now_ns, self._key = _spec(name), _MS, key
-        node = LAST_MANAGER if standby else FIRST_MANAGER
-        self.core = ManagerCore(self.spec, node, NOTHING, self.now_ns, key=key, standby=standby)
-        self._node, self._other = node, FIRST_MANAGER + LAST_MANAGER - node
+        self.spec, node = _spec(name), LAST_MANAGER if standby else FIRST_MANAGER
+        super().__init__(ManagerCore(self.spec, node, NOTHING, _MS, key=key, standby=standby), _MS)
+        self.core: ManagerCore
+        self._node, self._has_key = node, key is not None
+        self._other = PlayedManager(FIRST_MANAGER + LAST_MANAGER - node, _OTHER_TERM, key)
         self._nodes = [pe.node_id for pe in self.spec.pes.values()]
-        self._signer = None if key is None else CommandSigner(key, self._other, _OTHER_TERM)
         self._asked: list[RequestPlan] = []
         self._prepared = (0, 0)  # epoch and digest of the last PREPARE
-        self._sessions: dict[int, Session] = {}
-        self._beats = dict.fromkeys(self._nodes, 0)
+        self._states = {one: ProvenStates(one, key or KEY) for one in self._nodes}
 
-    def give(self, event: ManagerEvent) -> None:
+    def give(self, event: ManagerEvent | Received | Tick) -> list[ManagerAction]:
         """Give an event now, and take note of what is said."""
-        for action in self.core.step(self.now_ns, event):
+        actions = super().give(event)
+        for action in actions:
             if isinstance(action, RequestPlan):
                 self._asked.append(action)
             elif isinstance(action, Send):
                 self._note(action.frame)
         self.core.validate()
+        return actions
 
     def _note(self, frame: Frame) -> None:
         message = decode_command(frame.can_id - management_id(self._node, Command.LEASE), frame.data)
         if isinstance(message, Prepare):
             self._prepared = (message.epoch, message.digest)
-        elif isinstance(message, Control) and message.operation is Operation.WELCOME:
-            self._sessions[message.node] = Session(self._node, message.term, message.a << 16 | message.b)
-            self._beats[message.node] = 0
+        elif isinstance(message, Control) and message.node in self._states:
+            self._states[message.node].take(message, self._node)
 
     def tell(self, story: Story) -> None:
         """Let one thing happen."""
         node = self._nodes[story.number(256) % len(self._nodes)]
         match story.number(16):
             case 0 | 1:
-                self._pass_time(story.number(1 << 16) * 20_000)
+                self.pass_time(story.number(1 << 16) * 20_000, most_ticks=_MOST_TICKS)
             case 2 | 3 | 4 | 5:
                 self._state(node, story)
             case 6 | 7:
@@ -142,63 +142,47 @@ class _Manager:
             case _:
                 self.hear(Frame(self._known_id(story), story.bytes(story.number(9))))
 
-    def hear(self, frame: Frame) -> None:
-        """A frame comes."""
-        self.give(Received(0, frame))
-
-    def _pass_time(self, duration_ns: int) -> None:
-        end_ns = self.now_ns + duration_ns
-        for _ in range(_MOST_TICKS):
-            due_ns = self.core.next_deadline_ns()
-            if due_ns is None or due_ns > end_ns:
-                break
-            self.now_ns = max(self.now_ns, due_ns)
-            self.give(Tick())
-        self.now_ns = end_ns
-
     def _known_id(self, story: Story) -> int:
         node = self._nodes[story.number(256) % len(self._nodes)]
         commands = [management_id(manager, command) for manager in MANAGER_NODES for command in Command]
         known: list[int] = [state_id(node), emcy_id(node), *GATEWAY_IDS, 128, 300, *commands]
         return known[story.number(256) % len(known)]
 
-    def _said(self, node: int, data: bytes, beat: int, emergency: bytes = NO_EMERGENCY) -> bytes:
+    def _say(self, node: int, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY) -> None:
         """Page 0 or 1 as it is, or with its tag."""
-        session = self._sessions.get(node)
-        if self._key is None or session is None:
-            return data
-        said, digest = split_state(data)
-        return joined_state(said, self._key.state_tag(node, session, beat, said, digest, emergency=emergency))
+        states = self._states[node]
+        if not self._has_key:
+            states.beat += isinstance(page, StatePage0)
+            self.hear(Frame(state_id(node), page.encode()))
+        else:
+            self.hear(states.prove(page, emergency))
 
     def _state(self, node: int, story: Story) -> None:
         """Page 0: of who runs nothing, or what was prepared last, or something else."""
-        choice, state, beat = story.number(8), PeState(story.number(4)), self._beats[node]
+        choice, state = story.number(8), PeState(story.number(4))
         epoch, digest = ((0, 0), self._prepared, self._prepared, (story.number(5), 7))[choice % 4]
         if not epoch:
             state, digest = PeState.UNCONFIGURED, 0
         flags = PeFlags.HEARS_LEASE if choice < 7 else PeFlags(0)
-        self._beats[node] += 1
-        page = StatePage0(state, flags, int(story.number(32) == 1), epoch, beat % 256, digest)
-        self.hear(Frame(state_id(node), self._said(node, page.encode(), beat)))
+        beat = self._states[node].beat
+        self._say(node, StatePage0(state, flags, int(story.number(32) == 1), epoch, beat % 256, digest))
         if choice == 6:
             self.hear(Frame(state_id(node), StatePage3(state, flags, digest, story.number(9), 1).encode()))
 
     def _staged(self, node: int, story: Story) -> None:
         reason = _REASONS[story.number(256) % len(_REASONS)]
         epoch, digest = self._prepared if story.number(8) else (story.number(5), 7)
-        page = StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest, reason, story.number(256))
-        self.hear(Frame(state_id(node), self._said(node, page.encode(), PAGE_1_BEAT)))
+        load = story.number(256)
+        self._say(node, StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest, reason, load))
 
     def _reports(self, node: int, story: Story) -> None:
         """An EMCY, and with a key the page 0 that proves it."""
         code, kind = _CODES[story.number(256) % len(_CODES)], _KINDS[story.number(256) % len(_KINDS)]
         emergency = Emergency(code, 0x81, kind, story.number(8), story.number(1 << 16)).encode()
         self.hear(Frame(emcy_id(node), emergency))
-        beat, flags = self._beats[node], PeFlags.HEARS_LEASE | PeFlags.FAULT_PENDING
-        page = StatePage0(PeState.UNCONFIGURED, flags, 0, 0, beat % 256, 0)
-        if self._key is not None:
-            self._beats[node] += 1
-            self.hear(Frame(state_id(node), self._said(node, page.encode(), beat, emergency)))
+        flags = PeFlags.HEARS_LEASE | PeFlags.FAULT_PENDING
+        if self._has_key:
+            self._say(node, StatePage0(PeState.UNCONFIGURED, flags, 0, 0, 0, 0), emergency)
 
     def _answer(self, story: Story) -> None:
         """The planner answers the last question, or an older one, or fails."""
@@ -223,17 +207,13 @@ class _Manager:
 
     def _other_manager(self, node: int, story: Story) -> None:
         """The other manager speaks, with a higher term, or a lower one; with a key it has welcomed a PE before."""
-        if self._signer is not None:
-            self.hear(self._signer.welcome(node, 5)[0])
-            self._sessions[node], self._beats[node] = Session(self._other, _OTHER_TERM, self._signer.number), 0
+        other, states = self._other, self._states[node]
+        if self._has_key:
+            self.hear(other.welcome(node, 5)[0])
+            states.session, states.beat = other.session, 0
         is_higher = story.number(2) == 1
-        term = _OTHER_TERM if is_higher or self._signer is not None else 1
-        lease = Lease(term, story.number(4), Step(story.number(4)), 7)
-        frame = Frame(management_id(self._other, Command.LEASE), lease.encode())
-        self.hear(frame)
-        tag = None if self._signer is None else self._signer.tag(frame)
-        if tag is not None:
-            self.hear(tag)
+        term = _OTHER_TERM if is_higher or self._has_key else 1
+        self.hear(*other.frames(Lease(term, story.number(4), Step(story.number(4)), 7)))
 
 
 def _manager(name: str, key: Key | None, standby: bool, data: bytes) -> None:

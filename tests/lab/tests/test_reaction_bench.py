@@ -7,7 +7,8 @@ import pytest
 
 from heronry_dg.loader import load, loads
 from lab.benches import reaction as reaction_bench
-from lab.benches.reaction import PES, Times, aircraft, main, measure_deaths, report
+from lab.benches.harness import Report
+from lab.benches.reaction import PES, Times, aircraft, main, measure_deaths, tell
 
 
 def test_the_aircraft_is_written_for_others_to_fly(tmp_path: Path) -> None:
@@ -28,20 +29,23 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
     for limit in ("ONE_STEP_MS", "SEVERAL_STEPS_MS"):
         monkeypatch.setattr(reaction_bench, limit, {20: 1000.0})  # how fast it is is for the bench, not for a test
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1000.0})
-    assert report(spec, times)
+    report = Report("reaction", as_json=False)
+    tell(spec, times, report)
+    assert report.end() == 0
     out = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"8 PEs, 1 Mbit/s, (49|50|51)% load, 20 ms heartbeats, k = 3", out[0])
-    counts = {line[:32].strip(): int(line[32:39]) for line in out[2:]}
+    assert re.fullmatch(r"8 PEs, 1 Mbit/s, (49|50|51)% load, 20 ms heartbeats, k = 3", out[1])
+    counts = {line[:34].strip(): int(line[34:41]) for line in out[3:]}
     assert counts["fault to active"] + counts["fault to active, DEMUX held"] == PES
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1.0})
-    assert not report(spec, times)
+    tell(spec, times, report)
+    assert report.end() == 1
 
 
 def test_deciding_is_a_look_up(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reaction_bench, "DECIDE_MS", 1000.0)
     monkeypatch.setattr(reaction_bench, "measure_deaths", lambda _spec, _seed, _times: None)
     assert main(["--flights", "1"]) == 0
-    assert "decide (CPU)                        400" in capsys.readouterr().out
+    assert "decide (CPU)                          400" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

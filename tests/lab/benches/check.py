@@ -1,7 +1,5 @@
 """How long `heronry check --fast` takes, and how much memory: specs that grow, and files that mean harm.
 
-    python tests/dg/check_bench.py
-
 Each file is checked by a process of its own; the first line is a spec of two modules, which is nearly all start-up.
 On a busy machine look at the CPU's time.
 """
@@ -11,9 +9,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from pathlib import Path
 
 from heronry_dg.check.examples import SOUND
+from lab.benches.harness import Bench, Report, option
 
 _MILLION = 1_000_000
 
@@ -59,25 +59,33 @@ print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM"
 """
 
 
-def main() -> None:
-    """Measure each file three times; the best times count."""
-    print(f"{'':36} {'wall':>8} {'CPU':>8} {'memory':>8}")
+def measure(arguments: Namespace, report: Report) -> None:
+    """Check each file so often."""
     with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "x.dg.yaml")
         for name, data in files().items():
-            path = Path(folder, "x.dg.yaml")
             path.write_bytes(data)
-            wall = cpu = 1e9
-            said: list[str] = []
-            for _ in range(3):
-                begin, before = time.perf_counter(), os.times()
-                command = [sys.executable, "-c", _CHILD, str(path)]
-                said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-                after = os.times()
-                wall = min(wall, time.perf_counter() - begin)
-                used = after.children_user - before.children_user + after.children_system - before.children_system
-                cpu = min(cpu, used)
-            print(f"{name:36} {wall:6.2f} s {cpu:6.2f} s {int(said[-1]) / 1024:5.0f} MiB   {said[-2]}")
+            runs = [_checked(path) for _ in range(arguments.runs)]
+            report.begin(name)
+            report.figures(
+                "  {wall_s:6.2f} s wall, {cpu_s:6.2f} s CPU, {memory_mib:5.0f} MiB; {said}",
+                wall_s=min(run[0] for run in runs),
+                cpu_s=min(run[1] for run in runs),
+                memory_mib=int(runs[-1][2][-1]) / 1024,
+                said=runs[-1][2][-2],
+            )
 
 
+def _checked(path: Path) -> tuple[float, float, list[str]]:
+    """Check a file in a process of its own; gives wall time and CPU time in seconds, and what was said."""
+    begin, before = time.perf_counter(), os.times()
+    command = [sys.executable, "-c", _CHILD, str(path)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    after = os.times()
+    used_s = after.children_user - before.children_user + after.children_system - before.children_system
+    return time.perf_counter() - begin, used_s, said
+
+
+main = Bench("check", __doc__, measure, option("--runs", 3, "of each file; the best times count"))
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""An aircraft of real processes on software buses, as the benches fly it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from heronry_dg.model import Spec
+from heronry_manager.contingency.contingencies import Contingencies
+from heronry_tools.console.spec_argument import load_spec, spec_path
+from heronry_tools.runtime.demo.buses import BusChoice, choose
+from heronry_tools.runtime.demo.fleet import Fleet, run_folder
+
+
+@dataclass(frozen=True, slots=True)
+class Aircraft:
+    """Its spec and its processes; the buses run."""
+
+    spec: Spec
+    fleet: Fleet
+    buses: dict[str, BusChoice]
+
+    @property
+    def main(self) -> BusChoice:
+        """The manager's bus."""
+        return self.buses[self.spec.manager.bus]
+
+    def start_pes(self) -> dict[str, int]:
+        """Start every PE; gives their process numbers."""
+        return {pe: self.fleet.start_pe(pe) for pe in self.spec.pes}
+
+
+@contextmanager
+def aircraft(spec_name: str, made: Contingencies | None = None) -> Iterator[Aircraft]:
+    """Give an aircraft without manager and PEs; all its processes end with it."""
+    spec, folder = load_spec(spec_name), run_folder()
+    with Fleet(spec, spec_path(spec_name), folder, made) as fleet:
+        buses = dict(choose(spec, folder, {}, None, prefer_vcan=False))
+        fleet.start_buses(buses)
+        yield Aircraft(spec, fleet, buses)

@@ -1,0 +1,146 @@
+"""What every bench shares: options, the line about the machine, figures and tables of times, `--json`, and errors.
+
+A bench is one file: its own options, and what it measures. It tells a `Report` what it finds, which prints each line as
+it comes, or with `--json` one line of JSON at the end: figures by name, and times by what they are times of.
+
+Exit code 0; 1 where something is not as the bench requires it; 2 where the input cannot be used.
+"""
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from heronry_tools.console.errors import exit_code
+from heronry_tools.console.progress import Progress
+
+Figure = int | float | str
+Item = TypeVar("Item")
+Option = Callable[[argparse.ArgumentParser], object]
+
+
+class Report:
+    """Takes what a bench finds, and prints it."""
+
+    def __init__(self, bench: str, *, as_json: bool) -> None:
+        """Say on what machine it is measured."""
+        self.is_as_required = True
+        self._as_json, self._unit = as_json, ""
+        self._document: dict[str, Any] = {
+            "bench": bench,
+            "machine": platform.machine(),
+            "cores": os.cpu_count(),
+            "python": platform.python_version(),
+        }
+        self._sections: list[dict[str, Any]] = []
+        self._say("{bench}: {machine}, {cores} cores, Python {python}".format_map(self._document))
+
+    def begin(self, section: str) -> None:
+        """Begin a section: figures and times of the same name may come again."""
+        self._sections.append({"section": section, "figures": {}, "times": {}})
+        self._unit = ""
+        self._say(section)
+
+    def figures(self, sentence: str, **figures: Figure) -> None:
+        """Tell figures: a sentence with their names in braces, as of `str.format`."""
+        self._section()["figures"].update(figures)
+        self._say(sentence.format(**figures))
+
+    def times(self, what: str, values: Iterable[float], *, unit: str = "ms", limit: float | None = None) -> None:
+        """Tell a row of the table: median, p99, p99.9 and the longest; a p99 above the limit is not as required."""
+        ordered = sorted(values)
+        if not ordered:
+            return
+        p99, p99_9 = (ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.99, 0.999))
+        found = {"median": statistics.median(ordered), "p99": p99, "p99.9": p99_9, "longest": ordered[-1]}
+        self.require(limit is None or p99 <= limit)
+        told = {"unit": unit, "count": len(ordered), **found} | ({} if limit is None else {"limit": limit})
+        self._section()["times"][what] = told
+        if self._unit != unit:
+            self._say(f"{unit:<34}{'count':>7}{''.join(f'{name:>10}' for name in found)}{'limit':>9}")
+            self._unit = unit
+        row = f"{what:<34}{len(ordered):>7}{''.join(f'{value:>10.3f}' for value in found.values())}"
+        self._say(row + (f"{limit:>9.1f}" if limit is not None else ""))
+
+    def lines(self, lines: Iterable[str]) -> None:
+        """Tell particulars that nobody computes with; JSON does without them."""
+        for line in lines:
+            self._say(line)
+
+    def require(self, holds: bool) -> None:
+        """What does not hold makes the exit code 1."""
+        self.is_as_required = self.is_as_required and holds
+
+    def end(self) -> int:
+        """Print what is left to print; gives the exit code."""
+        if self._as_json:
+            document = {**self._document, "sections": self._sections, "as_required": self.is_as_required}
+            print(json.dumps(document), flush=True)
+        return 0 if self.is_as_required else 1
+
+    def _section(self) -> dict[str, Any]:
+        if not self._sections:
+            self._sections.append({"section": "", "figures": {}, "times": {}})
+        return self._sections[-1]
+
+    def _say(self, line: str) -> None:
+        if not self._as_json:
+            print(line, flush=True)
+
+
+class Bench:
+    """A bench as a program: `python -m lab.benches.NAME`."""
+
+    def __init__(
+        self, name: str, about: str | None, measure: Callable[[argparse.Namespace, Report], None], *options: Option
+    ) -> None:
+        """about: the text of its help; measure: finds its options, and in `words` the whole command line."""
+        self._name, self._about, self._measure, self._options = name, about, measure, options
+
+    def __call__(self, argv: Sequence[str] | None = None) -> int:
+        """Run it; gives the exit code."""
+        return exit_code(lambda: self._run(list(sys.argv[1:] if argv is None else argv)), self._name)
+
+    def _run(self, words: list[str]) -> int:
+        parser = argparse.ArgumentParser(
+            prog=f"python -m lab.benches.{self._name}",
+            description=self._about,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for add in self._options:
+            add(parser)
+        parser.add_argument("--json", action="store_true", help="one line of JSON instead of text")
+        arguments = parser.parse_args(words)
+        arguments.words = words
+        report = Report(self._name, as_json=arguments.json)
+        self._measure(arguments, report)
+        return report.end()
+
+
+def option(flag: str, default: object, about: str, kind: Callable[[str], object] = int, metavar: str = "N") -> Option:
+    """Take a value, by default a number."""
+    told = about if default is None else f"{about} (default: %(default)s)"
+    return lambda parser: parser.add_argument(flag, type=kind, default=default, metavar=metavar, help=told)
+
+
+def spec_option(default: str) -> Option:
+    """Take the name of a spec."""
+    return option("--spec", default, "what flies", str, "SPEC")
+
+
+def seconds_option(default: float, about: str) -> Option:
+    """Take how long something is measured."""
+    return option("--seconds", default, about, float, "S")
+
+
+def counted(what: str, total: int, items: Iterable[Item]) -> Iterator[Item]:
+    """Give one item after the other, and show how far it is."""
+    with Progress() as progress:
+        progress.begin(what, total)
+        for item in items:
+            yield item
+            progress.step()
