@@ -18,8 +18,8 @@ from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.world.bus import Clash, Sent
-from heronry_tools.sim.world.nodes import Driven, Moved
 from heronry_tools.sim.world.planning import best_plan
+from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id

@@ -19,7 +19,7 @@ from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
-from heronry_tools.sim.world.nodes import Driven
+from heronry_tools.sim.world.steps_seen import Driven
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
 from thoroughness import part_of
 

@@ -35,7 +35,7 @@ from heronry_tools.sim.oracles.service import ServiceCheck, Struck
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.oracles.waivers import Waivers
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Moved
+from heronry_tools.sim.world.steps_seen import Moved
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame

@@ -33,8 +33,8 @@ from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.oracles.service import Struck
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Sent, Tampering
+from heronry_tools.sim.world.module_steps import ASKS
 from heronry_tools.sim.world.node import Node
-from heronry_tools.sim.world.nodes import ASKS
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 

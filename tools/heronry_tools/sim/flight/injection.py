@@ -22,7 +22,8 @@ from heronry_tools.sim.oracles.service import Struck
 from heronry_tools.sim.oracles.waivers import REPORTS, Waiver
 from heronry_tools.sim.world.bus import Sent, SimulatedBus
 from heronry_tools.sim.world.node import Node
-from heronry_tools.sim.world.nodes import SimulatedManager, SimulatedPe
+from heronry_tools.sim.world.simulated_manager import SimulatedManager
+from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
@@ -253,19 +254,19 @@ def _pause(pe: SimulatedPe, act: Act, _random: Random) -> End:
 
 
 def _slow(pe: SimulatedPe, _act: Act, random: Random) -> End:
-    pe.slow = random
+    pe.steps.slow = random
 
     def end() -> None:
-        pe.slow = None
+        pe.steps.slow = None
 
     return end
 
 
 def _late(pe: SimulatedPe, act: Act, random: Random) -> End:
-    pe.delays = lambda: random.randrange(act.level * MS)
+    pe.outbox.delays = lambda: random.randrange(act.level * MS)
 
     def end() -> None:
-        pe.delays = None
+        pe.outbox.delays = None
 
     return end
 
@@ -274,7 +275,7 @@ def _stuck(simulation: Simulation, act: Act, _random: Random) -> End | None:
     pe = simulation.pes.get(act.name)
     if pe is None:
         return None
-    pe.stuck = True
+    pe.steps.stuck = True
     for module in pe.modules:
         simulation.excuse(module)
     return pe.unstick

@@ -16,7 +16,7 @@ from heronry_manager.core.vocabulary import AskStatus, ClearElement, EnterPhase,
 
 if TYPE_CHECKING:
     from heronry_tools.sim.flight.simulation import Simulation
-    from heronry_tools.sim.world.nodes import SimulatedManager
+    from heronry_tools.sim.world.simulated_manager import SimulatedManager
 
 Order = EnterPhase | FailElement | ClearElement
 

@@ -34,8 +34,9 @@ from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.first_copies import FirstCopies
 from heronry_tools.sim.world.frame_digest import FrameDigest
 from heronry_tools.sim.world.local_clock import LocalClock
-from heronry_tools.sim.world.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.sim.world.planning import Planners, prepared
+from heronry_tools.sim.world.simulated_manager import SimulatedManager
+from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES
 from heronry_wire.pe_table import PeTable

@@ -31,7 +31,7 @@ from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_tools.sim.oracles.transitions import TransitionCheck
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
-from heronry_tools.sim.world.nodes import Driven, Moved
+from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Malformed

@@ -25,7 +25,7 @@ from collections.abc import Iterable
 from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven, Moved
+from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.frame import Malformed
 from heronry_wire.management import LEASE_PERIODS, Activate, Lease, ManagementMessage, Step, is_newer
 

@@ -21,7 +21,7 @@ from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.limits import FRESH_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven
+from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.management import StatePage0

@@ -16,7 +16,7 @@ from heronry_dg.traffic import identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven
+from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.management import LEASE_PERIODS, PeFlags, StatePage0
 
 
