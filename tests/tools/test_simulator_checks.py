@@ -192,9 +192,9 @@ def test_a_branch_that_is_driven_by_what_its_producer_has_not_sent_is_seen() -> 
 def test_what_was_heard_before_a_wire_broke_is_no_foreign_datum_as_long_as_it_is_fresh() -> None:
     simulation = Simulation(load(shipped_spec_path("big_blue")))
     simulation.run_for(2_500_000_000)
-    simulation.cut("ground")
+    simulation.fleet.cut("ground")
     simulation.run_for(500_000_000)  # twenty frames of what may be three periods of a slower mode old
-    simulation.mend("ground")
+    simulation.fleet.mend("ground")
     simulation.run_for(200_000_000)
     assert simulation.broken() == []
 

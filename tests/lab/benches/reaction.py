@@ -176,7 +176,7 @@ def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
 def measure_death(spec: Spec, pe: str, seed: int, random: Random, times: Times) -> None:
     """Let one PE die in a flight in which all is well."""
     simulation = Simulation(spec, seed, contingencies=FORESEEN)
-    bus = simulation.buses["can0"]
+    bus = simulation.wiring.buses["can0"]
     simulation.run_for(_START_NS)
     busy_bits, since_ns = bus.busy_bits, simulation.now_ns
     simulation.run_for(_STEADY_NS + random.randrange(spec.buses["can0"].heartbeat_ns))
@@ -194,8 +194,8 @@ def _die(simulation: Simulation, pe: str, times: Times) -> None:
     last = simulation.witness.last_output("surface")
     holds = last is not None and last.node == simulation.spec.pes[pe].node_id
     gone: dict[str, int] = {}  # by PE: when it said first that it had taken GO
-    simulation.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
-    simulation.kill(pe)
+    simulation.wiring.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
+    simulation.fleet.kill(pe)
     simulation.run_for(_AFTER_NS)
     (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
     (opened,) = simulation.events_of("epoch_prepared")

@@ -46,11 +46,11 @@ def _measured(name: str, duration_ns: int) -> str:
     begun_s = time.process_time()
     simulation.settle()
     start_s = time.process_time() - begun_s
-    frames = sum(bus.frames for bus in simulation.buses.values())
+    frames = sum(bus.frames for bus in simulation.wiring.buses.values())
     begun_s = time.process_time()
     simulation.run_for(duration_ns)
     used_s = time.process_time() - begun_s
-    frames = sum(bus.frames for bus in simulation.buses.values()) - frames
+    frames = sum(bus.frames for bus in simulation.wiring.buses.values()) - frames
     seconds = duration_ns / _NS_PER_S
     return (
         f"{'compiled' if is_compiled() else 'Python'}: {name} {seconds / used_s:.1f} x real time, "
