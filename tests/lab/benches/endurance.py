@@ -22,8 +22,8 @@ from random import Random
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_tools.commands.sim import processors, whole_number
 from heronry_tools.console.errors import exit_code
+from heronry_tools.console.number_arguments import processors, whole_number
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.compiled.machine_code import go_on_compiled
