@@ -29,9 +29,9 @@ from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.oracles.waivers import Waivers
 from heronry_tools.sim.world.bus import Faults, Sent
 from heronry_tools.sim.world.clock import Clock
-from heronry_tools.sim.world.diagnostic_client import Technician
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.frame_digest import FrameDigest
+from heronry_tools.sim.world.inspection.technician import Technician
 from heronry_tools.sim.world.local_clock import LocalClocks
 from heronry_tools.sim.world.planning import Planners, Prepared, prepared
 from heronry_wire.authentication import Key

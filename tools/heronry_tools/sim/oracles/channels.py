@@ -23,12 +23,16 @@ from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, F
 _KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
 
 
+def _nothing_yet() -> list[int]:
+    return [0, 0]
+
+
 @dataclass(slots=True)
 class _Sending:
     frame: Frame
     node: str
     t_ns: int  # of its first copy
-    brought: list[int] = field(default_factory=lambda: [0, 0])  # by each channel
+    brought: list[int] = field(default_factory=_nothing_yet)  # by each channel
     taken: int = 0
 
 
