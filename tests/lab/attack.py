@@ -246,7 +246,7 @@ def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
     while not simulation.events_of("reconfigured"):
         simulation.run_for(_NS_PER_S)
     simulation.run_for(_SETTLED_NS)
-    for bus in simulation.buses.values():
+    for bus in simulation.wiring.buses.values():
         bus.taps.append(tap)
     simulation.run_for(_MEASURED_NS)
     return {name: bits[name] * _NS_PER_S / _MEASURED_NS / bus.bitrate for name, bus in spec.buses.items()}

@@ -27,7 +27,7 @@ from heronry_manager.planner.greedy.punctuality import Punctuality
 from heronry_manager.planner.greedy.repairing import Repair
 from heronry_manager.planner.greedy.report import configuration_of
 from heronry_manager.planner.greedy.scene import Scenery
-from heronry_manager.planner.greedy.tables import Tables
+from heronry_manager.planner.greedy.tables import tables_of
 from lab.planner_race.generator import fault_cases, generate
 from planner.comparison import MOST_STRUCTURES, crossing_case
 from planner.enumerator import Enumerator, TooManyError
@@ -170,8 +170,8 @@ def test_deadlines_are_judged_as_the_judge_does() -> None:
     verdicts = Counter[bool]()
     for seed in range(300):
         case = draw(random.Random(seed), crossing=seed % 3 > 0)
-        tables = Tables(case.spec)
-        nothing = [(-1, -1)] * len(tables.modules)
+        tables = tables_of(case.spec)
+        nothing = [(-1, -1)] * len(tables.numbers.modules)
         repair = Repair(tables, tables.wanted(case.now.phase), Scenery(tables).scene(case.now), nothing)
         repair.run()
         published = hops(survivors(case.spec, case.now), configuration_of(repair.draft, tables))

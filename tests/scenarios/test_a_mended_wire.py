@@ -18,8 +18,8 @@ def test_who_was_replaced_while_mute_sends_nothing_more_of_what_it_had_waiting(s
     identifiers = index.identifiers(index.movable)
     simulation = flying(big_blue(), seed, decide_ns=MS)
     sent: list[Sent] = []
-    simulation.tap("can0", sent.append)
-    air = simulation.pes["air"]
+    simulation.wiring.tap("can0", sent.append)
+    air = simulation.fleet.running["air"]
     simulation.run_for(200 * MS)
     assert identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
     air.wire(mute=True)

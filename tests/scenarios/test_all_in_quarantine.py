@@ -7,14 +7,14 @@ def test_a_reign_begins_while_everybody_is_held_down() -> None:
     simulation = flying(two_tails())
     for wait_ns in (1_200 * MS, 1_200 * MS, 1_200 * MS, 0):
         for pe in simulation.spec.pes:  # one after the other: who hears nobody at all says nothing
-            simulation.kill(pe)
+            simulation.fleet.kill(pe)
             simulation.run_for(100 * MS)
-            simulation.restore(pe)
+            simulation.fleet.restore(pe)
             simulation.run_for(50 * MS)
         simulation.run_for(wait_ns)
-    simulation.kill_manager()
+    simulation.managers.kill()
     simulation.run_for(100 * MS)
-    simulation.start_manager()
+    simulation.managers.start()
     assert simulation.settle() == []
     first = [told for told in simulation.events_of("reconfigured") if told["causes"] == ["a reign begins"]]
     assert [told["times_ns"]["detect"] for told in first] == [0]

@@ -18,10 +18,10 @@ def critical_and_utility(simulation: Simulation) -> tuple[object, object]:
 def test_every_pe_may_be_lost_and_come_back(spec: Spec, planners: Planners) -> None:
     for seed, pe in enumerate(spec.pes):
         simulation = flying(spec, seed, planners=planners)
-        simulation.kill(pe)
+        simulation.fleet.kill(pe)
         simulation.run_for(400 * MS)
         assert list(simulation.settle()) == [], pe
-        simulation.restore(pe)
+        simulation.fleet.restore(pe)
         simulation.run_for(400 * MS)
         assert list(simulation.settle()) == [], pe
         times_are_told(simulation)
@@ -29,7 +29,7 @@ def test_every_pe_may_be_lost_and_come_back(spec: Spec, planners: Planners) -> N
 
 def test_the_whole_aircraft_without_its_flight_computer_ends_with_the_best_plan() -> None:
     simulation = flying(big_blue(), planners=Planners.AT_ONCE)
-    simulation.kill("flight")
+    simulation.fleet.kill("flight")
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []
     first = simulation.events_of("reconfigured")[1]
@@ -42,10 +42,10 @@ def test_the_whole_aircraft_flies_without_a_solver() -> None:
     """Level 3 may fall short of the best: nothing else may."""
     simulation = Simulation(big_blue(), planners=Planners.GREEDY)
     simulation.run_for(2_000 * MS)
-    simulation.kill("flight")
+    simulation.fleet.kill("flight")
     violations = simulation.settle()
     assert {violation.rule for violation in violations} <= {"optimal"}
-    best = best_plan(big_blue(), simulation.truth, None).objective
+    best = best_plan(big_blue(), simulation.truth.situation, None).objective
     assert critical_and_utility(simulation) == (dict(zip("ABCD", best.critical, strict=True)), best.utility)
 
 
@@ -64,11 +64,11 @@ def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
 
 def test_a_fault_while_the_best_plan_is_looked_for_is_answered_at_once() -> None:
     simulation = flying(big_blue(), planners=Planners.AT_ONCE, decide_ns=200 * MS)
-    simulation.kill("flight")
+    simulation.fleet.kill("flight")
     while not simulation.events_of("reconfigured")[1:]:
         simulation.run_for(5 * MS)
     assert simulation.events_of("plan_requested")[-1]["causes"] == ["a better plan"]
-    simulation.kill("payload")
+    simulation.fleet.kill("payload")
     simulation.run_for(90 * MS)
     assert simulation.events_of("reconfigured")[-1]["causes"] == ["pe:payload: silent for 3 heartbeat periods"]
     simulation.run_for(600 * MS)

@@ -14,8 +14,8 @@ from heronry_dg.situation import Situation
 from heronry_manager.bounds.fault_cases import fault_cases
 from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, FaultClass
 from heronry_tools.sim.faults.fault import Act
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.world.planning import best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 from scenarios.test_single_faults import with_a_twin_of_what_raises
@@ -63,11 +63,11 @@ def lost_cut_off_and_back(name: str, pe: str, seed: int) -> Iterator[tuple[Fault
     longest_ns = 2 * bound_ns(name, FaultClass.PE_RETURNS, f"pe:{pe}")
     killed_ns = simulation.now_ns + seed * 7 * MS
     simulation.run_until(killed_ns)
-    simulation.kill(pe)
+    simulation.fleet.kill(pe)
     simulation.run_for(longest_ns)
     yield FaultClass.PE_LOST, taken_ns(simulation, killed_ns)
     back_ns = simulation.now_ns
-    simulation.restore(pe)
+    simulation.fleet.restore(pe)
     simulation.run_for(longest_ns)
     yield FaultClass.PE_RETURNS, taken_ns(simulation, back_ns)
     other = flying(SPECS[name](), seed + 100)
@@ -148,7 +148,7 @@ def test_a_fault_takes_no_longer_than_the_failure_modes_say(act: Act, fault: Fau
 def test_a_radio_that_is_lost_is_dealt_with_within_the_bound() -> None:
     simulation = flying(big_blue())
     cut_ns = simulation.now_ns
-    simulation.cut("ground")  # nobody else is on it
+    simulation.fleet.cut("ground")  # nobody else is on it
     simulation.run_for(3_000 * MS)
     took_ns = taken_ns(simulation, cut_ns)
     assert 0 < took_ns <= bound_ns("big_blue", FaultClass.BUS_LOST, "bus:radio") < 2 * took_ns

@@ -59,7 +59,7 @@ def flown(disturb: Callable[[Simulation], None] = lambda _: None) -> Simulation:
     """The left view is shown until its key is lost; then the right one is."""
     simulation = flying(swap(), keep_trace=True)
     disturb(simulation)
-    simulation.kill("key")
+    simulation.fleet.kill("key")
     simulation.run_for(1_000 * MS)
     return simulation
 
@@ -102,7 +102,7 @@ def test_the_left_view_has_gone_when_the_right_one_comes() -> None:
 
 def deaf_from(frame: Sent, pe: str) -> Callable[[Simulation], None]:
     """Let a PE miss this frame, and all others for two heartbeat periods."""
-    return lambda flight: flight.at_end_of(frame, lambda: flight.deafen(pe, 100 * MS))
+    return lambda flight: flight.at_end_of(frame, lambda: flight.fleet.deafen(pe, 100 * MS))
 
 
 @pytest.mark.parametrize("number", [0, 1], ids=["BREAK", "GO_ALL"])

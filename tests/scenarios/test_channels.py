@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from heronry_tools.sim.faults.fault import read_act
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_wire.identifiers import emcy_id
 from scenarios.flights import MS, flying, twin_wires
 from thoroughness import mostly_soak
@@ -71,10 +71,10 @@ def test_a_manager_that_is_new_knows_within_a_second_what_is_lost() -> None:
     simulation = flying(twin_wires())
     simulation.break_channel("can0.2")
     simulation.run_for(500 * MS)
-    simulation.kill_manager()
-    simulation.start_manager()
+    simulation.managers.kill()
+    simulation.managers.start()
     simulation.run_for(1_500 * MS)
-    manager = simulation.manager
+    manager = simulation.managers.foremost
     assert manager is not None
     assert manager.core.status()["channels"]["can0.2"] == ["the manager", "front", "rear", "tail"]
 
@@ -82,9 +82,9 @@ def test_a_manager_that_is_new_knows_within_a_second_what_is_lost() -> None:
 def test_a_node_that_starts_on_one_channel_is_counted_on_and_tells() -> None:
     simulation = flying(twin_wires())
     simulation.break_channel("can0.1")
-    simulation.kill("rear")
+    simulation.fleet.kill("rear")
     simulation.run_for(500 * MS)
-    simulation.restore("rear")
+    simulation.fleet.restore("rear")
     simulation.run_for(2_000 * MS)
     assert simulation.events_of("pe_joined")[-1]["pe"] == "rear"
     assert [e["by"] for e in simulation.events_of("channel_lost")].count("rear") >= 1
@@ -93,9 +93,9 @@ def test_a_node_that_starts_on_one_channel_is_counted_on_and_tells() -> None:
 
 def test_a_paused_pe_takes_what_came_meanwhile_once() -> None:
     simulation = flying(twin_wires())
-    for pe in simulation.pes.values():
+    for pe in simulation.fleet.running.values():
         pe.pause(300 * MS)
-    manager = simulation.manager
+    manager = simulation.managers.foremost
     assert manager is not None
     manager.pause(120 * MS)
     simulation.break_channel("can0.1")

@@ -10,8 +10,8 @@ from thoroughness import sample
 
 def successor(simulation: Simulation, after_ns: int) -> None:
     """The manager dies now, and is started again later."""
-    simulation.kill_manager()
-    simulation.at(simulation.now_ns + after_ns, simulation.start_manager)
+    simulation.managers.kill()
+    simulation.at(simulation.now_ns + after_ns, simulation.managers.start)
 
 
 def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -> None:
@@ -29,10 +29,10 @@ def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -
 
 def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
     simulation = flying(two_tails())
-    reigning = simulation.manager
-    simulation.start_manager(127)
+    reigning = simulation.managers.foremost
+    simulation.managers.start(127)
     assert simulation.settle() == []
-    second = simulation.managers[127]
+    second = simulation.managers.running[127]
     assert second.stopped is not None
     assert "manager 126 already reigns" in second.stopped
     assert reigning is not None
@@ -42,24 +42,24 @@ def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
 @pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
 def test_a_pe_that_was_cut_off_over_a_change_of_reign_is_taken_in(pe: str) -> None:
     simulation = flying(two_tails())
-    simulation.cut(pe)
+    simulation.fleet.cut(pe)
     simulation.run_for(200 * MS)
     successor(simulation, 100 * MS)
     simulation.run_for(600 * MS)
-    simulation.mend(pe)
+    simulation.fleet.mend(pe)
     assert simulation.settle() == []
     assert "which nobody commanded" not in str(simulation.events_of("pe_lost"))
 
 
 def test_a_fleet_that_restarts_around_one_that_does_not_gets_new_epochs() -> None:
     simulation = flying(two_tails())
-    simulation.cut("sensor_pe")
+    simulation.fleet.cut("sensor_pe")
     successor(simulation, 50 * MS)
     for pe in ("control_pe", "tail_pe"):
-        simulation.kill(pe)
-        simulation.restore(pe)
+        simulation.fleet.kill(pe)
+        simulation.fleet.restore(pe)
     simulation.run_for(300 * MS)
-    simulation.mend("sensor_pe")
+    simulation.fleet.mend("sensor_pe")
     assert simulation.settle() == []
 
 
@@ -72,7 +72,7 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails())
         simulation.at_end_of(frame, lambda flight=simulation: successor(flight, 150 * MS))
-        simulation.kill("tail_pe")
+        simulation.fleet.kill("tail_pe")
         violations = simulation.settle()
         times_are_told(simulation)
         if violations:
@@ -82,19 +82,19 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
 
 def test_big_blue_under_a_new_reign_while_a_processor_comes_back() -> None:
     simulation = flying(big_blue())
-    simulation.kill("nav")
+    simulation.fleet.kill("nav")
     simulation.run_for(90 * MS)
     successor(simulation, 200 * MS)
-    simulation.restore("nav")
+    simulation.fleet.restore("nav")
     assert simulation.settle() == []
 
 
 def reported(simulation: Simulation, module: str) -> None:
     """A module raises until it is given up; goes on until the manager has just heard of it, and it would run again."""
-    simulation.broken_modules[module] = "raise"
+    simulation.fleet.broken_modules[module] = "raise"
     while not simulation.events_of("fault_reported"):
         simulation.run_for(MS // 10)
-    simulation.broken_modules.clear()
+    simulation.fleet.broken_modules.clear()
 
 
 def test_a_module_that_is_cleared_before_anybody_has_planned_without_it_runs_again() -> None:
@@ -104,8 +104,8 @@ def test_a_module_that_is_cleared_before_anybody_has_planned_without_it_runs_aga
     assert reply is not None
     assert reply.done
     assert simulation.settle() == []
-    assert simulation.manager is not None
-    assert simulation.manager.core.status()["latched"] == []
+    assert simulation.managers.foremost is not None
+    assert simulation.managers.foremost.core.status()["latched"] == []
 
 
 def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_told_again_to_the_next_one() -> None:
@@ -113,6 +113,6 @@ def test_a_fault_whose_manager_died_when_it_had_acknowledged_it_is_told_again_to
     simulation.run_for(1_000 * MS)
     reported(simulation, "chute_logic")
     simulation.run_for(MS)  # the acknowledgement is out, and the next beat is not
-    simulation.kill_manager()
+    simulation.managers.kill()
     assert simulation.settle() == []
     assert [event["element"] for event in simulation.events_of("fault_reported")] == ["module:chute_logic"] * 2

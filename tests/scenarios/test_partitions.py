@@ -16,9 +16,9 @@ from thoroughness import mostly_soak, part_of, sample
 def test_a_pe_is_cut_off_and_mended_after_any_time(pe: str) -> None:
     for seed in range(part_of(12, 3)):
         simulation = flying(two_tails(), seed, decide_ns=2 * MS)
-        simulation.cut(pe)
+        simulation.fleet.cut(pe)
         simulation.run_for(Random(seed).choice((30, 66, 70, 80, 95, 110, 150, 400)) * MS)
-        simulation.mend(pe)
+        simulation.fleet.mend(pe)
         assert simulation.settle() == [], seed
         times_are_told(simulation)
 
@@ -32,9 +32,9 @@ CUTS = [("flight", 68), ("flight", 90), ("nav", 105), ("tail_a", 90), ("comms", 
 def test_a_pe_of_big_blue_is_cut_off_and_mended(cut: tuple[str, int]) -> None:
     pe, cut_ms = cut
     simulation = flying(big_blue(), cut_ms, decide_ns=2 * MS)
-    simulation.cut(pe)
+    simulation.fleet.cut(pe)
     simulation.run_for(cut_ms * MS)
-    simulation.mend(pe)
+    simulation.fleet.mend(pe)
     assert simulation.settle() == []
 
 
@@ -42,13 +42,13 @@ def test_a_driver_that_was_cut_off_does_not_take_the_word_of_one_that_has_restar
     """Its DEMUX has been given away when its wire is mended, and the first it hears is a PE that runs nothing yet."""
     for mended_ms in sample(range(4, 20, 2), 3):
         simulation = flying(two_tails(), 36, decide_ns=2 * MS)
-        simulation.cut("tail_pe")
+        simulation.fleet.cut("tail_pe")
         simulation.run_for(30 * MS)
-        simulation.kill("sensor_pe")
+        simulation.fleet.kill("sensor_pe")
         simulation.run_for(170 * MS)
-        simulation.restore("sensor_pe")
+        simulation.fleet.restore("sensor_pe")
         simulation.run_for(mended_ms * MS)
-        simulation.mend("tail_pe")
+        simulation.fleet.mend("tail_pe")
         simulation.run_for(1 * MS)
         assert simulation.settle() == [], mended_ms
 
@@ -66,7 +66,7 @@ def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
     known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails(), decide_ns=2 * MS)
-        simulation.at_end_of(frame, lambda flight=simulation: flight.deafen("tail_pe", 150 * MS))
+        simulation.at_end_of(frame, lambda flight=simulation: flight.fleet.deafen("tail_pe", 150 * MS))
         servo_sticks(simulation)
         simulation.run_until(frame.end_ns + 150 * MS)
         assert simulation.settle() == [], frame
@@ -74,8 +74,8 @@ def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
 
 def test_a_pe_that_stays_deaf_is_given_up_although_it_speaks() -> None:
     simulation = flying(two_tails(), decide_ns=2 * MS)
-    simulation.kill("sensor_pe")
-    simulation.deafen("tail_pe", 1_000 * MS)
+    simulation.fleet.kill("sensor_pe")
+    simulation.fleet.deafen("tail_pe", 1_000 * MS)
     simulation.run_for(1_000 * MS)
     assert simulation.events_of("pe_lost")[-1]["cause"] == "it hears no lease"
     assert simulation.settle() == []

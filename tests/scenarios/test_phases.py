@@ -96,7 +96,7 @@ def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None
     simulation.run_for(2_600 * MS)
     say(simulation, EnterPhase("climb"))
     simulation.run_for(2_000 * MS)
-    assert simulation.phase == "climb"
+    assert simulation.checks.phase == "climb"
     assert simulation.settle() == []
 
 
@@ -104,12 +104,12 @@ def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None
 def test_another_reign_is_asked_again(spec: Spec) -> None:
     simulation = flying(spec)
     simulation.run_for(3_000 * MS)
-    assert simulation.phase == "land"
-    simulation.kill_manager()
+    assert simulation.checks.phase == "land"
+    simulation.managers.kill()
     simulation.run_for(100 * MS)
-    simulation.start_manager()
+    simulation.managers.start()
     assert simulation.settle() == []
-    assert simulation.phase == "land"
+    assert simulation.checks.phase == "land"
 
 
 def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> None:
@@ -126,7 +126,7 @@ def test_a_request_or_its_acknowledgement_that_is_lost_costs_a_repetition() -> N
     assert len(told) > 2  # the answer again, each time that the phase is told
     for sent in told[:2]:
         simulation = flying(ASKING)
-        simulation.tamper(sent, Tampering(0))
+        simulation.wiring.tamper(sent, Tampering(0))
         simulation.run_for(1_500 * MS)
         assert [phase for phase, _ in entered(simulation)] == ["land"]
         assert simulation.settle() == []
@@ -136,17 +136,17 @@ def test_big_blue_in_another_phase_loses_a_processor_and_gets_it_back() -> None:
     simulation = flying(big_blue())
     say(simulation, EnterPhase("landing"))
     assert simulation.settle() == []
-    simulation.kill("flight")
+    simulation.fleet.kill("flight")
     assert simulation.settle() == []
-    simulation.restore("flight")
+    simulation.fleet.restore("flight")
     assert simulation.settle() == []
-    assert simulation.phase == "landing"
+    assert simulation.checks.phase == "landing"
 
 
 def test_a_pe_that_the_operator_fails_lets_go_and_comes_back_when_it_is_cleared() -> None:
     simulation = flying(two_tails())
     say(simulation, FailElement("pe:tail_pe"))
-    simulation.failed("pe:tail_pe")
+    simulation.truth.failed("pe:tail_pe")
     assert simulation.settle() == []
     status = say(simulation, AskStatus()).status
     assert status is not None
@@ -159,10 +159,10 @@ def test_a_pe_that_the_operator_fails_lets_go_and_comes_back_when_it_is_cleared(
 
 def test_a_reign_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
     simulation = flying(two_tails())
-    simulation.kill("sensor_pe")
+    simulation.fleet.kill("sensor_pe")
     assert simulation.settle() == []
-    simulation.kill_manager()
-    simulation.start_manager()
+    simulation.managers.kill()
+    simulation.managers.start()
     begun_ns = simulation.now_ns
     simulation.run_for(300 * MS)
     (absent,) = [told for told in simulation.events_of("pe_absent") if told["t_ns"] > begun_ns]
@@ -172,16 +172,16 @@ def test_a_reign_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
 
 def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
     simulation = flying(two_tails())
-    reigning = simulation.manager
-    simulation.start_manager(127, advise=True)
+    reigning = simulation.managers.foremost
+    simulation.managers.start(127, advise=True)
     simulation.run_for(1500 * MS)
     assert simulation.events_of("adopted")[-1]["epoch"] == simulation.events_of("reconfigured")[-1]["epoch"]
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     assert simulation.settle() == []
     assert reigning is not None
     assert reigning.stopped is None
     assert simulation.events_of("second_manager") == []
-    told, holds = simulation.managers[127].core.status(), reigning.core.status()
+    told, holds = simulation.managers.running[127].core.status(), reigning.core.status()
     assert [told[one] for one in ("epoch", "stage", "functions")] == [
         holds[one] for one in ("epoch", "stage", "functions")
     ]

@@ -10,8 +10,8 @@ from scenarios.flights import MS, flying, two_tails
 
 def flight(seed: int) -> str:
     simulation = Simulation(two_tails(), seed, faults=Faults(0.01, 0.001, 0.001))
-    simulation.at(700 * MS, lambda: simulation.kill("tail_pe"))
-    simulation.at(1_100 * MS, lambda: simulation.restore("tail_pe"))
+    simulation.at(700 * MS, lambda: simulation.fleet.kill("tail_pe"))
+    simulation.at(1_100 * MS, lambda: simulation.fleet.restore("tail_pe"))
     simulation.run_until(2_000 * MS)
     return simulation.digest()
 

@@ -25,11 +25,11 @@ def test_everything_starts_at_its_own_moment_and_comes_to_one_epoch(spec: Spec) 
 @pytest.mark.parametrize("pe", mostly_soak(BIG_BLUE_PES, ["flight", "tail_a", "comms"]))
 def test_any_pe_is_killed_and_comes_back(pe: str) -> None:
     simulation = flying(big_blue())
-    simulation.kill(pe)
+    simulation.fleet.kill(pe)
     assert simulation.settle() == []
     assert len(simulation.events_of("reconfigured")) == 2
     assert placed_on(simulation, pe) == set()
-    simulation.restore(pe)
+    simulation.fleet.restore(pe)
     assert simulation.settle() == []
     assert placed_on(simulation, pe)
     times_are_told(simulation)
@@ -38,16 +38,16 @@ def test_any_pe_is_killed_and_comes_back(pe: str) -> None:
 @pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
 def test_a_demux_whose_driver_dies_is_driven_from_the_other_side(pe: str) -> None:
     simulation = flying(two_tails())
-    simulation.kill(pe)
+    simulation.fleet.kill(pe)
     assert simulation.settle() == []
-    simulation.restore(pe)
+    simulation.fleet.restore(pe)
     assert simulation.settle() == []
 
 
 def test_a_pe_that_starts_late_is_waited_for_and_one_that_starts_very_late_is_taken_in() -> None:
     simulation = Simulation(elevator_and_chute(), 1)
-    simulation.at(210 * MS, lambda: simulation.kill("tail_pe"))
-    simulation.at(7_000 * MS, lambda: simulation.restore("tail_pe"))
+    simulation.at(210 * MS, lambda: simulation.fleet.kill("tail_pe"))
+    simulation.at(7_000 * MS, lambda: simulation.fleet.restore("tail_pe"))
     simulation.run_until(6_900 * MS)
     assert simulation.unsettled() == []
     assert not simulation.witness.served("elevator", simulation.now_ns)
@@ -57,9 +57,9 @@ def test_a_pe_that_starts_late_is_waited_for_and_one_that_starts_very_late_is_ta
 
 def test_a_reboot_faster_than_a_heartbeat_is_seen() -> None:
     simulation = flying(two_tails())
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(3 * MS)
-    simulation.restore("tail_pe")
+    simulation.fleet.restore("tail_pe")
     assert simulation.settle() == []
     assert "rebooted" in simulation.events_of("pe_lost")[-1]["cause"]
 
@@ -68,9 +68,9 @@ def test_who_keeps_failing_is_held_down_for_longer_each_time() -> None:
     simulation = flying(two_tails())
     downs = []
     for _ in range(4):
-        simulation.kill("sensor_pe")
+        simulation.fleet.kill("sensor_pe")
         simulation.run_for(300 * MS)
-        simulation.restore("sensor_pe")
+        simulation.fleet.restore("sensor_pe")
         assert simulation.settle() == []
         downs.append(simulation.events_of("pe_joined")[-1]["t_ns"] - simulation.events_of("pe_heard_again")[-1]["t_ns"])
     assert downs == sorted(downs)
@@ -101,7 +101,7 @@ def with_a_twin_of_what_raises() -> Spec:
 
 def test_a_module_that_raises_is_stopped_reported_and_planned_around() -> None:
     simulation = Simulation(with_a_twin_of_what_raises())
-    simulation.failed("module:state_estimator")  # half a second after it was started it raises
+    simulation.truth.failed("module:state_estimator")  # half a second after it was started it raises
     simulation.run_for(1_500 * MS)
     assert simulation.settle() == []
     assert [told["element"] for told in simulation.events_of("fault_reported")] == ["module:state_estimator"]

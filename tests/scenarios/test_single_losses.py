@@ -14,9 +14,9 @@ from thoroughness import sample
 
 def lose_and_regain(simulation: Simulation) -> None:
     """The tail dies, and comes back: the DEMUX is held, then broken and made again."""
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(300 * MS)
-    simulation.restore("tail_pe")
+    simulation.fleet.restore("tail_pe")
     simulation.run_for(300 * MS)
 
 
@@ -35,7 +35,7 @@ def frames() -> list[Sent]:
 def end_of(frame: Sent, tampering: Tampering) -> list[object]:
     """What is wrong at the end of a flight in which one frame was tampered with."""
     simulation = flying(two_tails())
-    simulation.tamper(frame, tampering)
+    simulation.wiring.tamper(frame, tampering)
     lose_and_regain(simulation)
     violations = simulation.settle()
     times_are_told(simulation)

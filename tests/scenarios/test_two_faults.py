@@ -26,25 +26,25 @@ def test_two_die_within_one_heartbeat(pair: tuple[str, str]) -> None:
     first, second = pair
     offset_ns = Random(f"{first}{second}").randrange(BEAT_NS)
     simulation = flying(big_blue())
-    simulation.kill(first)
+    simulation.fleet.kill(first)
     simulation.run_for(offset_ns)
-    simulation.kill(second)
+    simulation.fleet.kill(second)
     assert simulation.settle() == []
     times_are_told(simulation)
-    simulation.restore(second)
-    simulation.restore(first)
+    simulation.fleet.restore(second)
+    simulation.fleet.restore(first)
     assert simulation.settle() == []
 
 
 def loses_tail(simulation: Simulation) -> str:
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     return "pe_lost"
 
 
 def gets_tail_back(simulation: Simulation) -> str:
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(500 * MS)
-    simulation.restore("tail_pe")
+    simulation.fleet.restore("tail_pe")
     return "pe_joined"
 
 
@@ -84,8 +84,8 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
     assert len(frames) > 10
     wrong = {}
     for frame in sample(frames):
-        simulation = flown_again(two_tails(), story, frame, lambda flight: flight.kill(second))
-        assert second not in simulation.pes
+        simulation = flown_again(two_tails(), story, frame, lambda flight: flight.fleet.kill(second))
+        assert second not in simulation.fleet.running
         violations = simulation.settle()
         if violations:
             wrong[frame] = violations
@@ -96,7 +96,7 @@ def test_a_second_pe_dies_at_the_end_of_every_message(story: Story, second: str)
 def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None:
     wrong = {}
     for frame in sample(frames_of(two_tails(), gets_tail_back)):
-        simulation = flown_again(two_tails(), gets_tail_back, frame, lambda flight: flight.kill("tail_pe"))
+        simulation = flown_again(two_tails(), gets_tail_back, frame, lambda flight: flight.fleet.kill("tail_pe"))
         violations = simulation.settle()
         if violations:
             wrong[frame] = violations
@@ -106,7 +106,7 @@ def test_the_one_who_comes_back_dies_again_at_the_end_of_every_message() -> None
 def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> None:
     wrong = {}
     for frame in sample(frames_of(two_tails(), servo_sticks)[::6]):
-        simulation = flown_again(two_tails(), servo_sticks, frame, lambda flight: flight.kill("control_pe"))
+        simulation = flown_again(two_tails(), servo_sticks, frame, lambda flight: flight.fleet.kill("control_pe"))
         violations = simulation.settle()
         if violations:
             wrong[frame] = violations
@@ -117,13 +117,13 @@ def test_a_second_pe_dies_at_some_messages_while_the_servos_change_over() -> Non
 @pytest.mark.parametrize(("first", "second"), [("flight", "nav"), ("tail_a", "comms"), ("payload", "tail_b")])
 def test_a_second_pe_of_big_blue_dies_at_some_messages(first: str, second: str) -> None:
     def story(simulation: Simulation) -> str:
-        simulation.kill(first)
+        simulation.fleet.kill(first)
         return "pe_lost"
 
     frames = frames_of(big_blue(), story)
     wrong = {}
     for frame in Random(first).sample(frames, 4):
-        simulation = flown_again(big_blue(), story, frame, lambda flight: flight.kill(second))
+        simulation = flown_again(big_blue(), story, frame, lambda flight: flight.fleet.kill(second))
         violations = simulation.settle()
         if violations:
             wrong[frame] = violations

@@ -16,9 +16,9 @@ ASKS = 0x80  # page 2 of a state
 
 def reboot(simulation: Simulation) -> None:
     """A PE is back before it is missed: it is welcomed anew, and a new epoch is deployed."""
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(3 * MS)
-    simulation.restore("tail_pe")
+    simulation.fleet.restore("tail_pe")
     simulation.run_for(500 * MS)
 
 
@@ -48,7 +48,7 @@ def is_question(sent: Sent) -> bool:
 def ends_well(frame: Sent, tampering: Tampering) -> list[object]:
     """What is wrong at the end of a flight in which one frame was tampered with."""
     simulation = flying(two_tails(), key=KEY)
-    simulation.tamper(frame, tampering)
+    simulation.wiring.tamper(frame, tampering)
     reboot(simulation)
     return [*simulation.settle(), *(told for told in simulation.events_of("pe_lost") if told["pe"] != "tail_pe")]
 

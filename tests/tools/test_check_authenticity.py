@@ -54,7 +54,7 @@ class Bus:
         self.pe_says(PeState.UNCONFIGURED, 0)
 
     def show(self, frame: Frame, sender: str = "manager 126", bus: str = "can0") -> None:
-        self.check.see(Sent(self.now_ns, bus, sender, frame))
+        self.check.seen(Sent(self.now_ns, bus, sender, frame))
 
     def say(self, message: ManagementMessage) -> tuple[Frame, Frame]:
         """A true command."""
@@ -303,8 +303,8 @@ def led_by_a_stranger(*, forges: bool) -> list[str]:
     ids = (management_id(126, Command.LEASE), management_id(126, Command.TAG))
     said = [sent.frame for sent in simulation.trace if sent.frame.can_id in ids and sent.sender == "manager 126"]
     pairs = [(one, two) for one, two in pairwise(said) if (one.can_id, two.can_id) == ids]
-    simulation.kill_manager()
-    bus = simulation.buses["can0"]
+    simulation.managers.kill()
+    bus = simulation.wiring.buses["can0"]
     station = bus.join(f"{STRANGER}parrot", 0, lambda _: None, ())
     for number in range(100):
         lease, tag = pairs[-1 - number % 40]
@@ -326,7 +326,7 @@ def led_by_a_stranger(*, forges: bool) -> list[str]:
 def test_what_a_pe_beyond_a_gateway_has_said_it_has_said_there_itself(bus: str, sender: str, lies: bool) -> None:
     spec = load_spec("big_blue")
     check, page = AuthenticityCheck(spec, KEY), StatePage1(PeState.ACTIVE, PeFlags(0), 9, 0, Reason.NONE, 0)
-    check.see(Sent(MS, bus, sender, Frame(state_id(spec.pes["ground"].node_id), page.encode())))
+    check.seen(Sent(MS, bus, sender, Frame(state_id(spec.pes["ground"].node_id), page.encode())))
     assert bool(check.violations) == lies
 
 

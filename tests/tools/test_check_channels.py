@@ -20,7 +20,7 @@ def found(*copies: tuple[int, Frame, bool]) -> list[str]:
     """What is said of copies, each with its channel and whether `front` took it."""
     check = ChannelCheck(twin_wires())
     for channel, frame, is_taken in copies:
-        check.copy(Copy(AT_NS, "front", "can0", channel, frame, is_taken))
+        check.copied(Copy(AT_NS, "front", "can0", channel, frame, is_taken))
     return [violation.story for violation in check.violations]
 
 
@@ -47,8 +47,8 @@ def signs(check: ChannelCheck, channels: tuple[int, ...], from_ms: int, to_ms: i
     for at_ms in range(from_ms, to_ms, 20):
         for channel in channels:
             frame = Frame(260, bytes([channel]))
-            check.copy(Copy(at_ms * MS, "front", "can0", channel, frame, is_taken=True))
-            check.sent(channel, Sent(at_ms * MS, "can0", "front", frame))
+            check.copied(Copy(at_ms * MS, "front", "can0", channel, frame, is_taken=True))
+            check.carried(channel, Sent(at_ms * MS, "can0", "front", frame))
 
 
 @pytest.mark.parametrize(("silent_ms", "is_right"), [(0, False), (50, False), (70, True)])
@@ -85,8 +85,8 @@ def test_in_a_flight_false_reports_and_doubled_sendings_are_found() -> None:
     simulation = flying(twin_wires())
     simulation.run_for(2_000 * MS)
     simulation.checks.see(Sent(simulation.now_ns, "can0", "front", Frame(emcy_id(92), LOST.encode())))
-    simulation.checks.channels.copy(Copy(simulation.now_ns, "front", "can0", 0, LEASE, is_taken=True))
-    simulation.checks.channels.copy(Copy(simulation.now_ns, "front", "can0", 1, LEASE, is_taken=True))
+    simulation.checks.copied(Copy(simulation.now_ns, "front", "can0", 0, LEASE, is_taken=True))
+    simulation.checks.copied(Copy(simulation.now_ns, "front", "can0", 1, LEASE, is_taken=True))
     assert [violation.rule for violation in simulation.broken()] == ["channels", "copies"]
 
 

@@ -59,7 +59,7 @@ def judged(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died: 
     for message in said:
         check.commanded(0, "manager 126", message)
     if died:
-        check.died(1, "manager 126")
+        check.manager_died(1, "manager 126")
     assert {violation.rule for violation in check.violations} <= {"journal"}
     return [violation.story for violation in check.violations]
 
@@ -173,11 +173,11 @@ def test_numbers_that_are_gone_when_it_dies_are_seen_and_facts_may_go() -> None:
     for message in (Lease(3, 33, Step.GO_ALL, 7), Prepare(3, 40, 9)):
         check.commanded(0, "manager 126", message)
     data[0] = whole_journal(big_blue(), memory(*WHOLE[:2]))
-    check.died(1, "manager 126")
-    check.died(1, "manager 127")  # has never said anything
+    check.manager_died(1, "manager 126")
+    check.manager_died(1, "manager 127")  # has never said anything
     assert check.violations == []
     data[0] = whole_journal(big_blue(), memory(TermBegun(1), Reserved(EPOCHS, 32)))
-    check.died(2, "manager 126")
+    check.manager_died(2, "manager 126")
     assert [violation.story.split(",")[0] for violation in check.violations] == [
         "manager 126 has spoken in term 3",
         "manager 126 has prepared epoch 40",
@@ -187,7 +187,7 @@ def test_numbers_that_are_gone_when_it_dies_are_seen_and_facts_may_go() -> None:
 def test_of_a_disk_that_takes_nothing_nothing_is_promised() -> None:
     check = JournalCheck(big_blue(), lambda _: None)
     check.commanded(0, "manager 126", Lease(3, 33, Step.GO_ALL, 7))
-    check.died(1, "manager 126")
+    check.manager_died(1, "manager 126")
     assert check.violations == []
 
 
@@ -195,18 +195,18 @@ def test_a_twin_answers_for_its_copy_and_for_no_disk_that_it_had_before() -> Non
     fresh = whole_journal(big_blue(), memory(TermBegun(3), Reserved(EPOCHS, 16)))
     disks = {"manager 126": fresh, "manager 126 again": whole_journal(big_blue(), memory(*WHOLE))}
     check = JournalCheck(big_blue(), disks.__getitem__)
-    check.copied("manager 126", "manager 126 again")
+    check.manager_copied("manager 126", "manager 126 again")
     check.commanded(0, "manager 126 again", Prepare(3, 40, 9))
-    check.died(1, "manager 126 again")
+    check.manager_died(1, "manager 126 again")
     check.commanded(2, "manager 126", Prepare(3, 5, 9))
     disks["manager 126 again"] = fresh
-    check.copied("manager 126", "manager 126 again")
+    check.manager_copied("manager 126", "manager 126 again")
     check.commanded(3, "manager 126 again", Lease(3, 0, Step.PREPARED, 0))
     check.commanded(3, "manager 126 again", Prepare(3, 40, 9))  # for who is late: it has adopted that epoch
-    check.died(4, "manager 126 again")
+    check.manager_died(4, "manager 126 again")
     assert check.violations == []
     disks["manager 126 again"] = whole_journal(big_blue(), memory(TermBegun(1)))  # less than it was given
-    check.died(5, "manager 126 again")
+    check.manager_died(5, "manager 126 again")
     assert [violation.story for violation in check.violations] == [
         "manager 126 again has spoken in term 3, and its journal has 1",
         "manager 126 again has prepared epoch 5, and has reserved None",
@@ -269,11 +269,11 @@ def test_a_disk_that_takes_nothing_says_so_and_gets_all_of_it_when_it_can() -> N
 
 def test_a_manager_that_starts_on_a_disk_that_takes_nothing_knows_what_is_there_and_says_so() -> None:
     simulation = Simulation(two_tails(), 1)
-    simulation.disks[126].refuses = True
+    simulation.managers.disks[126].refuses = True
     simulation.run_for(2_000 * MS)
     assert len(simulation.events_of("journal_failed")) == 1
-    simulation.disks[126].refuses = False
-    simulation.kill("tail_pe")
+    simulation.managers.disks[126].refuses = False
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(500 * MS)
     assert len(simulation.events_of("journal_kept")) == 1
     assert simulation.settle() == []

@@ -26,10 +26,11 @@ def report(t_ns: int, usable: int, state: LinkState = LinkState.UP) -> Sent:
 
 def judged(*frames: Sent, is_altered: bool = False) -> list[str]:
     check = RadioCheck(SPEC)
-    check.is_altered = is_altered
+    if is_altered:
+        check.altered()
     for sent in sorted(frames):
         if sent.frame.can_id == LINK_ID:
-            check.reported(sent)
+            check.measured(sent)
         else:
             check.published(sent)
     return [violation.story for violation in check.violations]

@@ -92,7 +92,7 @@ def test_what_is_told_of_faults_and_orders_is_struck_too(file: Path, story: str,
         heard.update((message.operation,) if isinstance(message, Control) else ())
 
     begin(simulation, story)
-    simulation.tap("can0", hear)
+    simulation.wiring.tap("can0", hear)
     simulation.run_for(2_000 * MS)
     assert heard >= told
 

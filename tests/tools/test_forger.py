@@ -36,10 +36,10 @@ def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.Monkey
 def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
     simulation = Simulation(SPEC, 5, key=Key(bytes(32)), standby=True)
     simulation.run_for(3_000 * MS)
-    reigned = {pe.core.reign.manager for pe in simulation.pes.values()}
-    simulation.kill_manager()
+    reigned = {pe.core.reign.manager for pe in simulation.fleet.running.values()}
+    simulation.managers.kill()
     simulation.run_for(1_000 * MS)
-    assert {pe.core.reign.manager for pe in simulation.pes.values()} == {126, 127} - reigned
+    assert {pe.core.reign.manager for pe in simulation.fleet.running.values()} == {126, 127} - reigned
     assert simulation.settle() == []
     assert not simulation.events_of("pe_lost")
 
@@ -48,10 +48,10 @@ def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
 def test_it_is_obeyed_only_where_there_is_no_key(key: Key | None, obeys: bool) -> None:
     simulation = Simulation(SPEC, 3, key=key)
     simulation.run_for(2_000 * MS)
-    forger = Forger(simulation.clock, simulation.buses["can0"], Random(1))
+    forger = Forger(simulation.clock, simulation.wiring.buses["can0"], Random(1))
     simulation.run_for(1_000 * MS)
     forger.leave()
     assert forger.attacks > 200
-    assert any(pe.core.reign.term > 100 for pe in simulation.pes.values()) is obeys
-    refused = [pe.core.authenticity.refused.total() for pe in simulation.pes.values() if pe.core.authenticity]
+    assert any(pe.core.reign.term > 100 for pe in simulation.fleet.running.values()) is obeys
+    refused = [pe.core.authenticity.refused.total() for pe in simulation.fleet.running.values() if pe.core.authenticity]
     assert all(count > 100 for count in refused)

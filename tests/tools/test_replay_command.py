@@ -15,8 +15,8 @@ from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import read_act
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.replay.comparison import compared
 from heronry_tools.sim.replay.recording import on_the_managers_bus, read_recording, reigns
 from heronry_tools.sim.replay.rerun import Planners, Rerun
@@ -41,9 +41,9 @@ def recorded(simulation: Simulation, file: Path, *, from_ns: int = 0) -> Path:
 
 def flight_with_a_loss(planners: planning.Planners = planning.Planners.BEST) -> Simulation:
     simulation = flying(elevator_and_chute(), keep_trace=True, planners=planners)
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(500 * MS)
-    simulation.restore("tail_pe")
+    simulation.fleet.restore("tail_pe")
     simulation.run_for(1_000 * MS)
     return simulation
 
@@ -72,7 +72,7 @@ def test_a_recording_gives_the_same_decisions_with_their_reasons(capsys: pytest.
 
 def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     simulation = Simulation(elevator_and_chute(), keep_trace=True)
-    while not simulation.manager or not simulation.manager.core.reigns:
+    while not simulation.managers.foremost or not simulation.managers.foremost.core.reigns:
         simulation.run_for(MS)
     simulation.run_for(3 * MS)  # LEASE is out, and PREPARE comes later
     file = recorded(simulation, tmp_path / "start.log")
@@ -91,9 +91,9 @@ def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureF
 
 def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     simulation = flying(elevator_and_chute(), keep_trace=True)
-    simulation.kill_manager()
+    simulation.managers.kill()
     simulation.run_for(300 * MS)
-    simulation.start_manager()
+    simulation.managers.start()
     simulation.run_for(1_500 * MS)
     code, document = replayed(capsys, recorded(simulation, tmp_path / "two.log"))
     assert code == 0

@@ -13,6 +13,7 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.safe_mode import SafeModeCheck, rests
 from heronry_tools.sim.world.planning import best_plan
 from heronry_wire.configuration_slice import decode_slice
@@ -52,7 +53,7 @@ def test_the_planner_s_side_and_the_judge_agree_on_what_is_expendable(phase: str
 
 def alone_for_a_second(seed: int) -> list[str]:
     simulation = flying(recorder(), seed)
-    simulation.kill_manager()
+    simulation.managers.kill()
     simulation.run_for(1_000 * MS)
     return [violation.story for violation in simulation.broken() if violation.rule == "policy"]
 
@@ -70,5 +71,5 @@ def test_a_flight_that_goes_on_with_everything_is_seen(monkeypatch: pytest.Monke
 def test_nothing_is_judged_where_the_configuration_is_not_known() -> None:
     check = SafeModeCheck(recorder(), Commanded(recorder()))
     check.leased(0)
-    check.state("flight", 500 * MS, StatePage0(PeState.ACTIVE, PeFlags(0), 1, 9, 0, 7))
+    check.told(StateSaid(500 * MS, "can0", 0, "flight", StatePage0(PeState.ACTIVE, PeFlags(0), 1, 9, 0, 7)))
     assert check.violations == []

@@ -18,8 +18,8 @@ from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.world.bus import Clash, Sent
-from heronry_tools.sim.world.nodes import Driven, Moved
 from heronry_tools.sim.world.planning import best_plan
+from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import emcy_id, state_id
@@ -184,9 +184,9 @@ def test_a_branch_that_is_driven_by_what_its_producer_has_not_sent_is_seen() -> 
 def test_what_was_heard_before_a_wire_broke_is_no_foreign_datum_as_long_as_it_is_fresh() -> None:
     simulation = Simulation(load(shipped_spec_path("big_blue")))
     simulation.run_for(2_500_000_000)
-    simulation.cut("ground")
+    simulation.fleet.cut("ground")
     simulation.run_for(500_000_000)  # twenty frames of what may be three periods of a slower mode old
-    simulation.mend("ground")
+    simulation.fleet.mend("ground")
     simulation.run_for(200_000_000)
     assert simulation.broken() == []
 

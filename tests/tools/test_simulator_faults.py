@@ -13,13 +13,13 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.drawing import drawn_acts
 from heronry_tools.sim.faults.fault import KINDS, LEVELS, Act, possible_targets, read_act
 from heronry_tools.sim.faults.protocol_state import STATES, ProtocolState
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
-from heronry_tools.sim.world.nodes import Driven
+from heronry_tools.sim.world.steps_seen import Driven
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, twin_wires, two_tails
 from thoroughness import part_of
 
@@ -146,9 +146,9 @@ def test_a_pause_within_a_longer_one_changes_nothing() -> None:
     simulation = flying(two_tails())
     struck(simulation, "0 pause pe:tail_pe for 0.2", "0.05 pause pe:tail_pe for 0.01")
     simulation.run_for(150 * MS)
-    assert not simulation.pes["tail_pe"].is_awake
+    assert not simulation.fleet.running["tail_pe"].is_awake
     simulation.run_for(60 * MS)
-    assert simulation.pes["tail_pe"].is_awake
+    assert simulation.fleet.running["tail_pe"].is_awake
 
 
 def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,9 +157,9 @@ def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypa
     simulation = flying(elevator_and_chute())
     struck(simulation, "0 slow pe:tail_pe for 2")
     simulation.run_for(500 * MS)
-    while simulation.pes["tail_pe"].is_awake:  # until a step takes its time, with another one behind it
+    while simulation.fleet.running["tail_pe"].is_awake:  # until a step takes its time, with another one behind it
         simulation.run_for(MS)
-    simulation.pes["tail_pe"].pause(150 * MS)
+    simulation.fleet.running["tail_pe"].pause(150 * MS)
     simulation.run_for(500 * MS)
     waited_ns = [driven.t_ns - driven.asked_ns for driven in told]
     assert 0 < max(waited_ns) < 100 * MS
@@ -204,7 +204,7 @@ def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> No
     )
     simulation.run_for(1_000 * MS)
     assert sum(strikes.hits.values()) == 0
-    simulation.kill("sensor_pe")
+    simulation.fleet.kill("sensor_pe")
     simulation.run_for(1_500 * MS)
     assert strikes.hits == {("pause", "planning"): 1, ("doubled", "preparing"): 1}
     late = struck(simulation, "0 pause pe:control_pe for 0.01 in activating")
@@ -215,10 +215,10 @@ def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> No
 def test_an_act_that_comes_too_late_for_its_state_waits_for_the_next_time() -> None:
     simulation = flying(two_tails(), 1)
     strikes = struck(simulation, "0 doubled bus:can0 for 0.1 in going level 10")  # 2 ms after the first one has begun
-    simulation.kill("sensor_pe")
+    simulation.fleet.kill("sensor_pe")
     simulation.run_for(500 * MS)
-    assert (simulation.protocol.entered["going"], sum(strikes.hits.values())) == (2, 0)
-    simulation.restore("sensor_pe")
+    assert (simulation.managers.protocol.entered["going"], sum(strikes.hits.values())) == (2, 0)
+    simulation.fleet.restore("sensor_pe")
     simulation.run_for(1_000 * MS)
     assert strikes.hits == {("doubled", "going"): 1}
 
@@ -230,7 +230,7 @@ def test_what_is_dead_cannot_be_struck_and_what_is_healed_strikes_no_more() -> N
     strikes.heal()
     simulation.run_for(500 * MS)
     assert strikes.hits == {("crash", "idle"): 1}
-    assert set(simulation.pes) == {"sensor_pe", "control_pe"}
+    assert set(simulation.fleet.running) == {"sensor_pe", "control_pe"}
 
 
 def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
@@ -261,7 +261,7 @@ def test_a_surface_that_no_branch_drives_excuses_whoever_doubts_its_sensor() -> 
     simulation = flying(elevator_and_chute())
     struck(simulation, "0.1 raise module:servo_driver_1 for 0.2", "0.5 overrun module:servo_driver_2 for 0.2")
     simulation.run_for(200 * MS)
-    assert simulation.excusable == {"module:servo_driver_1", "device:elevator_servo_1"}
+    assert simulation.truth.excusable == {"module:servo_driver_1", "device:elevator_servo_1"}
     simulation.run_for(600 * MS)
-    assert "device:elevator_angle_sensor" in simulation.excusable
-    assert "device:barometer" not in simulation.excusable
+    assert "device:elevator_angle_sensor" in simulation.truth.excusable
+    assert "device:barometer" not in simulation.truth.excusable

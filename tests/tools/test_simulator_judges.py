@@ -20,21 +20,22 @@ from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.faults.fault import read_act
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles import limits as promised
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.exclusion import ExclusionCheck
 from heronry_tools.sim.oracles.liveness import Losses
+from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.phase import PhaseCheck
 from heronry_tools.sim.oracles.queues import QueueCheck
 from heronry_tools.sim.oracles.service import ServiceCheck, Struck
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.oracles.waivers import Waivers
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Moved
+from heronry_tools.sim.world.steps_seen import Moved
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
@@ -60,6 +61,13 @@ from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two
 PES = frozenset(elevator_and_chute().pes)
 S = 1000 * MS
 TAIL = 94
+WELL = Situation()
+UNSENT = Sent(0, "can0", "", Frame(0, b""))
+
+
+def started(node: int, incarnation: int) -> StateSaid:
+    """What a PE says when it has just started."""
+    return StateSaid(0, "can0", node, "", StatePage0(PeState.UNCONFIGURED, PeFlags(0), incarnation, 0, 0, 0))
 
 
 def rules(simulation: Simulation) -> list[tuple[str, str]]:
@@ -103,15 +111,15 @@ def test_who_has_started_anew_sends_nothing_until_an_epoch_asks_for_it() -> None
 def publishes(simulation: Simulation, pe: str) -> list[Frame]:
     """Data frames that a PE sends within a tenth of a second."""
     heard: list[Frame] = []
-    data = set(simulation.data_identifiers)
+    data = set(simulation.fleet.data_identifiers)
 
     def tap(sent: Sent) -> None:
         if sent.sender == pe and sent.frame.can_id in data:
             heard.append(sent.frame)
 
-    simulation.buses["can0"].taps.append(tap)
+    simulation.wiring.buses["can0"].taps.append(tap)
     simulation.run_for(100 * MS)
-    simulation.buses["can0"].taps.remove(tap)
+    simulation.wiring.buses["can0"].taps.remove(tap)
     return heard
 
 
@@ -122,12 +130,12 @@ def test_more_frames_than_planned_are_seen_and_as_many_as_planned_are_not() -> N
     simulation = flying(two_tails())
     simulation.checks.is_well(simulation.now_ns)
     simulation.run_for(2 * S)
-    assert simulation.checks.unplanned(simulation.now_ns, simulation.truth) == []
+    assert simulation.checks.unplanned(simulation.now_ns, simulation.truth.situation) == []
     pe = next(name for name in ("sensor_pe", "control_pe", "tail_pe") if publishes(simulation, name))
     (frame, *_) = publishes(simulation, pe)
     for _ in range(300):
         simulation.checks.see(Sent(simulation.now_ns, "can0", pe, frame))
-    (violation,) = simulation.checks.unplanned(simulation.now_ns, simulation.truth)
+    (violation,) = simulation.checks.unplanned(simulation.now_ns, simulation.truth.situation)
     assert violation.rule == "planned_load"
 
 
@@ -144,33 +152,35 @@ def test_nothing_is_planned_before_anything_is_commanded_or_anybody_is_well() ->
 
 def test_a_bus_that_never_falls_idle_has_not_emptied_its_queues() -> None:
     simulation = flying(two_tails())
-    queues = QueueCheck(simulation.now_ns, simulation.buses)
+    queues = QueueCheck(simulation.now_ns, simulation.wiring.buses)
     simulation.run_for(100 * MS)
-    assert queues.look(simulation.now_ns, simulation.buses) == []
-    strangers = [Stranger(simulation.clock, simulation.buses["can0"], Frame(can_id, bytes(8))) for can_id in (1, 2)]
+    assert queues.look(simulation.now_ns, simulation.wiring.buses) == []
+    strangers = [
+        Stranger(simulation.clock, simulation.wiring.buses["can0"], Frame(can_id, bytes(8))) for can_id in (1, 2)
+    ]
     simulation.run_for(100 * MS)
-    (violation,) = queues.look(simulation.now_ns, simulation.buses)
+    (violation,) = queues.look(simulation.now_ns, simulation.wiring.buses)
     assert violation.rule == "queues"
     assert "pile up on can0" in violation.story
     for stranger in strangers:
         stranger.leave()
     simulation.run_for(100 * MS)
-    queues.look(simulation.now_ns, simulation.buses)
+    queues.look(simulation.now_ns, simulation.wiring.buses)
     simulation.run_for(100 * MS)
-    assert queues.look(simulation.now_ns, simulation.buses) == []
+    assert queues.look(simulation.now_ns, simulation.wiring.buses) == []
 
 
 def test_a_frame_that_its_sender_holds_back_for_ever_is_seen() -> None:
     simulation = flying(two_tails())
-    queues = QueueCheck(simulation.now_ns, simulation.buses)
-    bus, held = simulation.buses["can0"], simulation.pes["tail_pe"].stations[0][1]
+    queues = QueueCheck(simulation.now_ns, simulation.wiring.buses)
+    bus, held = simulation.wiring.buses["can0"], simulation.fleet.running["tail_pe"].stations[0][1]
     bus.stand_back(held, simulation.now_ns + 10 * S)
     bus.offer(held, Frame(1999, b""))
     for _ in range(2):
         simulation.run_for(100 * MS)
-        assert queues.look(simulation.now_ns, simulation.buses) == []
+        assert queues.look(simulation.now_ns, simulation.wiring.buses) == []
     simulation.run_for(100 * MS)
-    (violation,) = queues.look(simulation.now_ns, simulation.buses)
+    (violation,) = queues.look(simulation.now_ns, simulation.wiring.buses)
     assert violation.story == "1999 of tail_pe waits on can0 for more than 100 ms"
 
 
@@ -226,7 +236,7 @@ def test_whoever_speaks_reigns_once_a_higher_term_has_fallen_silent() -> None:
 
 def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
     simulation = flying(two_tails())
-    simulation.pes["tail_pe"].wire(mute=True)  # for good, and nobody is told
+    simulation.fleet.running["tail_pe"].wire(mute=True)  # for good, and nobody is told
     bound_ns = simulation.checks.liveness_bound_ns()
     begun_ns = simulation.now_ns
     assert "tail_pe is healthy, and silent" in [violation.story for violation in simulation.settle()]
@@ -273,10 +283,10 @@ def beats(check: ServiceCheck, pes: frozenset[str], period_ns: int = 20 * MS) ->
 def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
     """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
     beats(service, PES)
-    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3), None)
+    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3))
     assert service.violations == []
     if reigned:
-        service.reigned(alive_ns)
+        service.began(alive_ns)
     service.alive(alive_ns, pes)
     return [violation.story for violation in service.violations]
 
@@ -302,7 +312,7 @@ def test_who_took_part_is_not_known_where_what_a_manager_says_has_waited(
 ) -> None:
     for beat_ms in beats_ms:
         service.alive(5 * S + beat_ms * MS, PES)
-    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3), None)
+    service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3))
     service.alive(5 * S + 11 * MS, PES)
     assert bool(service.violations) is is_known
 
@@ -310,7 +320,7 @@ def test_who_took_part_is_not_known_where_what_a_manager_says_has_waited(
 def test_who_adopts_what_runs_drops_nothing_by_that(service: ServiceCheck) -> None:
     service.alive(4 * S, PES)
     for is_adopted in (True, False):
-        service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, is_adopted=is_adopted), None)
+        service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, is_adopted=is_adopted))
         assert bool(service.violations) is not is_adopted
 
 
@@ -319,7 +329,7 @@ def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_hav
     for alive_ns, is_known in ((5 * S + 100 * MS, True), (5 * S + 210 * MS, False)):
         service = ServiceCheck(spec)
         beats(service, frozenset(spec.pes), spec.buses[spec.manager.bus].heartbeat_ns)
-        service.activated(5 * S + MS, epoch_for_nothing(spec, 5 * S, contingency=3), None)
+        service.activated(5 * S + MS, epoch_for_nothing(spec, 5 * S, contingency=3))
         service.alive(alive_ns, frozenset(spec.pes))
         assert bool(service.violations) is is_known
 
@@ -333,7 +343,7 @@ def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: Se
 
 def test_a_reign_that_begins_where_nobody_runs_anything_may_wait_for_its_start_up_window(service: ServiceCheck) -> None:
     service.ran(10 * S)
-    service.reigned(11 * S)
+    service.began(11 * S)
     service.ran(16 * S)
     assert judged(service, lasts_ns=7 * S) == []
     (story,) = judged(service, lasts_ns=8 * S)  # of these two seconds after the window
@@ -341,7 +351,7 @@ def test_a_reign_that_begins_where_nobody_runs_anything_may_wait_for_its_start_u
 
 
 def test_where_somebody_flies_a_new_reign_is_no_excuse(service: ServiceCheck) -> None:
-    service.reigned(10 * S)
+    service.began(10 * S)
     for tick in range(1, 600):
         service.ran(tick * 50 * MS)
     assert len(judged(service)) == 1
@@ -354,7 +364,7 @@ def test_time_begins_anew_with_whatever_happens_meanwhile(service: ServiceCheck)
 
 def test_who_is_not_counted_on_and_what_was_acknowledged_is_down(service: ServiceCheck) -> None:
     position = list(two_tails().modules).index("elevator_control")
-    service.acknowledged(5 * S, Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
+    service.commanded(5 * S, "manager 126", Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
     assert judged(service) == []
     other = ServiceCheck(two_tails())
     other.alive(S, PES - {"tail_pe", "control_pe"})
@@ -365,9 +375,9 @@ def test_what_the_operator_has_failed_is_down_until_it_is_cleared(service: Servi
     for later_ns in (0, MS):
         service.failed(9 * S + later_ns, "module:elevator_control")
     assert judged(service) == []
-    service.cleared(9 * S + 2 * MS, "pe:tail_pe", everywhere=True)
+    service.cleared(9 * S + 2 * MS, "pe:tail_pe", WELL, everywhere=True)
     assert judged(service) == []
-    service.cleared(9 * S + 3 * MS, "module:elevator_control", everywhere=True)
+    service.cleared(9 * S + 3 * MS, "module:elevator_control", WELL, everywhere=True)
     assert len(judged(service)) == 1
 
 
@@ -375,26 +385,26 @@ def test_what_a_pe_has_told_is_unknown_to_the_next_reign_if_it_may_have_missed_a
     missed_ns = {"tail_pe": 6 * S}
     service = ServiceCheck(two_tails(), lambda pe: missed_ns.get(pe, 0))
     for index, pe, t_ns in ((0, "tail_pe", 7 * S), (1, "tail_pe", 5 * S), (2, "control_pe", 5 * S)):
-        service.told(pe, Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, index, 7))
-        service.acknowledged(t_ns, Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, index))
+        service.emergency(UNSENT, pe, Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, index, 7))
+        service.commanded(t_ns, "manager 126", Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, index))
     first, second, third = (f"device:{device}" for device in list(two_tails().devices)[:3])
     assert service.held == {first, second, third}
-    service.reigned(8 * S)
+    service.began(8 * S)
     assert service.held == {first, third}
-    service.acknowledged(8 * S, Control(2, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, 1))
+    service.commanded(8 * S, "manager 126", Control(2, 94, Operation.ACKNOWLEDGE, ElementKind.DEVICE, 1))
     assert service.held == {first, second, third}
 
 
 def epoch_of_nobody(service: ServiceCheck, prepared_ns: int, activated_ns: int) -> list[str]:
     """What is said of an epoch that everybody stages, and that serves nothing."""
-    service.activated(activated_ns, epoch_for_nothing(two_tails(), prepared_ns), None)
+    service.activated(activated_ns, epoch_for_nothing(two_tails(), prepared_ns))
     return [violation.story for violation in service.violations]
 
 
 def test_an_epoch_may_know_what_was_known_from_shortly_before_it_was_prepared(service: ServiceCheck) -> None:
     for pe in PES:
         service.failed(S, f"pe:{pe}")
-        service.cleared(5 * S + MS, f"pe:{pe}", everywhere=True)
+        service.cleared(5 * S + MS, f"pe:{pe}", WELL, everywhere=True)
     assert epoch_of_nobody(service, 5 * S, 5 * S + 2 * MS) == []
     assert epoch_of_nobody(service, 5 * S + 5 * MS, 5 * S + 6 * MS) == []
     (story,) = epoch_of_nobody(service, 5 * S + 7 * MS, 5 * S + 8 * MS)
@@ -416,11 +426,11 @@ def test_what_is_cleared_was_reported_rightly_and_is_well_until_it_is_reported_a
     struck = (read_act(simulation.spec, "0.01 raise module:servo_driver_1 for 0.5"),)
     Strikes(simulation, struck, simulation.now_ns)
     simulation.run_for(400 * MS)
-    assert "module:servo_driver_1" in simulation.truth.down
+    assert "module:servo_driver_1" in simulation.truth.situation.down
     reply = simulation.operator.say(ClearElement("module:servo_driver_1"))
     assert reply is not None
     assert reply.done
-    assert "module:servo_driver_1" not in simulation.truth.down
+    assert "module:servo_driver_1" not in simulation.truth.situation.down
     assert simulation.settle() == []
 
 
@@ -429,8 +439,8 @@ def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not
     simulation.run_for(2 * S)
     assert simulation.operator.say(FailElement("pe:tail_pe")) is not None
     assert simulation.operator.failed == {"pe:tail_pe"}
-    assert "pe:tail_pe" in simulation.truth.down
-    simulation.kill_manager()
+    assert "pe:tail_pe" in simulation.truth.situation.down
+    simulation.managers.kill()
     assert simulation.operator.say(EnterPhase("glide")) is None
     simulation.operator.clear("pe:tail_pe")
     assert simulation.operator.failed == {"pe:tail_pe"}  # nobody has heard it
@@ -452,7 +462,7 @@ def flown(spec: Spec, *acts: str, seconds: float = 4.0) -> list[tuple[str, str]]
 def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
     simulation = flying(big_blue())
     assert simulation.settle() == []
-    simulation.checks.phases.ordered(simulation.now_ns, "landing", 1)
+    simulation.checks.ordered(simulation.now_ns, "landing", 1)
     assert "the phase is landing, and ascent is told" in [v.story for v in simulation.unsettled()]
 
 
@@ -523,7 +533,7 @@ def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
     )
     late = sent._replace(end_ns=simulation.now_ns + 10 * S)
     simulation.checks.see(sent)
-    assert f"device:{device}" in simulation.truth.down
+    assert f"device:{device}" in simulation.truth.situation.down
     assert rules(simulation) == []
     other = flying(two_tails())
     Strikes(other, struck, other.now_ns)
@@ -550,14 +560,16 @@ def phases(*, of_two: bool = False) -> tuple[PhaseCheck, list[str | None]]:
     begun: list[str | None] = []
     check = PhaseCheck(big_blue(), lambda _, phase: begun.append(phase))
     if of_two:
-        check.may_forget()
+        check.may_forget_phase()
     return check, begun
 
 
 def tells(check: PhaseCheck, t_ns: int, phase: str, term: int = 1) -> list[str]:
     """What is said when a reign tells a phase."""
     before = len(check.violations)
-    check.commanded(t_ns, Control(term, 0, Operation.HOLDS, ElementKind.PHASE, list(big_blue().phases).index(phase)))
+    check.commanded(
+        t_ns, "manager 126", Control(term, 0, Operation.HOLDS, ElementKind.PHASE, list(big_blue().phases).index(phase))
+    )
     return [violation.story for violation in check.violations[before:]]
 
 
@@ -565,7 +577,7 @@ def requests(check: PhaseCheck, phase: str, number: int, node: int = 92) -> None
     """A PE asks for a phase, and the manager hears it."""
     index = list(big_blue().phases).index(phase)
     check.requested(node, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, number))
-    check.commanded(0, Control(1, node, Operation.ACKNOWLEDGE, ElementKind.PHASE, number))
+    check.commanded(0, "manager 126", Control(1, node, Operation.ACKNOWLEDGE, ElementKind.PHASE, number))
 
 
 def test_what_is_told_is_what_was_asked_for_last_or_was_on_its_way() -> None:
@@ -587,20 +599,20 @@ def test_a_request_counts_once_it_is_acknowledged_and_once_for_each_number() -> 
     requests(check, "glide", 2)
     requests(check, "ascent", 3 | FORWARD_ONLY)
     assert begun == ["glide", "ascent", "glide"]
-    check.commanded(0, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 99))
-    check.commanded(0, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.MODULE, 3))
+    check.commanded(0, "manager 126", Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 99))
+    check.commanded(0, "manager 126", Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.MODULE, 3))
     assert check.current == "glide"
 
 
 def test_a_request_counts_anew_from_who_starts_anew() -> None:
     check, begun = phases()
-    check.started(92, 1)
+    check.told(started(92, 1))
     requests(check, "glide", 2)
     check.ordered(S, "ascent", 1)
-    check.started(92, 1)
+    check.told(started(92, 1))
     requests(check, "glide", 1)
     assert begun == ["glide", "ascent"]
-    check.started(92, 2)
+    check.told(started(92, 2))
     requests(check, "glide", 1)
     assert begun == ["glide", "ascent", "glide"]
 
@@ -647,7 +659,7 @@ def test_of_two_managers_one_may_know_less_and_two_that_are_apart_do_not_agree()
     check.ordered(S, "glide", 1)
     assert tells(check, 2 * S, "ascent", term=2) == []
     assert tells(check, 3 * S, "glide", term=2) != []
-    check.apart()
+    check.bus_split(0, "can0", True)
     assert tells(check, 4 * S, "glide", term=2) == []
     assert tells(check, 5 * S, "landing", term=2) == ["term 2 begins in landing, and the phase was glide"]
 
@@ -665,7 +677,7 @@ def test_what_was_just_left_is_on_its_way_though_a_request_for_it_is_made_again(
     check.requested(92, repeated)
     assert tells(check, 2 * S + 2 * MS, "glide", term=2) == []
     if is_answered:
-        check.commanded(2 * S + 3 * MS, Control(2, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
+        check.commanded(2 * S + 3 * MS, "manager 126", Control(2, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
     assert check.current == phase
     assert tells(check, 3 * S, phase, term=2) == []
     assert (tells(check, 4 * S, "ascent", term=2) == []) is not is_answered
@@ -677,7 +689,7 @@ def test_an_answer_from_before_an_order_was_on_its_way() -> None:
     check.ordered(S, "ascent", 1)
     index = list(big_blue().phases).index("glide")
     check.requested(92, Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, index, 3))
-    check.commanded(S + MS, Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
+    check.commanded(S + MS, "manager 126", Control(1, 92, Operation.ACKNOWLEDGE, ElementKind.PHASE, 3))
     assert check.current == "glide"
     assert tells(check, S + 110 * MS, "ascent") == []
     assert tells(check, 2 * S, "ascent") == []
@@ -707,11 +719,11 @@ def turns(*handovers: tuple[int, int], leased: bool = True, spoken: bool = True)
     """What is said when two modules drive a DEMUX in turn, each after a LEASE of this term and epoch."""
     check = ExclusionCheck(two_tails())
     for n, (term, epoch) in enumerate(handovers):
-        check.commanded(Lease(term, epoch, Step.GO_ALL, 0))
+        check.commanded(n * S, "manager 126", Lease(term, epoch, Step.GO_ALL, 0))
         if leased or n == 0:
             check.leased(n * S)
         if spoken:
-            check.spoke(n * S, "right")
+            check.said(started(94, 1)._replace(t_ns=n * S, pe="right"))
         check.moved(Moved(n * S, *(("left", "servo_driver_1"), ("right", "servo_driver_2"))[n % 2]))
     return [violation.story for violation in check.violations]
 

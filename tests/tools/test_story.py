@@ -23,9 +23,9 @@ from heronry_tools.reports.story import _SENTENCES, Line, Story
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
 from heronry_tools.runtime.demo.script import Act, default_acts, read_script
 from heronry_tools.sim.faults.drawing import drawn_acts
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_wire.bus_arguments import BusArgumentError
 from scenarios.flights import twin_wires
 
@@ -390,7 +390,7 @@ from heronry_tools.reports.screen import screen
 from heronry_tools.sim.faults.drawing import drawn_acts
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.injection import Strikes
+from heronry_tools.sim.flight.strikes import Strikes
 show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
 show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
 """

@@ -11,9 +11,9 @@ from heronry_tools.sim.faults.drawing import drawn_acts
 from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_act
 from heronry_tools.sim.faults.protocol_state import ProtocolState
 from heronry_tools.sim.flight.campaign import Coverage
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, need_key, play
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_tools.sim.world.bus import Faults, SimulatedBus
 from heronry_tools.sim.world.clock import Clock
@@ -68,9 +68,9 @@ def test_a_stale_table_runs_nothing_of_ours_until_the_right_one_is_back() -> Non
     strikes = Strikes(simulation, (read_act(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns)
     simulation.run_for(700 * MS)
     assert simulation.events_of("pe_refused")[-1]["reason"] == "DIGEST"
-    assert "pe:tail_pe" in simulation.truth.down
+    assert "pe:tail_pe" in simulation.truth.situation.down
     simulation.run_for(200 * MS)
-    assert simulation.truth.down == frozenset()
+    assert simulation.truth.situation.down == frozenset()
     strikes.heal()
     assert simulation.settle() == []
 
@@ -80,9 +80,9 @@ def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dea
     acts = ("0 stale_table pe:tail_pe for 0.4", "0.1 crash pe:tail_pe for 0.1", "0.3 crash pe:tail_pe")
     Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
     simulation.run_for(250 * MS)
-    assert "pe:tail_pe" in simulation.truth.down
+    assert "pe:tail_pe" in simulation.truth.situation.down
     simulation.run_for(350 * MS)
-    assert "tail_pe" not in simulation.pes
+    assert "tail_pe" not in simulation.fleet.running
 
 
 @pytest.mark.parametrize(("disk", "key", "is_promised"), [("full", KEY, False), ("full", None, True), ("", KEY, True)])
@@ -106,10 +106,10 @@ def test_a_manager_that_runs_twice_runs_once_more_at_most_and_is_gone_when_it_is
     )
     strikes = Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
     simulation.run_for(150 * MS)
-    assert sorted(simulation.managers) == [-126, 126, 127]
+    assert sorted(simulation.managers.running) == [-126, 126, 127]
     assert strikes.hits.total() == 1
     simulation.run_for(500 * MS)
-    assert sorted(simulation.managers) == [126, 127]
+    assert sorted(simulation.managers.running) == [126, 127]
     assert simulation.settle() == []
 
 
@@ -162,7 +162,7 @@ def test_one_half_may_hear_the_other_that_does_not_hear_it() -> None:
 def voices(*said: tuple[int, str]) -> list[str]:
     check = TermCheck(two_tails())
     for t_ms, station in said:
-        check.alive(t_ms * MS, station, 3)
+        check.judge_alive(t_ms * MS, station, 3)
     return [violation.story for violation in check.violations]
 
 
@@ -175,8 +175,8 @@ def test_with_a_key_two_that_say_the_same_at_once_are_one() -> None:
     check = TermCheck(two_tails(), has_key=True)
     for t_ms in range(0, 2000, 20):
         for station in ("manager 126", "manager 126 again"):
-            check.commanded(t_ms * MS, 126, Lease(3, 0, Step.PREPARED, 0), station)
-            check.alive(t_ms * MS, station, 3)
+            check.judge_command(t_ms * MS, 126, Lease(3, 0, Step.PREPARED, 0), station)
+            check.judge_alive(t_ms * MS, station, 3)
             if station == "manager 126" or t_ms >= 1000:
                 check.tagged(t_ms * MS, station)
         assert check.violations == [] or t_ms > 1200
@@ -200,9 +200,9 @@ def test_two_of_one_number_on_two_sides_of_a_broken_bus_meet_when_it_is_whole_ag
     check = TermCheck(big_blue())
     for t_ms in range(0, 800, 20):
         if t_ms in (0, 400):
-            check.split(t_ms == 0)
+            check.bus_split(t_ms * MS, "can0", t_ms == 0)
         for station in ("manager 126", "manager 126 again"):
-            check.alive(t_ms * MS, station, 3)
+            check.judge_alive(t_ms * MS, station, 3)
         assert check.violations == [] or t_ms > 600
     assert len(check.violations) == 1
 
@@ -212,8 +212,8 @@ def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
     head = SliceHead(94, 3, 0, 0)
 
     def reigns(t_ns: int, manager: int, term: int) -> bool:
-        named = check.commanded(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
-        assert check.commanded(t_ns, manager, head, f"manager {manager}") == named
+        named = check.judge_command(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+        assert check.judge_command(t_ns, manager, head, f"manager {manager}") == named
         return named
 
     assert reigns(1, 127, 6)
@@ -227,16 +227,16 @@ def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> N
     check, head = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
 
     def reigns(t_ms: int, manager: int, term: int) -> bool:
-        return check.commanded(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
+        return check.judge_command(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
 
     check.tagged(0, "manager 126")  # of something that was not heard
     assert reigns(1, 126, 1)
     check.tagged(1 * MS, "manager 126")
-    assert not check.alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
+    assert not check.judge_alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
     check.tagged(21 * MS, "manager 126")
-    assert check.alive(22 * MS, "manager 126", 1)
+    assert check.judge_alive(22 * MS, "manager 126", 1)
     assert reigns(30, 127, 2)
-    assert check.commanded(30 * MS, 127, head, "manager 127")
+    assert check.judge_command(30 * MS, 127, head, "manager 127")
     assert reigns(40, 126, 1)
     check.tagged(41 * MS, "manager 126")
     check.tagged(42 * MS, "manager 127")

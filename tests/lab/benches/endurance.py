@@ -21,8 +21,8 @@ from random import Random
 
 from heronry_dg.loader import load
 from heronry_dg.model import Spec
-from heronry_tools.commands.sim import processors, whole_number
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.number_arguments import processors, whole_number
 from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.flight.campaign import fly_all
@@ -89,8 +89,8 @@ def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
     quiet = Quiet(duration_ns)
 
     def stall() -> None:
-        assert simulation.manager is not None
-        simulation.manager.pause(STALL_NS)
+        assert simulation.managers.foremost is not None
+        simulation.managers.foremost.pause(STALL_NS)
         quiet.stalls += 1
         simulation.at(simulation.now_ns + round(random.expovariate(1 / STALL_EVERY_NS)), stall)
 
@@ -108,7 +108,7 @@ def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
         for event in (*simulation.events_of("pe_lost"), *simulation.events_of("reconfigured")):
             quiet.false.append(f"seed {seed}: {event['t_ns'] / 1e9:.3f} s {event['event']} {event.get('cause', '')}")
     quiet.false += [f"seed {seed}: {violation}" for violation in simulation.broken()]
-    quiet.frames = sum(bus.frames for bus in simulation.buses.values())
+    quiet.frames = sum(bus.frames for bus in simulation.wiring.buses.values())
     return quiet
 
 
@@ -127,10 +127,10 @@ def _reboot(simulation: Simulation, pe: str, random: Random) -> Reboot:
     simulation.run_for(_BETWEEN_REBOOTS_NS + random.randrange(bus.heartbeat_ns))
     away_ns = random.randrange(100_000, window_ns)
     begun_ns = simulation.now_ns
-    simulation.kill(pe)
+    simulation.fleet.kill(pe)
     simulation.run_for(away_ns)
     back_ns = simulation.now_ns
-    simulation.restore(pe)
+    simulation.fleet.restore(pe)
     simulation.run_for(_BETWEEN_REBOOTS_NS)
     known = (e["t_ns"] for e in simulation.events_of("pe_lost") if e["pe"] == pe and e["t_ns"] >= begun_ns)
     noticed_ns = next(known, None)

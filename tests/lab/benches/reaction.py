@@ -36,7 +36,7 @@ from heronry_dg.plan import Plan
 from heronry_dg.situation import Situation
 from heronry_manager.core.planning_policy import Answer, PlanningPolicy, Source
 from heronry_manager.core.vocabulary import PlanReady, RequestPlan
-from heronry_tools.commands.sim import flights, whole_number
+from heronry_tools.console.number_arguments import flights, whole_number
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
@@ -175,7 +175,7 @@ def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
 def measure_death(spec: Spec, pe: str, seed: int, random: Random, times: Times) -> None:
     """Let one PE die in a flight in which all is well."""
     simulation = Simulation(spec, seed, contingencies=FORESEEN)
-    bus = simulation.buses["can0"]
+    bus = simulation.wiring.buses["can0"]
     simulation.run_for(_START_NS)
     busy_bits, since_ns = bus.busy_bits, simulation.now_ns
     simulation.run_for(_STEADY_NS + random.randrange(spec.buses["can0"].heartbeat_ns))
@@ -193,8 +193,8 @@ def _die(simulation: Simulation, pe: str, times: Times) -> None:
     last = simulation.witness.last_output("surface")
     holds = last is not None and last.node == simulation.spec.pes[pe].node_id
     gone: dict[str, int] = {}  # by PE: when it said first that it had taken GO
-    simulation.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
-    simulation.kill(pe)
+    simulation.wiring.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
+    simulation.fleet.kill(pe)
     simulation.run_for(_AFTER_NS)
     (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
     (opened,) = simulation.events_of("epoch_prepared")

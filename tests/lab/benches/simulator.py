@@ -41,11 +41,11 @@ def _measure(name: str, duration_ns: int, report: Report) -> None:
     begun_s = time.process_time()
     simulation.settle()
     start_s = time.process_time() - begun_s
-    frames = sum(bus.frames for bus in simulation.buses.values())
+    frames = sum(bus.frames for bus in simulation.wiring.buses.values())
     begun_s = time.process_time()
     simulation.run_for(duration_ns)
     used_s = time.process_time() - begun_s
-    frames = sum(bus.frames for bus in simulation.buses.values()) - frames
+    frames = sum(bus.frames for bus in simulation.wiring.buses.values()) - frames
     report.begin(f"{'compiled' if is_compiled() else 'Python'}: {name}")
     report.figures(
         "  {times_real_time:.1f} x real time, {frames_per_s:.0f} frames/s, {us_per_frame:.1f} us a frame; "

@@ -93,12 +93,12 @@ class _Heard:
 
 def _in_simulator(spec: Spec, seed: int) -> _Gone:
     simulation, heard = Simulation(spec, seed, standby=True), _Heard(Witness(spec))
-    simulation.tap(spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
+    simulation.wiring.tap(spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     while not simulation.events_of("reconfigured") or simulation.unsettled():
         simulation.run_for(50 * MS)
     simulation.run_for(1_000 * MS + seed * 7_919_000 % (20 * MS))
     heard.killed_ns = simulation.now_ns
-    simulation.kill_manager()
+    simulation.managers.kill()
     simulation.run_for(1_000 * MS)
     return heard.gone(simulation.now_ns)
 

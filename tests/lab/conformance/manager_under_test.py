@@ -16,9 +16,9 @@ from heronry_tools.console.spec_argument import spec_path
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.local_clock import LocalClock
-from heronry_tools.sim.world.nodes import SimulatedManager
 from heronry_tools.sim.world.planning import Planners, Prepared, best_plan, prepared
 from heronry_tools.sim.world.planning_driver import PlanningDriver
+from heronry_tools.sim.world.simulated_manager import SimulatedManager
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id

@@ -343,14 +343,14 @@ def who_takes_too_long_is_given_up() -> None:
 def who_hangs_is_ended() -> None:
     """After 100 ms, or three of its periods: built anew, then given up; other partitions notice nothing."""
     pe = _flying()
-    pe.pe.stuck = True
+    pe.pe.steps.stuck = True
     began_ns = pe.run(95)
     equal(pe.emergencies(began_ns), [], "EMCYs before 100 ms are spent")
     pe.run(60)
     codes = {(said.code, said.index) for _, said in pe.emergencies(began_ns)}
     demand((FaultCode.MODULE_RESTARTED, HELPER) in codes, f"who hangs is not built anew: {codes}")
     demand((FaultCode.MODULE_OVERRUN, GAUGE) in codes, f"who hangs is not given up: {codes}")
-    pe.pe.stuck = False
+    pe.pe.steps.stuck = False
 
 
 def a_new_term_is_told_what_has_stopped() -> None:

@@ -290,7 +290,7 @@ def a_datum_that_its_producer_does_not_trust_says_so() -> None:
 def a_step_may_wait_for_the_processor() -> None:
     """For T_lease: one that is busy for some ms with each module computes them all."""
     pe = _attended().flies()
-    pe.pe.slow = Random(0)
+    pe.pe.steps.slow = Random(0)
     began_ns = pe.run(400)
     for identifier in (HEIGHT_ID, DEMAND_ID, HELP_ID):
         count = len(pe.data(identifier, began_ns))

@@ -22,7 +22,7 @@ from heronry_agent.core.vocabulary import Action, Event, Heard, ModuleEvent, Not
 from heronry_agent.module import Value
 from heronry_tools.aircraft.plant import Plant
 from heronry_tools.sim.world.local_clock import LocalClock
-from heronry_tools.sim.world.nodes import SimulatedPe
+from heronry_tools.sim.world.simulated_pe import SimulatedPe
 from heronry_wire.authentication import Key
 from heronry_wire.canaerospace import DataType, Datum, Status, Validity, decode_data, encode_data, pack_status
 from heronry_wire.canopen_objects import COUNTERS
@@ -192,7 +192,7 @@ class _Pe(SimulatedPe):
         if isinstance(action, StepModule) and action.module in self.gives_back:
             self.gives_back.remove(action.module)
             again = NotReady(action.module, action.release)
-            self._clock.at(self._clock.now_ns + GIVEN_BACK_NS, lambda: self._give(again))
+            self._clock.at(self._clock.now_ns + GIVEN_BACK_NS, lambda: self.give(again))
             return None
         if isinstance(action, Note):
             self.notes.append((action.kind, action.text))
@@ -202,7 +202,7 @@ class _Pe(SimulatedPe):
 
     def tell(self, event: Event) -> None:
         """Hand something to the core."""
-        self._give(event)
+        self.give(event)
 
 
 class PeUnderTest(UnderTest):

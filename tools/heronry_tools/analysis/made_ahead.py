@@ -44,6 +44,9 @@ class Ahead(Enum):
 
 Source = Path | Ahead
 
+CARRIED = "of which what fits is put on board, and with which the manager must fly too"
+"""What the plans are for where tables are compiled."""
+
 
 def add_contingencies_argument(parser: argparse.ArgumentParser, what: str, default: str = SINGLE_FAULTS_KEPT) -> None:
     """Add --contingencies: `what` the plans are for, and which are taken where nothing is said."""

@@ -90,7 +90,7 @@ def _planned(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, C
 def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Configuration]":
     from heronry_dg.plan import read_configuration  # noqa: PLC0415
     from heronry_dg.verify import verify  # noqa: PLC0415
-    from heronry_tools.commands.plan import errors_name, judged_in, read_text  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import errors_name, judged_in, read_text  # noqa: PLC0415
 
     text = read_text(arguments.plan)
     with errors_name(arguments.plan):

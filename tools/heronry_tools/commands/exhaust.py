@@ -11,16 +11,11 @@ from collections import Counter
 from random import Random
 from typing import TYPE_CHECKING, Any
 
-from heronry_tools.commands.sim import (
-    add_compiled_argument,
-    check_images,
-    go_on_compiled_if_asked,
-    processors,
-    whole_number,
-)
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.number_arguments import processors, whole_number
 from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
@@ -82,6 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     go_on_compiled_if_asked(arguments)
     from heronry_tools.sim.flight.campaign import fly_all  # noqa: PLC0415 - the solver is slow to import
     from heronry_tools.sim.flight.exhaustive import fly_case  # noqa: PLC0415
+    from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     check_images(spec)

@@ -6,12 +6,10 @@ Exit codes: 0 a plan was made, or a configuration is legal; 1 it is not legal; 2
 import argparse
 import json
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.plan_argument import errors_name, judged_in, read_text
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
@@ -194,36 +192,3 @@ def run_verify(arguments: argparse.Namespace) -> int:
     if not violations:
         print("legal: no rule is broken")
     return 1 if violations else 0
-
-
-def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
-    """Take the situation from the plan, and from the options what they say."""
-    from heronry_dg.plan import read_situation  # noqa: PLC0415
-    from heronry_dg.situation import Situation, situation  # noqa: PLC0415
-
-    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
-    planned = read_situation(plan, spec)
-    return Situation(
-        down=planned.down if arguments.down is None else said.down,
-        limits=planned.limits if arguments.limit is None else said.limits,
-        phase=planned.phase if arguments.phase is None else said.phase,
-    )
-
-
-@contextmanager
-def errors_name(file: str | None) -> Iterator[None]:
-    """Let what is wrong with a plan name the file that it came from (`-`: standard input)."""
-    from heronry_dg.plan import PlanError  # noqa: PLC0415
-
-    try:
-        yield
-    except PlanError as error:
-        raise UserError(f"{'standard input' if file == '-' else file}: {error}") from error
-
-
-def read_text(file: str) -> str:
-    """Read a file, or standard input for `-`."""
-    try:
-        return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so this is no plan") from error

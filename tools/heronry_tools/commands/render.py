@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _graph(arguments: argparse.Namespace) -> "Graph":
     from heronry_dg.plan import read_plan  # noqa: PLC0415
     from heronry_dg.situation import situation  # noqa: PLC0415
-    from heronry_tools.commands.plan import errors_name, read_text  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import errors_name, read_text  # noqa: PLC0415
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.reports.render.build import build  # noqa: PLC0415
     from heronry_tools.reports.render.marks import marks  # noqa: PLC0415

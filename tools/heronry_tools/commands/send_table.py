@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.analysis.made_ahead import add_contingencies_argument, contingencies_of
+from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
 
 _ANSWER_WITHIN_S = 5.0
 _AGAIN_AFTER_S = 0.2
@@ -31,8 +31,6 @@ key the manager, which must run on this computer, unlocks the PE first, as with 
 def add_parsers(subparsers: Any) -> None:
     """Add the parser of `heronry send-table`."""
     from can.cli import add_bus_arguments  # noqa: PLC0415 - keeps `heronry plan` quick
-
-    from heronry_tools.commands.table import CARRIED  # noqa: PLC0415
 
     parser = subparsers.add_parser(
         "send-table",

@@ -7,7 +7,6 @@ given has not struck; 2 the input cannot be used.
 import argparse
 import json
 import math
-import os
 import shlex
 import sys
 from collections.abc import Iterator
@@ -16,8 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
+from heronry_tools.console.number_arguments import flights, processors, whole_number
 from heronry_tools.console.progress import show_line
 from heronry_tools.console.spec_argument import add_spec_argument, load_spec, spec_path
+from heronry_tools.sim.compiled.option import add_compiled_argument, go_on_compiled_if_asked
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share, written_share
 
 if TYPE_CHECKING:
@@ -116,6 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly every seed; returns the exit code."""
     go_on_compiled_if_asked(arguments)
     from heronry_tools.sim.flight.campaign import Coverage, fly_all  # noqa: PLC0415 - the solver is slow to import
+    from heronry_tools.sim.flight.flyable import check_images  # noqa: PLC0415
     from heronry_tools.sim.flight.outcome import play  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
@@ -136,21 +138,6 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [*coverage.table(), f"{len(scenarios)} flights, {failed} failed"]
         print(json.dumps(summary) if arguments.json else "\n".join(lines))
     return 1 if failed else 0
-
-
-def add_compiled_argument(parser: argparse.ArgumentParser) -> None:
-    """Add the option of whatever flies often."""
-    parser.add_argument(
-        "--compiled", action="store_true", help="fly machine code of the same source: four times as fast, made once"
-    )
-
-
-def go_on_compiled_if_asked(arguments: argparse.Namespace) -> None:
-    """Go on in another process where that is asked for."""
-    if arguments.compiled:
-        from heronry_tools.sim.compiled.machine_code import go_on_compiled  # noqa: PLC0415 - slow to import
-
-        go_on_compiled(arguments.argv)
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
@@ -274,17 +261,6 @@ def _line(act: "Act") -> str:
     )
 
 
-def check_images(spec: "Spec") -> None:
-    """Refuse a spec whose modules have no code; raises UserError."""
-    from heronry_agent.shell.image_catalogues import UnknownImageError, find_image  # noqa: PLC0415
-
-    for module in spec.modules.values():
-        try:
-            find_image(module.image)
-        except UnknownImageError as error:
-            raise UserError(f"module {module.name} cannot be simulated: {error}") from None
-
-
 def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     scenario = outcome.scenario
     acts = ", ".join(map(str, scenario.acts))
@@ -325,30 +301,6 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]
     return shlex.join(words + (["--loss", written_share(scenario.loss)] if scenario.loss else []))
-
-
-def whole_number(text: str) -> int:
-    """Read a count."""
-    try:
-        number = int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is no whole number; write 0 or more") from None
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
-    return number
-
-
-def flights(text: str) -> int:
-    """Read how many flights to fly: none would find nothing wrong."""
-    number = whole_number(text)
-    if number == 0:
-        raise argparse.ArgumentTypeError("0 flights show nothing; write 1 or more")
-    return number
-
-
-def processors(text: str) -> int:
-    """Read a number of processors; 0 stands for all there are."""
-    return whole_number(text) or os.cpu_count() or 1
 
 
 def seconds(text: str) -> float:

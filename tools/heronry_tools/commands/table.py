@@ -5,10 +5,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from heronry_tools.analysis.made_ahead import add_contingencies_argument, contingencies_of
+from heronry_tools.analysis.made_ahead import CARRIED, add_contingencies_argument, contingencies_of
 from heronry_tools.runtime.table_files import table_texts, write_tables
 
-CARRIED = "of which what fits is put on board, and with which the manager must fly too"
 _EPILOG = """\
 examples:
   heronry table big_blue nav -o nav.table

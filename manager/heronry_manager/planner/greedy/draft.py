@@ -59,23 +59,23 @@ class Draft:
         """Start from nothing. `may_publish` is asked before anything new is put on a bus."""
         self.tables = tables
         self.may_publish = may_publish
-        self.mode = [-1] * len(tables.modules)
-        self.pe = [-1] * len(tables.modules)
+        self.mode = [-1] * len(tables.numbers.modules)
+        self.pe = [-1] * len(tables.numbers.modules)
         self.cpu = list(scene.cpu)  # left, by PE
-        self.ram = list(tables.pe_ram)
-        self.flash = list(tables.pe_flash)
+        self.ram = list(tables.sizes.pe_ram)
+        self.flash = list(tables.sizes.pe_flash)
         self.bus_room = list(scene.bus_room)  # left, by bus
-        self.on = [0] * len(tables.pes)  # set of modules
+        self.on = [0] * len(tables.numbers.pes)  # set of modules
         self.running = 0  # set of modules
-        self.feeder = [-1] * len(tables.leaf_mode)  # module that feeds a leaf
-        self.consumers: list[dict[int, None]] = [{} for _ in tables.modules]  # module -> leaves, in order
+        self.feeder = [-1] * len(tables.leaves.mode)  # module that feeds a leaf
+        self.consumers: list[dict[int, None]] = [{} for _ in tables.numbers.modules]  # module -> leaves, in order
         self.published: dict[Publication, int] = {}  # how many leaves want it there
         self.refused = False  # a bus or a placement rule said no: another PE may do better
         self._trail: list[tuple[int, ...]] = []
-        self._cpu_of, self._ram_of, self._flash_of = tables.cpu, tables.ram, tables.flash
-        self._separate, self._together, self._rivals = tables.separate, tables.together, tables.rivals
-        self._route, self._load, self._variable = tables.route, tables.load, tables.leaf_variable
-        self._leaves_of = tables.leaves_of
+        self._cpu_of, self._ram_of, self._flash_of = tables.sizes.cpu, tables.sizes.ram, tables.sizes.flash
+        self._separate, self._together, self._rivals = tables.rules.separate, tables.rules.together, tables.rules.rivals
+        self._route, self._load, self._variable = tables.routes.route, tables.routes.load, tables.leaves.variable
+        self._leaves_of = tables.leaves.of_mode
 
     # The trail
 
@@ -212,7 +212,7 @@ class Draft:
         """Move a running module with all its wires to another PE; False: it did not work, and is as it was."""
         mark, mode = self.mark(), self.mode[module]
         ends = [(leaf, module, self.feeder[leaf]) for leaf in self._leaves_of[mode] if self.feeder[leaf] >= 0]
-        leaf_module = self.tables.leaf_module
+        leaf_module = self.tables.leaves.module
         ends += [(leaf, leaf_module[leaf], module) for leaf in self.consumers[module] if leaf_module[leaf] != module]
         for leaf, consumer, _ in ends:
             self.unwire(leaf, consumer)

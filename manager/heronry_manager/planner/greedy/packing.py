@@ -22,7 +22,8 @@ from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_manager.planner.greedy.draft import Draft
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.serving import Before, Server
-from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
+from heronry_manager.planner.greedy.tables import Tables
+from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
 _ROUNDS: Final = 8  # for one packing
 _BUDGET: Final = 2000  # modules placed in all of them
@@ -31,8 +32,8 @@ _ENDLESS: Final = 1 << 60
 
 def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
     """Choose and pack what serves the critical functions: all of them at once, then one after the other."""
-    draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.buses)))
-    draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.pes) for _ in range(3))
+    draft = Draft(tables, replace(scene, bus_room=[_ENDLESS] * len(tables.numbers.buses)))
+    draft.cpu, draft.ram, draft.flash = ([_ENDLESS] * len(tables.numbers.pes) for _ in range(3))
     server = Server(tables, wanted, scene, draft, _nothing(tables))
     critical = [goal for goal in wanted.goals if goal.rank < len(CRITICAL_CLASSES)]
     packer = _Packer(tables, wanted, scene)
@@ -53,7 +54,7 @@ def packings(tables: Tables, wanted: Wanted, scene: Scene) -> Iterator[Before]:
 
 
 def _nothing(tables: Tables) -> Before:
-    return [(-1, -1)] * len(tables.modules)
+    return [(-1, -1)] * len(tables.numbers.modules)
 
 
 def _choose(server: Server, goal: Goal) -> None:
@@ -90,8 +91,9 @@ class _Packer:
 
 
 def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> list[int]:
-    needs = {mode: (tables.cpu[mode], tables.ram[mode], tables.flash[tables.module_of[mode]]) for mode in modes}
-    pes = [pe for pe in range(len(tables.pes)) if scene.pes >> pe & 1]
+    sizes, module_of = tables.sizes, tables.numbers.module_of
+    needs = {mode: (sizes.cpu[mode], sizes.ram[mode], sizes.flash[module_of[mode]]) for mode in modes}
+    pes = [pe for pe in range(len(tables.numbers.pes)) if scene.pes >> pe & 1]
     there = [max(1, sum(of[pe] for pe in pes)) for of in (draft.cpu, draft.ram, draft.flash)]
     asked = [sum(needed) for needed in zip(*needs.values(), strict=True)]
     scarcity = [all_asked / (all_there * all_there) for all_asked, all_there in zip(asked, there, strict=False)]
@@ -100,7 +102,7 @@ def _order(tables: Tables, scene: Scene, draft: Draft, modes: Sequence[int]) -> 
         return sum((needed * scarce for needed, scarce in zip(needs[mode], scarcity, strict=True)), 0.0)
 
     def is_free(mode: int) -> bool:
-        return (tables.hosts[mode] & scene.pes).bit_count() > 1
+        return (tables.sizes.hosts[mode] & scene.pes).bit_count() > 1
 
     return sorted(modes, key=lambda mode: (is_free(mode), -size(mode)))
 
@@ -109,7 +111,7 @@ def _pack(tables: Tables, server: Server, order: Sequence[int]) -> list[int]:
     """Place modes without their wires; give those that found no place."""
     left_out = []
     for mode in order:
-        module = tables.module_of[mode]
+        module = tables.numbers.module_of[mode]
         place = next(server.places(module, mode), None)
         if place is None:
             left_out.append(mode)

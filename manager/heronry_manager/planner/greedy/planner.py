@@ -14,7 +14,7 @@ legal, so there is always a plan.
 No clock, no random source, no state but what follows from the spec: the same situation and running configuration give
 the same plan, whatever was asked before.
 
-    tables       the spec in integers, worked out once
+    tables       the spec in integers, worked out once, from seven parts
     scene        what a situation leaves
     draft        a configuration in the making, and how to take anything back
     serving      one function at a time
@@ -35,7 +35,8 @@ from heronry_manager.planner.greedy.repairing import Repair
 from heronry_manager.planner.greedy.report import plan_of
 from heronry_manager.planner.greedy.scene import Scene, Scenery
 from heronry_manager.planner.greedy.serving import Before
-from heronry_manager.planner.greedy.tables import Tables, Wanted
+from heronry_manager.planner.greedy.tables import tables_of
+from heronry_manager.planner.greedy.wanted import Wanted
 
 
 class Greedy:
@@ -43,7 +44,7 @@ class Greedy:
 
     def __init__(self, spec: Spec) -> None:
         """Work out all that can be known before a fault: some milliseconds."""
-        self._tables = Tables(spec)
+        self._tables = tables_of(spec)
         self._scenery = Scenery(self._tables)
         self._punctuality = Punctuality(self._tables)
 
@@ -60,12 +61,12 @@ class Greedy:
 
     def _before(self, scene: Scene, running: Placement) -> Before:
         tables = self._tables
-        before = [(-1, -1)] * len(tables.modules)
+        before = [(-1, -1)] * len(tables.numbers.modules)
         for name, (mode, pe) in running.items():
-            number, place = tables.mode_number.get((name, mode), -1), tables.pe_number.get(pe, -1)
+            number, place = tables.numbers.mode_number.get((name, mode), -1), tables.numbers.pe_number.get(pe, -1)
             if number >= 0:
                 is_up = place >= 0 and scene.pes >> place & 1
-                before[tables.module_of[number]] = (number, place if is_up else -1)
+                before[tables.numbers.module_of[number]] = (number, place if is_up else -1)
         return before
 
     def _repaired(self, wanted: Wanted, scene: Scene, before: Before) -> Repair:

@@ -93,17 +93,17 @@ class Punctuality:
     def __init__(self, tables: Tables) -> None:
         """Work out what does not depend on the draft."""
         self._tables = tables
-        self._times = ResponseTimes(tables.spec)
+        self._times = ResponseTimes(tables.numbers.spec)
         self._urgency = {
-            (tables.module_number[module], tables.variable_number[variable]): identifier
+            (tables.numbers.module_number[module], tables.numbers.variable_number[variable]): identifier
             for (module, variable), identifier in self._times.identifiers.items()
         }
-        self._steps = [_steps(routes) for routes in tables.route]
-        self._wired = [bus.kind == "wired" for bus in tables.buses]
-        self._bit_ns = [_NS_PER_S / bus.bitrate for bus in tables.buses]
-        self._management = [self._above_data(number) for number in range(len(tables.buses))]
-        self._period_ns = [_MILLIHERTZ_NS / mode.rate_mhz for _, mode in tables.modes]
-        self._deadline_ns = [tables.spec.variables[name].deadline_ns for name in tables.variables]
+        self._steps = [_steps(routes) for routes in tables.routes.route]
+        self._wired = [bus.kind == "wired" for bus in tables.numbers.buses]
+        self._bit_ns = [_NS_PER_S / bus.bitrate for bus in tables.numbers.buses]
+        self._management = [self._above_data(number) for number in range(len(tables.numbers.buses))]
+        self._period_ns = [_MILLIHERTZ_NS / mode.rate_mhz for _, mode in tables.numbers.modes]
+        self._deadline_ns = [tables.numbers.spec.variables[name].deadline_ns for name in tables.numbers.variables]
         self._verdicts: dict[frozenset[Hop], bool] = {}
 
     def are_met(self, draft: Draft) -> bool:
@@ -120,9 +120,9 @@ class Punctuality:
         return self._exactly(draft, messages) if verdict is None else verdict
 
     def _above_data(self, bus: int) -> _Level:
-        element, bit_ns = self._tables.buses[bus], self._bit_ns[bus]
+        element, bit_ns = self._tables.numbers.buses[bus], self._bit_ns[bus]
         level = _Level(WORST_BLOCKING_BITS * bit_ns)
-        for _ in range(sum(element.name in pe.buses for pe in self._tables.pes) + MANAGER_FRAMES):
+        for _ in range(sum(element.name in pe.buses for pe in self._tables.numbers.pes) + MANAGER_FRAMES):
             level.add(WORST_BLOCKING_BITS * bit_ns, element.heartbeat_ns, bit_ns)
         return level
 
@@ -170,7 +170,7 @@ class Punctuality:
         period, given = self._period_ns[draft.mode[source[0]]], self._deadline_ns[source[1]]
         deadline = period if given is None else given
         limit = min(period, deadline)
-        sent = jitter + self._tables.bits[source[1]] * self._bit_ns[bus]
+        sent = jitter + self._tables.routes.bits[source[1]] * self._bit_ns[bus]
         response = sent + level.demand / (1 - level.load)
         if response * _UP <= limit and not is_jitter:
             return response
@@ -185,7 +185,9 @@ class Punctuality:
     def _add(self, draft: Draft, source: Source, bus: int, jitter: float, above: list[_Level]) -> None:
         module, variable = source
         bit_ns = self._bit_ns[bus]
-        above[bus].add(self._tables.bits[variable] * bit_ns, self._period_ns[draft.mode[module]], jitter + bit_ns)
+        above[bus].add(
+            self._tables.routes.bits[variable] * bit_ns, self._period_ns[draft.mode[module]], jitter + bit_ns
+        )
 
     def _exactly(self, draft: Draft, messages: list[Publication]) -> bool:
         published = frozenset(self._hop(draft, message) for message in messages)
@@ -202,11 +204,11 @@ class Punctuality:
         tables = self._tables
         after = self._steps[draft.pe[module]][bus][1]
         return Hop(
-            producer=tables.modules[module].name,
-            variable=tables.variables[variable],
-            mode=tables.modes[draft.mode[module]][1].name,
-            bus=tables.buses[bus].name,
-            after=None if after < 0 else tables.buses[after].name,
+            producer=tables.numbers.modules[module].name,
+            variable=tables.numbers.variables[variable],
+            mode=tables.numbers.modes[draft.mode[module]][1].name,
+            bus=tables.numbers.buses[bus].name,
+            after=None if after < 0 else tables.numbers.buses[after].name,
         )
 
 

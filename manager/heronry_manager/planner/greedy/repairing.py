@@ -17,7 +17,8 @@ from heronry_manager.planner.greedy.punctuality import Punctuality, Watch
 from heronry_manager.planner.greedy.scene import Scene
 from heronry_manager.planner.greedy.serving import Before, Server
 from heronry_manager.planner.greedy.supplying import supply
-from heronry_manager.planner.greedy.tables import Goal, Tables, Wanted
+from heronry_manager.planner.greedy.tables import Tables
+from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
 _TRIES: Final = 40  # functions put down or aside, over all that room is made for
 _SWITCH_FUEL: Final = 10  # modules tried to put one into another mode
@@ -129,7 +130,7 @@ class Repair:
                 return True
             if not seen >> module & 1:
                 seen |= 1 << module
-                leaves = self._tables.leaves_of[draft.mode[module]]
+                leaves = self._tables.leaves.of_mode[draft.mode[module]]
                 frontier += [draft.feeder[leaf] for leaf in leaves if draft.feeder[leaf] >= 0]
         return False
 
@@ -145,7 +146,7 @@ class Repair:
     def _worsen(self, goal: Goal) -> bool:
         """Put the output of a function into a cheaper mode."""
         module = self._output(goal)
-        modes, price = self._tables.modes_of[module], self._tables.price
+        modes, price = self._tables.numbers.modes_of[module], self._tables.orders.price
         now = price[self.draft.mode[module]]
         for mode in sorted((mode for mode in modes if price[mode] < now), key=price.__getitem__):
             if self._switch(module, mode, may_worsen=True):
@@ -154,10 +155,10 @@ class Repair:
 
     def _shrink(self, pes: int) -> None:
         """Put modules on some PEs into the cheapest modes that cost no function anything."""
-        weight, size = self._wanted.weight, self._tables.size
+        weight, size = self._wanted.weight, self._tables.sizes.size
         for module, mode in enumerate(self.draft.mode):
             if mode >= 0 and pes >> self.draft.pe[module] & 1:
-                cheaper = [one for one in self._tables.modes_of[module] if size[one] < size[mode]]
+                cheaper = [one for one in self._tables.numbers.modes_of[module] if size[one] < size[mode]]
                 cheaper = [one for one in cheaper if weight.get(one) == weight.get(mode)]
                 any(self._switch(module, one) for one in sorted(cheaper, key=size.__getitem__))
 
@@ -172,7 +173,7 @@ class Repair:
 
     def _improve(self) -> None:
         """Serve what can be served, and put outputs into better modes, as far as that fits."""
-        weight, modes_of = self._wanted.weight, self._tables.modes_of
+        weight, modes_of = self._wanted.weight, self._tables.numbers.modes_of
         for goal in self._wanted.goals:
             if self._server.serve(goal):
                 module = self._output(goal)

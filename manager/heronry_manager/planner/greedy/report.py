@@ -9,7 +9,8 @@ from heronry_dg.plan import Plan, level_reports
 from heronry_dg.plan_report import Report
 from heronry_dg.situation import Situation
 from heronry_manager.planner.greedy.draft import Draft
-from heronry_manager.planner.greedy.tables import Tables, Wanted
+from heronry_manager.planner.greedy.tables import Tables
+from heronry_manager.planner.greedy.wanted import Wanted
 
 
 def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, running: Placement | None) -> Plan:
@@ -17,29 +18,29 @@ def plan_of(draft: Draft, tables: Tables, wanted: Wanted, now: Situation, runnin
     configuration = configuration_of(draft, tables)
     objective = _objective(draft, tables, wanted, configuration, running)
     return Plan(
-        spec=tables.spec.digest,
+        spec=tables.numbers.spec.digest,
         now=now,
         configuration=configuration,
         objective=objective,
         optimal=False,
         levels=level_reports(objective, None),
-        report=Report(tables.spec, now, configuration),
+        report=Report(tables.numbers.spec, now, configuration),
     )
 
 
 def configuration_of(draft: Draft, tables: Tables) -> Configuration:
     """Write down what runs, and how it is wired."""
-    feeder, modes = draft.feeder, draft.mode
+    feeder, modes, numbers, leaves = draft.feeder, draft.mode, tables.numbers, tables.leaves
     running = {}
     for module, mode in enumerate(modes):
         if mode >= 0:
             inputs = {
-                tables.leaf_path[leaf]: tables.wire[leaf][modes[feeder[leaf]]]
-                for leaf in tables.leaves_of[mode]
+                leaves.path[leaf]: leaves.wire[leaf][modes[feeder[leaf]]]
+                for leaf in leaves.of_mode[mode]
                 if feeder[leaf] >= 0
             }
-            name = tables.modules[module].name
-            running[name] = Running(tables.pes[draft.pe[module]].name, tables.modes[mode][1].name, inputs)
+            name = numbers.modules[module].name
+            running[name] = Running(numbers.pes[draft.pe[module]].name, numbers.modes[mode][1].name, inputs)
     return Configuration(running)
 
 
@@ -52,19 +53,22 @@ def _objective(
     return Objective(
         critical=(a, b, c, d),
         utility=wanted.score(modes) % wanted.utility_bound,
-        inputs=sum(tables.worth[leaf][modes[by]] for leaf, by in enumerate(draft.feeder) if by >= 0),
+        inputs=sum(tables.leaves.worth[leaf][modes[by]] for leaf, by in enumerate(draft.feeder) if by >= 0),
         changes=changes({name: (one.mode, one.pe) for name, one in configuration.modules.items()}, running),
         branches=sum(
-            position for branches in tables.demuxes for position, module in enumerate(branches) if modes[module] >= 0
+            position
+            for branches in tables.rules.demuxes
+            for position, module in enumerate(branches)
+            if modes[module] >= 0
         ),
         bus_mbit_per_s=sum(_loads(draft, tables)),
-        cpu_millis=sum(tables.cpu[mode] for mode in modes if mode >= 0),
+        cpu_millis=sum(tables.sizes.cpu[mode] for mode in modes if mode >= 0),
     )
 
 
 def _loads(draft: Draft, tables: Tables) -> list[int]:
     """Thousandths of a bit/s on each bus."""
-    loads = [0] * len(tables.buses)
+    loads = [0] * len(tables.numbers.buses)
     for module, variable, bus in draft.published:
-        loads[bus] += tables.load[variable][draft.mode[module]]
+        loads[bus] += tables.routes.load[variable][draft.mode[module]]
     return loads

@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from heronry_dg.situation import Situation
-from heronry_manager.planner.greedy.tables import ALL, LEAF, Node, Tables, element_numbers
+from heronry_manager.planner.greedy.leaves import ALL, LEAF, Node
+from heronry_manager.planner.greedy.numbering import element_numbers
+from heronry_manager.planner.greedy.orders import Orders
+from heronry_manager.planner.greedy.tables import Tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +35,17 @@ class Scenery:
     def __init__(self, tables: Tables) -> None:
         """Work out the fault-free scene, which every other one is less than."""
         self._tables = tables
-        self._elements = element_numbers(tables)
-        self._cpu = [pe.cpu_millis for pe in tables.pes]
-        self._bus_share = [bus.bitrate * 1000 * (bus.max_load - bus.reserve) for bus in tables.buses]
+        self._elements = element_numbers(tables.numbers)
+        self._cpu = tables.sizes.pe_cpu
+        self._bus_share = [bus.bitrate * 1000 * (bus.max_load - bus.reserve) for bus in tables.numbers.buses]
         self._bus_room = [int(share) for share in self._bus_share]
         self._modules_of_device = [
-            sum(1 << tables.module_number[m.name] for m in tables.modules if m.device == device)
-            for device in tables.spec.devices
+            sum(1 << tables.numbers.module_number[m.name] for m in tables.numbers.modules if m.device == device)
+            for device in tables.numbers.spec.devices
         ]
-        self._modes_of_module = [sum(1 << mode for mode in modes) for modes in tables.modes_of]
-        self._pes = sum(1 << number for number, way in enumerate(tables.way) if way != tables.never)
-        placeable = sum(1 << mode for mode, hosts in enumerate(tables.hosts) if hosts & self._pes)
+        self._modes_of_module = [sum(1 << mode for mode in modes) for modes in tables.numbers.modes_of]
+        self._pes = sum(1 << number for number, way in enumerate(tables.routes.way) if way != tables.routes.never)
+        placeable = sum(1 << mode for mode, hosts in enumerate(tables.sizes.hosts) if hosts & self._pes)
         self._possible = self._shrunk(placeable, placeable)
 
     def scene(self, now: Situation) -> Scene:
@@ -51,7 +54,7 @@ class Scenery:
         down, modules = self._down(now)
         pes = self._pes
         if down:
-            pes = sum(1 << number for number, way in enumerate(tables.way) if not way & down)
+            pes = sum(1 << number for number, way in enumerate(tables.routes.way) if not way & down)
         cpu, bus_room = self._cpu, self._bus_room
         if now.limits:
             cpu, bus_room = self._limited(now.limits)
@@ -65,7 +68,7 @@ class Scenery:
 
     def _down(self, now: Situation) -> tuple[int, int]:
         """PEs and buses that are down (bits as in `way`), and modules that cannot run."""
-        tables, down, modules = self._tables, self._tables.never, 0
+        tables, down, modules = self._tables, self._tables.routes.never, 0
         channels: dict[int, int] = {}
         for element in now.down:
             kind, number = self._elements[element]
@@ -73,7 +76,7 @@ class Scenery:
                 case "pe":
                     down |= 1 << number
                 case "bus":
-                    down |= 1 << (tables.first_bus + number)
+                    down |= 1 << (tables.routes.first_bus + number)
                 case "module":
                     modules |= 1 << number
                 case "device":
@@ -81,8 +84,8 @@ class Scenery:
                 case _:
                     channels[number] = channels.get(number, 0) + 1
         for bus, lost in channels.items():
-            if lost == tables.buses[bus].channels:
-                down |= 1 << (tables.first_bus + bus)
+            if lost == tables.numbers.buses[bus].channels:
+                down |= 1 << (tables.routes.first_bus + bus)
         return down, modules
 
     def _limited(self, limits: Mapping[str, Fraction]) -> tuple[list[int], list[int]]:
@@ -98,42 +101,42 @@ class Scenery:
     def _homeless(self, pes: int, cpu: list[int], *, limited: bool) -> int:
         """Modes that no PE could carry."""
         tables, homeless = self._tables, 0
-        for mode, hosts in enumerate(tables.hosts):
+        for mode, hosts in enumerate(tables.sizes.hosts):
             left = hosts & pes
             if not left or (
-                limited and not any(left >> pe & 1 and tables.cpu[mode] <= room for pe, room in enumerate(cpu))
+                limited and not any(left >> pe & 1 and tables.sizes.cpu[mode] <= room for pe, room in enumerate(cpu))
             ):
                 homeless |= 1 << mode
         return homeless
 
     def _without(self, gone: int) -> int:
         """Modes that stay possible without some."""
-        tables, possible = self._tables, self._possible & ~gone
+        readers, possible = self._tables.orders.readers, self._possible & ~gone
         touched = 0
         while gone:
             low = gone & -gone
             gone ^= low
-            touched |= tables.readers[low.bit_length() - 1]
+            touched |= readers[low.bit_length() - 1]
         return self._shrunk(possible, touched & possible)
 
     def _shrunk(self, possible: int, touched: int) -> int:
         """Take away modes whose needs cannot hold, until none is left; `touched` are those in doubt."""
-        tables = self._tables
+        orders = self._tables.orders
         while touched:
             low = touched & -touched
             touched ^= low
             mode = low.bit_length() - 1
-            node = tables.needs[mode]
-            if node is not None and not _attainable(tables, node, possible):
+            node = orders.needs[mode]
+            if node is not None and not _attainable(orders, node, possible):
                 possible ^= low
-                touched = (touched | tables.readers[mode]) & possible
+                touched = (touched | orders.readers[mode]) & possible
         return possible
 
 
-def _attainable(tables: Tables, node: Node, possible: int) -> bool:
+def _attainable(orders: Orders, node: Node, possible: int) -> bool:
     kind, number, inputs, _ = node
     if kind == LEAF:
-        return tables.giver_set[number] & possible != 0
+        return orders.givers[number] & possible != 0
     if kind == ALL:
-        return all(_attainable(tables, one, possible) for one in inputs)
-    return number == 0 or sum(_attainable(tables, one, possible) for one in inputs) >= number
+        return all(_attainable(orders, one, possible) for one in inputs)
+    return number == 0 or sum(_attainable(orders, one, possible) for one in inputs) >= number

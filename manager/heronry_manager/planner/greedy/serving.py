@@ -17,8 +17,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.leaves import ALL, LEAF, Node
 from heronry_manager.planner.greedy.scene import Scene
-from heronry_manager.planner.greedy.tables import ALL, LEAF, Goal, Node, Tables, Wanted
+from heronry_manager.planner.greedy.tables import Tables
+from heronry_manager.planner.greedy.wanted import Goal, Wanted
 
 _FUEL: Final = 40  # modules tried for one function
 _BUDGET: Final = 800  # modules tried or moved for all of them, beside what is adopted
@@ -53,14 +55,14 @@ class Server:
         self.short = 0
         if self.is_served(goal):
             return True
-        before, module_of = self._before, self._tables.module_of
+        before, module_of = self._before, self._tables.numbers.module_of
         modes = sorted(goal.modes, key=lambda mode: before[module_of[mode]][0] != mode)
         return self.serve_in(modes)
 
     def serve_in(self, modes: Iterable[int]) -> bool:
         """Run the first of some modes of outputs that works."""
         self.fuel = _FUEL
-        return any(self.run(self._tables.module_of[mode], mode) for mode in modes)
+        return any(self.run(self._tables.numbers.module_of[mode], mode) for mode in modes)
 
     def adopt(self, goals: Iterable[Goal]) -> None:
         """Serve functions as far as nothing needs to be started, moved or put into another mode for it."""
@@ -83,7 +85,7 @@ class Server:
             return False
         self.fuel -= 1
         self._budget -= not self.adopting
-        draft, needs = self.draft, self._tables.needs[mode]
+        draft, needs = self.draft, self._tables.orders.needs[mode]
         mark = draft.mark()
         for place in self.places(module, mode) if pe < 0 else self._there(module, mode, pe):
             draft.start(module, mode, place)
@@ -101,13 +103,13 @@ class Server:
         return False
 
     def _there(self, module: int, mode: int, pe: int) -> Iterator[int]:
-        if self._tables.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
+        if self._tables.sizes.hosts[mode] >> pe & 1 and self.draft.fits(module, mode, pe):
             yield pe
 
     def places(self, module: int, mode: int) -> Iterator[int]:
         """PEs on which a mode fits: where the module was, then the emptiest first, then one that is cleared for it."""
         draft, home = self.draft, -1 if self.tight else self._before[module][1]
-        hosts = self._tables.hosts[mode] & self._scene.pes
+        hosts = self._tables.sizes.hosts[mode] & self._scene.pes
         if home >= 0 and hosts >> home & 1 and draft.fits(module, mode, home):
             yield home
         if self.adopting:
@@ -119,7 +121,7 @@ class Server:
         if others:
             return
         self.short |= hosts
-        if self.moving and not self._tables.rivals[module] & draft.running:
+        if self.moving and not self._tables.rules.rivals[module] & draft.running:
             cleared = next((pe for pe in range(len(cpu)) if hosts >> pe & 1 and self._clear(module, mode, pe)), None)
             if cleared is not None:
                 yield cleared
@@ -129,12 +131,12 @@ class Server:
         draft, tables = self.draft, self._tables
         mark, here = draft.mark(), draft.on[pe]
         left = [other for other in range(len(draft.mode)) if here >> other & 1]
-        left.sort(key=lambda other: tables.size[draft.mode[other]])
+        left.sort(key=lambda other: tables.sizes.size[draft.mode[other]])
         while not draft.fits(module, mode, pe):
             missing = (
-                tables.cpu[mode] - draft.cpu[pe],
-                tables.ram[mode] - draft.ram[pe],
-                tables.flash[module] - draft.flash[pe],
+                tables.sizes.cpu[mode] - draft.cpu[pe],
+                tables.sizes.ram[mode] - draft.ram[pe],
+                tables.sizes.flash[module] - draft.flash[pe],
             )
             enough = [other for other in left if self._frees(other, missing)] or left[::-1]
             moved = next((other for other in enough if self._move_away(other, pe)), None)
@@ -148,13 +150,13 @@ class Server:
         """Tell whether a module's place is as much as is missing: CPU, RAM, flash."""
         tables, mode = self._tables, self.draft.mode[module]
         cpu, ram, flash = missing
-        return tables.cpu[mode] >= cpu and tables.ram[mode] >= ram and tables.flash[module] >= flash
+        return tables.sizes.cpu[mode] >= cpu and tables.sizes.ram[mode] >= ram and tables.sizes.flash[module] >= flash
 
     def _move_away(self, module: int, pe: int) -> bool:
         self._budget -= 1
         draft, mode = self.draft, self.draft.mode[module]
-        hosts = self._tables.hosts[mode] & self._scene.pes & ~(1 << pe)
-        cpu, need = draft.cpu, self._tables.cpu[mode]
+        hosts = self._tables.sizes.hosts[mode] & self._scene.pes & ~(1 << pe)
+        cpu, need = draft.cpu, self._tables.sizes.cpu[mode]
         return any(hosts >> one & 1 and cpu[one] >= need and draft.move(module, one) for one in range(len(cpu)))
 
     def switch(self, module: int, mode: int, *, may_worsen: bool = False) -> bool:
@@ -168,12 +170,12 @@ class Server:
             return False
         if not may_worsen and weight.get(mode, 0) < weight.get(old, 0):
             return False
-        readers = [leaf for leaf in draft.consumers[module] if tables.leaf_module[leaf] != module]
-        if any(mode not in tables.worth[leaf] for leaf in readers):
+        readers = [leaf for leaf in draft.consumers[module] if tables.leaves.module[leaf] != module]
+        if any(mode not in tables.leaves.worth[leaf] for leaf in readers):
             return False
         mark = draft.mark()
         for leaf in readers:
-            draft.unwire(leaf, tables.leaf_module[leaf])
+            draft.unwire(leaf, tables.leaves.module[leaf])
         draft.drop_inputs(module)
         draft.stop(module)
         stopped = draft.mark()
@@ -187,8 +189,8 @@ class Server:
     def _feed_again(self, leaf: int, producer: int) -> bool:
         """Wire a leaf as it was, unless its module was put into another mode meanwhile."""
         draft, tables = self.draft, self._tables
-        consumer = tables.leaf_module[leaf]
-        return draft.mode[consumer] == tables.leaf_mode[leaf] and draft.wire(leaf, consumer, producer)
+        consumer = tables.leaves.module[leaf]
+        return draft.mode[consumer] == tables.leaves.mode[leaf] and draft.wire(leaf, consumer, producer)
 
     # Gates
 
@@ -228,14 +230,14 @@ class Server:
 
     def feed(self, leaf: int, consumer: int, *, may_start: bool) -> bool:
         """Wire a leaf to what runs, or to what is started for it."""
-        before, mode_of, givers = self._before, self.draft.mode, self._tables.dearest[leaf]
+        before, mode_of, givers = self._before, self.draft.mode, self._tables.orders.dearest[leaf]
         if not self.adopting:
             for mode, module in givers:
                 if mode_of[module] == mode and self.draft.wire(leaf, consumer, module):
                     return True
             if not may_start:
                 return False
-            givers = [giver for giver in self._tables.cheapest[leaf] if mode_of[giver[1]] != giver[0]]
+            givers = [giver for giver in self._tables.orders.cheapest[leaf] if mode_of[giver[1]] != giver[0]]
             if len(givers) > 1:
                 givers.sort(key=lambda giver: before[giver[1]][0] != giver[0])
         for mode, module in givers:  # noqa: SIM110 - as above

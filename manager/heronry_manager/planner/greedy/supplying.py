@@ -8,8 +8,9 @@ ran before is taken back, as it was, so that nothing new takes its place; then a
 from typing import Final
 
 from heronry_manager.planner.greedy.draft import Draft
+from heronry_manager.planner.greedy.leaves import ALL, LEAF, ONE, Node
 from heronry_manager.planner.greedy.serving import Server
-from heronry_manager.planner.greedy.tables import ALL, LEAF, ONE, Node, Tables
+from heronry_manager.planner.greedy.tables import Tables
 
 _FUEL: Final = 12  # modules tried for one input
 
@@ -29,8 +30,8 @@ def _go_through(draft: Draft, server: Server, tables: Tables) -> None:
         low = left & -left
         done |= low
         module = low.bit_length() - 1
-        needs = tables.needs[draft.mode[module]]
-        if needs is not None and tables.has_choice[draft.mode[module]]:
+        needs = tables.orders.needs[draft.mode[module]]
+        if needs is not None and tables.orders.has_choice[draft.mode[module]]:
             server.busy |= low
             _Supplier(draft, server, tables, module).supply(needs)
             server.busy ^= low
@@ -64,9 +65,9 @@ class _Supplier:
 
     def _improve(self, leaf: int) -> None:
         """Wire a leaf to something that is worth more than what it is wired to."""
-        draft, worths = self._draft, self._tables.worth[leaf]
+        draft, worths = self._draft, self._tables.leaves.worth[leaf]
         now = worths[draft.mode[draft.feeder[leaf]]]
-        for mode, module in self._tables.dearest[leaf]:
+        for mode, module in self._tables.orders.dearest[leaf]:
             if worths[mode] <= now:
                 return
             mark = draft.mark()
@@ -100,7 +101,7 @@ class _Supplier:
         kind, number, inputs, _ = node
         if kind == LEAF:
             feeder = self._draft.feeder[number]
-            return self._tables.worth[number][self._draft.mode[feeder]] if feeder >= 0 else 0
+            return self._tables.leaves.worth[number][self._draft.mode[feeder]] if feeder >= 0 else 0
         return sum(map(self._points, inputs))
 
     def _holds(self, node: Node) -> bool:

@@ -58,10 +58,12 @@ _COMPILED = {
     "heronry_tools.aircraft.plant": "devices flight mechanism noise world",
     "heronry_tools.runtime": "witness",
     "heronry_tools.sim.faults": "protocol_state",
-    "heronry_tools.sim.oracles": "authenticity blame checks commanded configurations end_state epochs "
-    "exclusion freshness liveness load orphans planned_load proven_commands proven_states publishing queues radio "
-    "reigning_term safe_mode service silence solitude terms violation",
-    "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host node nodes plant_view station",
+    "heronry_tools.sim.oracles": "authenticity blame channels checks commanded configurations end_state epochs "
+    "exclusion frames freshness journal known liveness load oracle orphans phase planned_load proven_commands "
+    "proven_states publishing queues radio registry reigning_term safe_mode service silence solitude terms "
+    "transitions violation",
+    "heronry_tools.sim.world": "bus clock frame_digest local_clock module_host module_steps node pe_outbox "
+    "plant_view simulated_manager simulated_pe station steps_seen",
 }
 # Values that are made for every frame or step, and that hold nothing but values; nobody takes the named tuples apart.
 _MADE_OFTEN = frozenset(

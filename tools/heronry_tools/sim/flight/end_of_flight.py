@@ -7,8 +7,8 @@ aircraft is left alone until all is well, or for longer than that may take (`ora
 from collections.abc import Iterable
 
 from heronry_tools.sim.faults.fault import Act
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.sansio import InvariantError

@@ -27,14 +27,14 @@ from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Act, possible_targets
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.service import Struck
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Sent, Tampering
+from heronry_tools.sim.world.module_steps import ASKS
 from heronry_tools.sim.world.node import Node
-from heronry_tools.sim.world.nodes import ASKS
 from heronry_wire.identifiers import FIRST_MANAGER, Use, classify
 from heronry_wire.sansio import Received
 
@@ -254,7 +254,7 @@ def begin(simulation: Simulation, story: str) -> Strikes:
         simulation.run_for(_AWAY_MS * MS - 1)
     elif what == "request":
         running = (module for pe in simulation.spec.pes for module in simulation.checks.planned(pe))
-        simulation.broken_modules[next(running, "")] = f"{ASKS}{target}"
+        simulation.fleet.broken_modules[next(running, "")] = f"{ASKS}{target}"
     return strikes
 
 
@@ -265,7 +265,7 @@ def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
         if classify(sent.frame.can_id).use in _COUNTED:
             what(sent)
 
-    simulation.buses[simulation.spec.manager.bus].taps.append(tap)
+    simulation.wiring.buses[simulation.spec.manager.bus].taps.append(tap)
 
 
 def _victim(sender: str, setup: Setup) -> str:
@@ -282,7 +282,7 @@ class _Assailant:
         self._simulation, self._blows, self._struck = simulation, blows, struck
         self._count = -1
         self._landed: set[Blow] = set()
-        self._bus = simulation.buses[simulation.spec.manager.bus]
+        self._bus = simulation.wiring.buses[simulation.spec.manager.bus]
         self._bus.tamper = self._tamper
 
     def missed(self) -> list[str]:
@@ -320,9 +320,9 @@ class _Assailant:
 
     def _nodes(self, victim: str) -> list[Node]:
         managers = self._simulation.managers
-        nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.pes.items()}
-        names = {FIRST_MANAGER: MANAGER} if not self._simulation.has_standby else {MANAGERS[one]: one for one in _SEATS}
-        nodes |= {names[seat]: manager for seat, manager in managers.items()}
+        nodes: dict[str, Node] = {f"pe:{pe}": node for pe, node in self._simulation.fleet.running.items()}
+        names = {FIRST_MANAGER: MANAGER} if not managers.are_two else {MANAGERS[one]: one for one in _SEATS}
+        nodes |= {names[seat]: manager for seat, manager in managers.running.items()}
         return list(nodes.values()) if victim == EVERYBODY else [nodes[victim]] if victim in nodes else []
 
     def _station_name(self, victim: str) -> str:
@@ -352,19 +352,19 @@ class _Assailant:
         now_ns = simulation.now_ns
         if blow.victim in MANAGERS:
             seat, back_ns = MANAGERS[blow.victim] or FIRST_MANAGER, now_ns + _MANAGER_BACK_NS
-            if seat in simulation.managers:
-                simulation.kill_manager(seat)
+            if seat in simulation.managers.running:
+                simulation.managers.kill(seat)
                 self._struck.append(Struck(None, now_ns, back_ns if returns else now_ns))
                 if returns:
                     simulation.at(back_ns, lambda: self._manager_back(seat))
             return
         pe, back_ns = blow.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
-        if pe in simulation.pes:
-            simulation.kill(pe)
+        if pe in simulation.fleet.running:
+            simulation.fleet.kill(pe)
             self._struck.append(Struck(blow.victim, now_ns, back_ns if returns else None))
             if returns:
-                simulation.at(back_ns, lambda: simulation.restore(pe))
+                simulation.at(back_ns, lambda: simulation.fleet.restore(pe))
 
     def _manager_back(self, seat: int) -> None:
-        if seat not in self._simulation.managers:
-            self._simulation.start_manager(seat)
+        if seat not in self._simulation.managers.running:
+            self._simulation.managers.start(seat)

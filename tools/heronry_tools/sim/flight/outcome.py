@@ -12,8 +12,8 @@ from typing import Any
 from heronry_dg.model import Spec
 from heronry_tools.sim.faults.fault import KINDS, Act
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.simulation import Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Faults
 from heronry_wire.authentication import KEY_BYTES, Key
@@ -87,12 +87,12 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
     return Outcome(
         scenario,
         simulation.digest(),
-        sum(bus.frames for bus in simulation.buses.values()),
+        sum(bus.frames for bus in simulation.wiring.buses.values()),
         simulation.now_ns,
         tuple(simulation.events_of("reconfigured")),
         simulation.waivers.promised(violations),
         hits,
-        simulation.protocol.entered,
+        simulation.managers.protocol.entered,
         Counter(simulation.waivers.unjudged_ns(simulation.now_ns)),
     )
 

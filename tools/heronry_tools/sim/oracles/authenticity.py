@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.proven_commands import Proven, ProvenCommands
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
@@ -74,11 +75,11 @@ class _Pe:
     told: set[tuple[object, ...]] = field(default_factory=set)  # what was found of it already
 
 
-class AuthenticityCheck:
+class AuthenticityCheck(Oracle):
     """Follows what is commanded, and what PEs say that they did."""
 
     def __init__(self, spec: Spec, key: Key) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._bus = spec.manager.bus
         self._proven = ProvenCommands(key)
         self._pes: dict[int, _Pe] = {}  # by identifier of their states
@@ -93,7 +94,11 @@ class AuthenticityCheck:
         """From now on a manager may use numbers that were used in its term already."""
         self._may_count_again = True
 
-    def see(self, sent: Sent) -> None:
+    def manager_copied(self, _station: str, _twin: str) -> None:
+        """Two managers count their commands by themselves from now on."""
+        self._may_count_again = True
+
+    def seen(self, sent: Sent) -> None:
         """Take a frame of any bus, whoever has sent it."""
         for pes, judge in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)

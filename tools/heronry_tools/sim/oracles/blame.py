@@ -9,19 +9,21 @@ who has no name here: with a key nobody believes that, and whoever did would pla
 
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.frame import Malformed
-from heronry_wire.management import ElementKind, decode_emergency
+from heronry_wire.management import ElementKind, Emergency, decode_emergency
 
 _ACCUSES_NOBODY = ("RESET", "PHASE_REQUEST", "MODULE_RESTARTED", "CHANNEL_LOST", "CHANNEL_BACK")
 
 
-class BlameCheck:
+class BlameCheck(Oracle):
     """Collects what was reported."""
 
     def __init__(self, spec: Spec) -> None:
         """Reports name elements by their place in this spec."""
+        super().__init__()
         self._names = {
             ElementKind.PE: tuple(spec.pes),
             ElementKind.DEVICE: tuple(spec.devices),
@@ -31,7 +33,7 @@ class BlameCheck:
         self._reported: dict[str, Violation] = {}
         self._cleared: dict[str, Violation] = {}  # that were reported rightly, and are well since
 
-    def emergency(self, sent: Sent) -> None:
+    def emergency(self, sent: Sent, _pe: str, _message: Emergency | Malformed) -> None:
         """An EMCY was sent."""
         element, detail = self._accused(sent)
         if element is None:
@@ -45,7 +47,7 @@ class BlameCheck:
         if element in self._cleared:
             self._reported.setdefault(element, self._cleared[element])
 
-    def cleared(self, element: str, truth: Situation) -> None:
+    def cleared(self, _t_ns: int, element: str, truth: Situation, *, everywhere: bool) -> None:  # noqa: ARG002
         """An element is taken for well again; what was reported of it rightly is forgotten."""
         if element in self._reported and element in truth.down:
             self._cleared[element] = self._reported.pop(element)
@@ -62,6 +64,6 @@ class BlameCheck:
         """Elements that have been reported, rightly or not, and when."""
         return {element: violation.t_ns for element, violation in self._reported.items()}
 
-    def violations(self, truth: Situation) -> list[Violation]:
+    def unfounded(self, truth: Situation) -> list[Violation]:
         """Give the reports of what has not failed."""
         return [violation for element, violation in self._reported.items() if element not in truth.down]

@@ -12,6 +12,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Bus, Spec
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.first_copies import REMEMBERED_NS
@@ -22,28 +23,32 @@ from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, F
 _KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
 
 
+def _nothing_yet() -> list[int]:
+    return [0, 0]
+
+
 @dataclass(slots=True)
 class _Sending:
     frame: Frame
     node: str
     t_ns: int  # of its first copy
-    brought: list[int] = field(default_factory=lambda: [0, 0])  # by each channel
+    brought: list[int] = field(default_factory=_nothing_yet)  # by each channel
     taken: int = 0
 
 
-class ChannelCheck:
+class ChannelCheck(Oracle):
     """Watches every copy on its way."""
 
     def __init__(self, spec: Spec) -> None:
         """The nodes are those of this spec."""
-        self.violations: list[Violation] = []
+        super().__init__()
         self._spec = spec
         self._sendings: dict[tuple[str, int], _Sending] = {}  # by node and identity
         self._order: deque[tuple[int, tuple[str, int]]] = deque()
         self._signs: dict[tuple[str, str, int, str], int] = {}  # node, bus, channel, in or out: the last one
         self._gap_ended: dict[tuple[str, str, int], int] = {}
 
-    def copy(self, copy: Copy) -> None:
+    def copied(self, copy: Copy) -> None:
         """A node has been brought a copy."""
         while self._order and self._order[0][0] < copy.t_ns - REMEMBERED_NS:
             del self._sendings[self._order.popleft()[1]]
@@ -67,7 +72,7 @@ class ChannelCheck:
         known = (one for one in self._sendings.values() if (one.node, one.frame) == (sending.node, sending.frame))
         return [one for one in known if abs(one.t_ns - sending.t_ns) <= within_ns]
 
-    def sent(self, channel: int, sent: Sent) -> None:
+    def carried(self, channel: int, sent: Sent) -> None:
         """A channel, 0 or 1, has carried a frame."""
         self._sign(sent.end_ns, sent.sender, sent.bus, channel, "out")
 

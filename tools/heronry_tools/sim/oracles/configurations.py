@@ -15,17 +15,18 @@ from heronry_dg.situation import Situation
 from heronry_dg.verify import verify
 from heronry_manager.core.topology import reached_by_wire
 from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 
 # By digests of spec and configuration. Of thousands of configurations two may share their 24 bits.
 _JUDGED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
-class ConfigurationCheck:
+class ConfigurationCheck(Oracle):
     """Judges what is activated."""
 
     def __init__(self, spec: Spec) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._spec = spec
         self._wired = reached_by_wire(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}

@@ -10,6 +10,7 @@ The last state of each PE is kept for who judges the end.
 from dataclasses import dataclass
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import state_id
@@ -25,18 +26,18 @@ class LastState:
     meaning: bytes
 
 
-class EpochCheck:
+class EpochCheck(Oracle):
     """Follows the state frames."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """With a key state frames have a tag in the place of the digest, which the manager alone can judge."""
         self._has_digests = has_digests
-        self.violations: list[Violation] = []
+        super().__init__()
         self._owners = {state_id(pe.node_id): pe.name for pe in spec.pes.values()}
         self.last: dict[tuple[str, int], LastState] = {}  # by bus and identifier
         self._digests: dict[int, int] = {}
 
-    def state(self, sent: Sent) -> StatePage0 | StatePage1 | None:
+    def news(self, sent: Sent) -> StatePage0 | StatePage1 | None:
         """A state frame was sent; gives what it says where that is news."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data

@@ -23,21 +23,21 @@ anew, though it may only be unheard (docs/limits.md).
 from collections.abc import Iterable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven, Moved
-from heronry_wire.frame import Malformed
+from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.management import LEASE_PERIODS, Activate, Lease, ManagementMessage, Step, is_newer
 
 _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]
 
 
-class ExclusionCheck:
+class ExclusionCheck(Oracle):
     """Follows who drives what."""
 
     def __init__(self, spec: Spec) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._thing_of: dict[str, _Thing] = {m.name: ("actuator", m.device) for m in spec.modules.values() if m.device}
         self._moving = frozenset(self._thing_of)
         for demux in spec.demuxes.values():
@@ -56,15 +56,15 @@ class ExclusionCheck:
         """A LEASE was heard."""
         self._leased_ns = t_ns
 
-    def spoke(self, t_ns: int, pe: str) -> None:
+    def said(self, state: StateSaid) -> None:
         """A PE has said how it is."""
-        self._spoke_ns[pe] = t_ns
+        self._spoke_ns[state.pe] = state.t_ns
 
     def misled(self, t_ns: int, pes: Iterable[str]) -> None:
         """A stranger has sent an ALIVE that names these PEs, or a state of one."""
         self._misled_ns |= dict.fromkeys(pes, t_ns)
 
-    def commanded(self, message: ManagementMessage | Malformed) -> None:
+    def commanded(self, _t_ns: int, _station: str, message: ManagementMessage) -> None:
         """A manager was heard: it may have let an epoch go."""
         if not isinstance(message, Activate | Lease) or message.step < Step.GO:
             return

@@ -19,23 +19,23 @@ from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.limits import FRESH_PERIODS
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven
+from heronry_tools.sim.world.steps_seen import Driven
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
-from heronry_wire.management import StatePage0
 
 _MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
 _SLACK_NS = 2_000_000  # for a clock that is fast
 _UNTOLD_NS = 50_000_000
 
 
-class FreshnessCheck:
+class FreshnessCheck(Oracle):
     """Follows data frames and what modules are given."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._spec, self._commanded = spec, commanded
         self._identifiers = identifiers(spec)
         self._remembered = {number: _fresh_frames(spec, *source) for source, number in self._identifiers.items()}
@@ -56,10 +56,15 @@ class FreshnessCheck:
             last = self._last[key] = deque(maxlen=most)
         last.append((sent.end_ns, frame))
 
-    def state(self, node: int, t_ns: int, page: StatePage0) -> None:
+    def told(self, state: StateSaid) -> None:
         """A PE says which epoch it follows."""
-        if self._epochs.get(node, (None,))[0] != page.epoch:
-            self._epochs[node] = (page.epoch, t_ns)
+        node, epoch = state.node, state.page.epoch
+        if self._epochs.get(node, (None,))[0] != epoch:
+            self._epochs[node] = (epoch, state.t_ns)
+
+    def looked(self, stepped: Driven) -> None:
+        """A module that does not drive was stepped with these inputs."""
+        self.driven(stepped)
 
     def driven(self, driven: Driven) -> None:
         """A module was stepped with these inputs."""

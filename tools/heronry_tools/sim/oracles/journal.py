@@ -30,6 +30,7 @@ from heronry_dg.model import Spec
 from heronry_manager.core.memory import EPOCHS, Memory
 from heronry_manager.shell.journal import recovered
 from heronry_tools.sim.oracles.commanded import elements_by_kind
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
     NO_EPOCH,
@@ -59,11 +60,11 @@ class _Said:
     leased: tuple[int, int] = (NO_EPOCH, 0)
 
 
-class JournalCheck:
+class JournalCheck(Oracle):
     """Compares what managers say with what they have written."""
 
     def __init__(self, spec: Spec, read: Read) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._read = read
         self._names = elements_by_kind(spec)
         self._phases = list(spec.phases)
@@ -72,34 +73,34 @@ class JournalCheck:
         self._none_entered_ns: dict[str, int] = {}  # by station: when its journal named no phase yet, last
         self._last_read: dict[str, tuple[bytes, Memory]] = {}  # by station: what was on its disk, and what that says
 
-    def commanded(self, t_ns: int, manager: str, message: ManagementMessage) -> None:
+    def commanded(self, t_ns: int, station: str, message: ManagementMessage) -> None:
         """A manager, known by its station, was heard."""
         if isinstance(message, SliceHead | SliceBody):
             return
-        said = self._said.setdefault(manager, _Said())
-        news = self._news(manager, said, message)
-        _, before = self._last_read.get(manager, (b"", None))
-        memory = self._memory(manager) if news or message.term > said.term else None
+        said = self._said.setdefault(station, _Said())
+        news = self._news(station, said, message)
+        _, before = self._last_read.get(station, (b"", None))
+        memory = self._memory(station) if news or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
             was_so = before is not None and not self._facts(before, message)
             facts = [] if was_so else self._facts(memory, message)
             if memory.phase is None:
-                self._none_entered_ns[manager] = t_ns
-            if facts and (self._was_held(manager, message) or self._was_first(t_ns, manager, message)):
+                self._none_entered_ns[station] = t_ns
+            if facts and (self._was_held(station, message) or self._was_first(t_ns, station, message)):
                 facts = []
-            self._tell(t_ns, manager, _numbers(said, memory) + facts)
+            self._tell(t_ns, station, _numbers(said, memory) + facts)
 
-    def copied(self, manager: str, twin: str) -> None:
+    def manager_copied(self, station: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk."""
-        self._said[twin] = replace(self._said.get(manager, _Said()))
+        self._said[twin] = replace(self._said.get(station, _Said()))
         self._prepared = {epoch: "" if first == twin else first for epoch, first in self._prepared.items()}
 
-    def died(self, t_ns: int, manager: str) -> None:
+    def manager_died(self, t_ns: int, station: str) -> None:
         """A manager has died; what it finds when it starts again is on its disk now."""
-        said, memory = self._said.get(manager), self._memory(manager)
+        said, memory = self._said.get(station), self._memory(station)
         if said is not None and memory is not None:
-            self._tell(t_ns, manager, _numbers(said, memory))
+            self._tell(t_ns, station, _numbers(said, memory))
 
     def _memory(self, manager: str) -> Memory | None:
         data = self._read(manager)

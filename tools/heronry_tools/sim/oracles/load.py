@@ -6,6 +6,7 @@ more is let pass, for a node whose wire was mended sends in one go what it could
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.timing import worst_bits
@@ -14,11 +15,11 @@ _WINDOW_NS = 1_000_000_000
 _TOLERANCE = 1.25
 
 
-class LoadCheck:
+class LoadCheck(Oracle):
     """Adds up the bits of data frames."""
 
     def __init__(self, spec: Spec) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._budget = {
             bus.name: float(bus.bitrate * (bus.max_load - bus.reserve)) * _TOLERANCE for bus in spec.buses.values()
         }

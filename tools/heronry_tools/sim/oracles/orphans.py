@@ -10,6 +10,7 @@ Once no manager has been on the bus for T_lease, and a little longer for that to
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import LEASE_PERIODS, PeFlags, PeState, StatePage0, decode_state
 
@@ -17,13 +18,13 @@ _What = tuple[int, PeState, int, int]  # incarnation, state, epoch, digest
 _SLACK = 2  # heartbeats: one until it is told, one for clocks and waiting
 
 
-class OrphanCheck:
+class OrphanCheck(Oracle):
     """Follows who hears a manager."""
 
     def __init__(self, spec: Spec, *, has_digests: bool = True) -> None:
         """With a key state frames have a tag in the place of the digest."""
         self._has_digests = has_digests
-        self.violations: list[Violation] = []
+        super().__init__()
         bus = spec.buses[spec.manager.bus]
         self._keeps = spec.manager.without_manager == "keep"
         self._names = {pe.node_id: pe.name for pe in spec.pes.values() if spec.manager.bus in pe.buses}
@@ -35,11 +36,11 @@ class OrphanCheck:
         self._back_ns: dict[int, int] = {}  # when it was heard again after a silence
         self._orphans: dict[int, _What] = {}  # by node: what it ran when it heard none
 
-    def commanded(self, t_ns: int) -> None:
+    def manager_heard(self, t_ns: int) -> None:
         """A manager was heard on the managers' bus."""
         self._spoken_ns = t_ns
 
-    def state(self, node: int, t_ns: int, data: bytes) -> None:
+    def state_sent(self, t_ns: int, node: int, data: bytes) -> None:
         """A PE says what it runs, on the managers' bus."""
         if t_ns - self._heard_ns.get(node, t_ns) > self._queued_ns:
             self._back_ns[node] = t_ns

@@ -18,6 +18,7 @@ because it hears nobody, know in which phase a higher one was that has fallen si
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
     FORWARD_ONLY,
@@ -26,19 +27,20 @@ from heronry_wire.management import (
     Control,
     ElementKind,
     Emergency,
+    ManagementMessage,
     Operation,
 )
 
 
-class PhaseCheck:
+class PhaseCheck(Oracle):
     """Follows who wants which phase, and which is told."""
 
     def __init__(self, spec: Spec, entered: Callable[[int, str | None], None]) -> None:
         """`entered` is told when a phase begins."""
-        self.violations: list[Violation] = []
+        super().__init__()
         self.current = spec.initial_phase()
-        self.told: str | None = None
-        self._names, self._entered = list(spec.phases), entered
+        self.named: str | None = None  # by whoever commands
+        self._names, self._entered, self._bus = list(spec.phases), entered, spec.manager.bus
         self._on_its_way_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
         self._left: dict[str | None, int] = {}  # phases that were, and when they ended
         self._ordered: tuple[str | None, int] = (None, 0)  # the last order, and when it was obeyed
@@ -52,11 +54,16 @@ class PhaseCheck:
         self._may_forget = self._is_apart = False
         self._stories: set[str] = set()
 
-    def may_forget(self) -> None:
+    def may_forget_phase(self) -> None:
         """From now on a manager may begin its reign with less than was known."""
         self._may_forget = True
 
-    def apart(self) -> None:
+    def bus_split(self, _t_ns: int, bus: str, _is_split: bool) -> None:
+        """From now on two managers may reign that do not hear each other."""
+        if bus == self._bus:
+            self._may_forget = self._is_apart = True
+
+    def manager_copied(self, _station: str, _twin: str) -> None:
         """From now on two managers may reign that do not hear each other."""
         self._may_forget = self._is_apart = True
 
@@ -66,18 +73,21 @@ class PhaseCheck:
         self._enter(t_ns, phase, term)
         self._ordered = phase, t_ns
 
-    def requested(self, node: int, request: Emergency) -> None:
+    def requested(self, node: int, message: Emergency) -> None:
         """A PE asks for a phase, on the managers' bus."""
-        self._requested[node, request.detail] = request.index
+        self._requested[node, message.detail] = message.index
 
-    def started(self, node: int, incarnation: int) -> None:
+    def told(self, state: StateSaid) -> None:
         """A PE has told its incarnation: a new one counts its requests anew."""
+        node, incarnation = state.node, state.page.incarnation
         if self._incarnations.get(node) != incarnation:
             self._incarnations[node] = incarnation
             self._acknowledged.pop(node, None)
 
-    def commanded(self, t_ns: int, message: Control) -> None:
+    def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
         """The manager that reigns acknowledges a request, or tells the phase."""
+        if not isinstance(message, Control):
+            return
         self._heard_term = max(self._heard_term, message.term)
         if message.a != ElementKind.PHASE:
             return
@@ -94,7 +104,7 @@ class PhaseCheck:
         self._known_term[node] = self._heard_term
         if is_new:
             self._acknowledged[node] = number & ~FORWARD_ONLY
-        is_obeyed = is_new or (may_count and self.told == self._names[index])
+        is_obeyed = is_new or (may_count and self.named == self._names[index])
         if is_obeyed and not self._leads_back(index, number):
             self._enter(t_ns, self._names[index], term)
 
@@ -121,7 +131,7 @@ class PhaseCheck:
     def _tell(self, t_ns: int, term: int, phase: str) -> None:
         if term < self._entered_term:
             return
-        is_new, self._told_term, self.told = term > self._told_term, max(term, self._told_term), phase
+        is_new, self._told_term, self.named = term > self._told_term, max(term, self._told_term), phase
         if phase == self.current:
             self._entered_term = max(term, self._entered_term)
             if t_ns - self._ordered[1] > self._on_its_way_ns:

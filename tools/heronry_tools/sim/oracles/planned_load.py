@@ -11,6 +11,7 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops, identifiers
 from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 
@@ -19,10 +20,11 @@ _MORE = 3  # frames of one source: at either end of the time, and one that comes
 _FAST = 1.002  # clocks are off, and drift
 
 
-class PlannedLoadCheck:
+class PlannedLoadCheck(Oracle):
     """Counts data frames."""
 
     def __init__(self, spec: Spec) -> None:
+        super().__init__()
         self._spec = spec
         self._all = survivors(spec, Situation())
         self._names = {number: source for source, number in identifiers(spec).items()}
@@ -39,7 +41,7 @@ class PlannedLoadCheck:
         if self._since_ns is not None:
             self._counts[sent.bus, sent.frame.can_id, sent.sender] += 1
 
-    def violations(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
+    def unplanned(self, t_ns: int, current: Epoch | None, truth: Situation) -> list[Violation]:
         """Give what was sent since, and was not planned; `truth` is what is really down."""
         if self._since_ns is None or current is None or current.configuration is None:
             return []

@@ -17,9 +17,10 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops, identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_wire.management import LEASE_PERIODS, NO_EPOCH, StatePage0
+from heronry_wire.management import LEASE_PERIODS, NO_EPOCH
 
 _Key = tuple[str, str]  # bus and sender
 
@@ -35,11 +36,11 @@ class _Told:
     said_ns: int = 0  # when it said so last
 
 
-class PublishingCheck:
+class PublishingCheck(Oracle):
     """Follows data frames and the epochs of those who send them."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._commanded = commanded
         self._all = survivors(spec, Situation())
         self._identifiers = identifiers(spec)
@@ -49,8 +50,9 @@ class PublishingCheck:
         self._good: dict[_Key, frozenset[int]] = {}  # what the sender's epoch publishes there
         self._published: dict[int, dict[str, dict[int, str]]] = {}  # by epoch: bus, identifier, producer's PE
 
-    def state(self, sender: str, t_ns: int, page: StatePage0) -> None:
+    def said(self, state: StateSaid) -> None:
         """A node says itself which epoch it follows."""
+        sender, t_ns, page = state.pe, state.t_ns, state.page
         told = self._told.get(sender)
         if told is None or told.incarnation != page.incarnation:
             self._told[sender] = _Told(page.epoch, page.incarnation, t_ns)

@@ -19,6 +19,7 @@ from fractions import Fraction
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import radios, uplink_bus
 from heronry_tools.sim.oracles.limits import PATIENCE_PERIODS
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, LinkState, decode_link
@@ -30,12 +31,12 @@ _REMEMBERED_S = 10  # at least; by then message codes have come round, and bytes
 _TOLERANCE = Fraction(5, 4)
 
 
-class RadioCheck:
+class RadioCheck(Oracle):
     """Compares what comes to gateways, what they send, and what they report."""
 
     def __init__(self, spec: Spec) -> None:
-        self.violations: list[Violation] = []
-        self.is_altered = False  # data are, or have been, changed past the CRC
+        super().__init__()
+        self._is_altered = False  # data are, or have been, changed past the CRC
         found = radios(spec)
         self._radio_of = {radio.link_id: radio for radio in found.values()}
         self._gateway_of = {bus: radio.gateway for bus, radio in found.items()}
@@ -53,7 +54,11 @@ class RadioCheck:
         self._second = 0
         self._bits: defaultdict[str, int] = defaultdict(int)
 
-    def reported(self, sent: Sent) -> None:
+    def altered(self) -> None:
+        """Data are changed past the CRC from now on."""
+        self._is_altered = True
+
+    def measured(self, sent: Sent) -> None:
         """A gateway reports on its radio."""
         radio, report = self._radio_of.get(sent.frame.can_id), decode_link(sent.frame.data)
         if radio is not None and isinstance(report, LinkReport):
@@ -88,7 +93,7 @@ class RadioCheck:
 
     def _may_be_altered(self, sent: Sent) -> bool:
         bus, data = self._inward[sent.bus], sent.frame.data
-        return self.is_altered and any(
+        return self._is_altered and any(
             (of_bus, can_id) == (bus, sent.frame.can_id)
             and sent.end_ns - came_ns <= self._longest_ns[sent.bus]
             and sum(a != b for a, b in zip(came, data, strict=False)) == 1

@@ -14,10 +14,11 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_tools.sim.world.nodes import Driven
-from heronry_wire.management import LEASE_PERIODS, PeFlags, StatePage0
+from heronry_tools.sim.world.steps_seen import Driven
+from heronry_wire.management import LEASE_PERIODS, PeFlags
 
 
 def is_critical(spec: Spec, function: str) -> bool:
@@ -40,11 +41,11 @@ def rests(spec: Spec, configuration: Configuration) -> frozenset[str]:
     return frozenset(name for name, is_left in left.items() if is_left)
 
 
-class SafeModeCheck:
+class SafeModeCheck(Oracle):
     """Follows who hears no manager, and what goes out from there."""
 
     def __init__(self, spec: Spec, commanded: Commanded) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._applies = spec.manager.without_manager == "safe_mode"
         self._spec, self._commanded = spec, commanded
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
@@ -58,8 +59,9 @@ class SafeModeCheck:
         self._leased_ns = t_ns
         self._orphans.clear()
 
-    def state(self, pe: str, t_ns: int, page: StatePage0) -> None:
-        """A PE has told its state, on the managers' bus."""
+    def told(self, state: StateSaid) -> None:
+        """A PE's state was told, on the managers' bus."""
+        pe, t_ns, page = state.pe, state.t_ns, state.page
         alone = self._leased_ns is not None and t_ns - self._leased_ns > self._lease_ns
         if self._applies and alone and PeFlags.HEARS_LEASE not in page.flags and pe not in self._orphans:
             self._orphans[pe] = t_ns, self._resting(page.epoch, pe)

@@ -33,11 +33,13 @@ from heronry_manager.core.topology import radios, uplink_bus
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.oracles.commanded import Epoch, elements_by_kind
 from heronry_tools.sim.oracles.limits import HOLD_DOWN_PERIODS, PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
+from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import critical_at_best
+from heronry_wire.frame import Malformed
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Emergency, Operation
+from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Emergency, ManagementMessage, Operation
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
@@ -62,7 +64,7 @@ class _Held:
     is_certain: bool = True  # to every manager
 
 
-class ServiceCheck:
+class ServiceCheck(Oracle):
     """Asks the oracle."""
 
     def __init__(self, spec: Spec, missed_ns: Callable[[str], int] = lambda _: 0) -> None:
@@ -70,7 +72,7 @@ class ServiceCheck:
 
         missed_ns: gives when a PE heard somebody again after it may have missed a word; 0 if it never has.
         """
-        self.violations: list[Violation] = []
+        super().__init__()
         self._spec = spec
         self._elements = elements_by_kind(spec)
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
@@ -94,14 +96,16 @@ class ServiceCheck:
         self._usable: list[tuple[int, str, int]] = []  # when, bus, per mille
         self.longest_ns = PATIENCE_PERIODS * max(bus.heartbeat_ns for bus in spec.buses.values()) + _SECOND_NS
 
-    def told(self, pe: str, message: object) -> None:
+    def emergency(self, _sent: Sent, pe: str, message: Emergency | Malformed) -> None:
         """A PE tells of a fault, or takes it back."""
         if isinstance(message, Emergency):
             for element in self._named(message.kind, message.index):
                 self._told_by[element] = pe
 
-    def acknowledged(self, t_ns: int, message: Control) -> None:
-        """A manager has heard of a fault."""
+    def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
+        """A manager may have heard of a fault."""
+        if not isinstance(message, Control):
+            return
         if message.operation is Operation.ACKNOWLEDGE and message.a in set(ElementKind):
             for element in self._named(ElementKind(message.a), message.b):
                 self.failed(t_ns, element)
@@ -116,7 +120,7 @@ class ServiceCheck:
         for one in known:
             one.is_certain = True
 
-    def cleared(self, t_ns: int, element: str, *, everywhere: bool) -> None:
+    def cleared(self, t_ns: int, element: str, _truth: Situation, *, everywhere: bool) -> None:
         """A manager takes an element for failed no more, or none does."""
         for one in self._held:
             if one.element == element and one.to_ns is None:
@@ -146,7 +150,7 @@ class ServiceCheck:
                 self.violations += self._compare(called_ns, epoch, phase, present)
         self._called.clear()
 
-    def reigned(self, t_ns: int) -> None:
+    def began(self, t_ns: int) -> None:
         """The first ALIVE of a term will be heard; what a PE has told may be unknown to it, and is not told again."""
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
@@ -179,10 +183,11 @@ class ServiceCheck:
         """A mission phase has begun."""
         self._phases.append((t_ns, phase))
 
-    def activated(self, t_ns: int, epoch: Epoch, phase: str | None) -> None:
+    def activated(self, t_ns: int, epoch: Epoch) -> None:
         """An epoch has been activated."""
         if epoch.is_adopted:
             return
+        phase = self._phases[-1][1] if self._phases else self._spec.initial_phase()
         if epoch.contingency:
             if t_ns - self._late_ns > self._beat_ns and not self._is_late(t_ns):
                 self._called.append((t_ns, epoch, phase))  # the next ALIVE tells who takes part

@@ -14,12 +14,13 @@
   found nobody who runs anything. (Other commands may wait in its controller until LEASE names a newer one.)
 - Nobody gives one epoch two meanings: a later term may prepare it again, for a PE that comes late to what was adopted,
   but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
-  the other one takes: what one of them prepared first may be another epoch of the other one (`copied`).
+  the other one takes: what one of them prepared first may be another epoch of the other one (`manager_copied`).
 
 What a deposed manager still says is judged here alone: nobody else has to believe it (`reigning_term`).
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
@@ -30,23 +31,22 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage0,
     is_newer,
 )
 
 _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
 
-class TermCheck:
+class TermCheck(Oracle):
     """Follows commands, and the epochs that PEs say they run."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:
-        self.violations: list[Violation] = []
+        super().__init__()
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._manager_of: dict[int, int] = {}  # by term
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
         self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
-        self._has_key, self._is_split = has_key, False
+        self._has_key, self._is_split, self._bus = has_key, False, spec.manager.bus
         self._reign = ReigningTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
@@ -57,12 +57,13 @@ class TermCheck:
         self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
         self._apart_ns = self._reign.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
-    def split(self, is_split: bool) -> None:
+    def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
         """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
-        self._is_split = is_split
-        self._voices.clear()
+        if bus == self._bus:
+            self._is_split = is_split
+            self._voices.clear()
 
-    def commanded(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
+    def judge_command(self, t_ns: int, manager: int, message: ManagementMessage, station: str) -> bool:
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
@@ -84,18 +85,18 @@ class TermCheck:
         self._meet(t_ns, station, self._own.get(station, 0))
         self._reign.tagged(t_ns, station)
 
-    def copied(self, station: str, twin: str) -> None:
+    def manager_copied(self, station: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
         self._twins |= {station: twin, twin: station}
         self._prepared = {epoch: ("" if by == twin else by, first) for epoch, (by, first) in self._prepared.items()}
 
-    def alive(self, t_ns: int, station: str, term: int) -> bool:
+    def judge_alive(self, t_ns: int, station: str, term: int) -> bool:
         """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
         if not self._has_key:
             self._meet(t_ns, station, term)
         return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
 
-    def died(self, station: str) -> None:
+    def manager_died(self, _t_ns: int, station: str) -> None:
         """A manager has died: whoever is started there may know nothing."""
         self._leased.pop(station, None)
 
@@ -132,8 +133,9 @@ class TermCheck:
             self._tell(t_ns, "reign", f"{' and '.join(sorted(voices))} both speak for term {term}")
             voices.clear()
 
-    def state(self, bus: str, node: int, t_ns: int, page: StatePage0) -> None:
+    def said(self, state: StateSaid) -> None:
         """A PE says itself, on a bus, what it runs."""
+        bus, node, t_ns, page = state.bus, state.node, state.t_ns, state.page
         if page.epoch not in self._prepared:
             return
         _, prepared = self._prepared[page.epoch]

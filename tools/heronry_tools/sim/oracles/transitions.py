@@ -17,28 +17,31 @@ from heronry_dg.situation import Situation
 from heronry_dg.transition import Transition
 from heronry_dg.verify_transition import verify_transition
 from heronry_tools.sim.oracles.commanded import Epoch
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import NO_EPOCH, Activate, Lease, PeState, StatePage0, Step
+from heronry_wire.management import NO_EPOCH, Activate, Lease, ManagementMessage, PeState, StatePage0, Step
 
 
-class TransitionCheck:
+class TransitionCheck(Oracle):
     """Follows who runs what, and judges each epoch when it goes."""
 
     def __init__(self, spec: Spec, epochs: Mapping[int, Epoch]) -> None:
         """`epochs` are those that were activated, by number, as they become known."""
-        self.violations: list[Violation] = []
+        super().__init__()
         self._spec, self._epochs = spec, epochs
         self._node_of = {pe.name: pe.node_id for pe in spec.pes.values()}
         self._told: dict[str, StatePage0] = {}
         self._gone = 0  # the epoch that went last
         self._breaking = 0
 
-    def state(self, pe: str, page: StatePage0) -> None:
+    def said(self, state: StateSaid) -> None:
         """A PE says itself what it runs."""
-        self._told[pe] = page
+        self._told[state.pe] = state.page
 
-    def commanded(self, t_ns: int, message: Activate | Lease) -> None:
-        """A step is commanded."""
+    def commanded(self, t_ns: int, _station: str, message: ManagementMessage) -> None:
+        """A step may be commanded."""
+        if not isinstance(message, Activate | Lease):
+            return
         epoch = self._epochs.get(message.epoch)
         if epoch is None or epoch.number == self._gone or message.step is Step.PREPARED:
             return

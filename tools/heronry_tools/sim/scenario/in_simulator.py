@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
-from heronry_tools.sim.flight.injection import Strikes
 from heronry_tools.sim.flight.outcome import KEY, lossy, need_key
 from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.service import Struck
 from heronry_tools.sim.scenario.flown import Flown
 from heronry_tools.sim.scenario.judgement import Judgement
@@ -25,38 +25,18 @@ from heronry_wire.identifiers import FIRST_MANAGER
 _LONGEST_START_NS = 20_000 * MS
 
 
-class _Flight(Simulation):
-    """A simulation that can leave PEs at home, and knows what the operator said."""
-
-    def __init__(self, script: Script) -> None:
-        self._absent = set(script.without)
-        super().__init__(
-            script.spec,
-            script.seed,
-            faults=lossy(script.loss),
-            contingencies=script.contingencies,
-            standby=script.has_standby,
-            key=KEY if script.has_key or need_key(script.faults) else None,
-            planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
-        )
-
-    def restore(self, pe: str) -> None:
-        """Start a PE, unless it is not there yet."""
-        if f"pe:{pe}" not in self._absent:
-            super().restore(pe)
-
-    def arrive(self, pe: str) -> None:
-        """Start a PE, also one that has not been there yet."""
-        self._absent.discard(f"pe:{pe}")
-        self.restore(pe)
-
-    def say(self, deed: Deed) -> None:
-        """Let the operator give an order."""
-        reply = self.operator.say(ORDERS[deed.what](deed.target))
-        if reply is None:
-            raise UserError(f"'{deed.text}': no manager reigns then that could hear it; say it at another time")
-        if not reply.done:
-            raise UserError(f"'{deed.text}': {reply.sentence}")
+def _take_off(script: Script) -> Simulation:
+    """Begin the flight of a script, without the PEs that are not there yet."""
+    return Simulation(
+        script.spec,
+        script.seed,
+        faults=lossy(script.loss),
+        contingencies=script.contingencies,
+        standby=script.has_standby,
+        key=KEY if script.has_key or need_key(script.faults) else None,
+        planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
+        absent=[element.removeprefix("pe:") for element in script.without],
+    )
 
 
 def fly(script: Script, *, is_compared: bool = True) -> Flown:
@@ -64,9 +44,9 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
 
     is_compared: with its golden trace, if there is one; not where that is to be made anew.
     """
-    flight = _Flight(script)
+    flight = _take_off(script)
     heard = Observations(script.spec)
-    flight.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
+    flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     lines: tuple[str, ...] = ()  # of a flight that a core has ended there are none
     try:
         strikes, deeds = _play(flight, script)
@@ -89,7 +69,7 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
     )
 
 
-def _play(flight: _Flight, script: Script) -> tuple[Strikes, list[tuple[int, str]]]:
+def _play(flight: Simulation, script: Script) -> tuple[Strikes, list[tuple[int, str]]]:
     """Do what the script says, up to its end; gives the lines of the deeds, and how many events there were before."""
     _begin(flight, script)
     start_ns = _start_ns(flight)
@@ -102,7 +82,7 @@ def _play(flight: _Flight, script: Script) -> tuple[Strikes, list[tuple[int, str
     return strikes, deeds
 
 
-def _end(flight: _Flight, script: Script, strikes: Strikes) -> list[str]:
+def _end(flight: Simulation, script: Script, strikes: Strikes) -> list[str]:
     """Bring the flight to its end; gives what must not be."""
     strikes.struck += _struck(flight, script)
     violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
@@ -121,7 +101,7 @@ def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
         if deed.what == "restore":
             restored[deed.target] = at_ns
         elif deed.what == "kill":
-            for_good = at_ns if is_manager and flight.managers else None
+            for_good = at_ns if is_manager and flight.managers.running else None
             yield Struck(None if is_manager else deed.target, at_ns, restored.pop(deed.target, for_good))
         elif deed.what == "stick":
             yield Struck(None, at_ns, None)
@@ -148,7 +128,7 @@ def _start_ns(flight: Simulation) -> int:
     return next((event["t_ns"] for event in flight.events_of("reconfigured")), flight.now_ns)
 
 
-def _do(flight: _Flight, script: Script, deed: Deed) -> None:
+def _do(flight: Simulation, script: Script, deed: Deed) -> None:
     try:
         match deed.what, deed.target:
             case "fault", _:
@@ -156,17 +136,26 @@ def _do(flight: _Flight, script: Script, deed: Deed) -> None:
             case "stick", device:
                 flight.fail_device(device.removeprefix("device:"), "stuck")
             case "kill", target if target in MANAGERS:
-                flight.kill_manager(MANAGERS[target])
+                flight.managers.kill(MANAGERS[target])
             case "restore", target if target in MANAGERS:
-                flight.start_manager(MANAGERS[target] or FIRST_MANAGER)
+                flight.managers.start(MANAGERS[target] or FIRST_MANAGER)
             case "kill", pe:
-                flight.kill(pe.removeprefix("pe:"))
+                flight.fleet.kill(pe.removeprefix("pe:"))
             case "restore", pe:
-                flight.arrive(pe.removeprefix("pe:"))
+                flight.fleet.arrive(pe.removeprefix("pe:"))
             case _:
-                flight.say(deed)
+                _say(flight, deed)
     except UserError as error:
         raise UserError(f"{script.file}:{deed.line}: {error}") from None
+
+
+def _say(flight: Simulation, deed: Deed) -> None:
+    """Let the operator give an order."""
+    reply = flight.operator.say(ORDERS[deed.what](deed.target))
+    if reply is None:
+        raise UserError(f"'{deed.text}': no manager reigns then that could hear it; say it at another time")
+    if not reply.done:
+        raise UserError(f"'{deed.text}': {reply.sentence}")
 
 
 def _decided(flight: Simulation, deeds: list[tuple[int, str]]) -> tuple[str, ...]:

@@ -6,6 +6,8 @@ many millionths it is fast. It jumps when its machine has slept without knowing.
 It is asked several times for each frame, so an instant is worked out once, and in small numbers.
 """
 
+from random import Random
+
 from heronry_tools.sim.world.clock import Clock
 
 _MILLION = 1_000_000
@@ -42,3 +44,16 @@ class LocalClock:
         """Show `ahead_ns` more from now on."""
         self._ahead_ns += ahead_ns
         self._asked_ns = -1
+
+
+class LocalClocks:
+    """Makes the clocks of the nodes of one flight."""
+
+    def __init__(self, clock: Clock, chance: Random, skew_ppm: int) -> None:
+        """skew_ppm: how far they are off, at most."""
+        self._clock, self._chance, self._skew_ppm = clock, chance, skew_ppm
+
+    def draw(self, apart_ns: int = 0) -> LocalClock:
+        """Make one that shows less than `apart_ns` more than virtual time; by default just that."""
+        ahead_ns = self._chance.randrange(apart_ns) if apart_ns else 0
+        return LocalClock(self._clock, ahead_ns, self._chance.randint(-self._skew_ppm, self._skew_ppm))

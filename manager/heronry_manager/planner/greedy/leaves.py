@@ -1,0 +1,86 @@
+"""Inputs and gates: every leaf has a number from 0, through all modes, and every gate is a node of a tree of tuples."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from heronry_dg.configuration import Wire
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_manager.planner.greedy.numbering import Numbering
+
+LEAF, ALL, SOME, ONE = range(4)
+Node = tuple[int, int, tuple["Node", ...], tuple["Node", ...]]
+"""A gate: kind; number of the leaf, or of inputs that must hold; inputs, worth most first; inputs, cheapest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """All leaves, by number, and the gates as they are written."""
+
+    mode: list[int]  # whose input it is
+    module: list[int]  # the same
+    path: list[str]
+    variable: list[int]
+    worth: list[dict[int, int]]  # mode that may feed it -> points
+    wire: list[dict[int, Wire]]  # mode that may feed it -> the wire
+    of_mode: list[list[int]]  # by mode: its leaves
+    written: list[Node | None]  # by mode: what it needs, with inputs in the order in which they are written
+
+
+def numbered_leaves(numbers: Numbering) -> Leaves:
+    """Number the leaves of all modes."""
+    numberer = _Numberer(numbers)
+    for number, (_, mode) in enumerate(numbers.modes):
+        numberer.leaves.written.append(numberer.node(number, mode.needs, ""))
+    return numberer.leaves
+
+
+class _Numberer:
+    """Goes through the gates, mode by mode."""
+
+    def __init__(self, numbers: Numbering) -> None:
+        self._numbers = numbers
+        self._giving = _modes_that_give(numbers)
+        self.leaves = Leaves([], [], [], [], [], [], [[] for _ in numbers.modes], [])
+
+    def node(self, mode: int, gate: Expression | None, path: str) -> Node | None:
+        """Make a node of a gate, and number the leaves below."""
+        if gate is None:
+            return None
+        if isinstance(gate, Leaf):
+            return (LEAF, self._leaf(mode, gate, path), (), ())
+        inputs = (self.node(mode, child, child_path(path, index)) for index, child in enumerate(gate.inputs))
+        nodes = tuple(node for node in inputs if node is not None)
+        match gate:
+            case And():
+                return (ALL, len(nodes), nodes, nodes)
+            case Or(k, _):
+                return (ALL if k == len(nodes) else SOME, k, nodes, nodes)
+            case Xor():
+                return (ONE, 1, nodes, nodes)
+
+    def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
+        """Number a leaf. A module feeds itself only in the one mode that it runs in."""
+        numbers, leaves, number = self._numbers, self.leaves, len(self.leaves.mode)
+        leaves.mode.append(mode)
+        leaves.module.append(numbers.module_of[mode])
+        leaves.path.append(path)
+        leaves.variable.append(numbers.variable_number[leaf.variable])
+        leaves.of_mode[mode].append(number)
+        giving = [
+            (giver, numbers.modes[giver][1].gives[leaf.variable])
+            for giver in self._giving.get(leaf.variable, ())
+            if numbers.module_of[giver] != numbers.module_of[mode] or giver == mode
+        ]
+        accepted = [(giver, version) for giver, version in giving if leaf.accepts(version)]
+        names = {giver: numbers.modules[numbers.module_of[giver]].name for giver, _ in accepted}
+        leaves.worth.append({giver: leaf.points(version) for giver, version in accepted})
+        leaves.wire.append({giver: Wire(names[giver], leaf.variable, version) for giver, version in accepted})
+        return number
+
+
+def _modes_that_give(numbers: Numbering) -> Mapping[str, list[int]]:
+    giving: dict[str, list[int]] = {}
+    for number, (_, mode) in enumerate(numbers.modes):
+        for variable in mode.gives:
+            giving.setdefault(variable, []).append(number)
+    return giving

@@ -1,0 +1,107 @@
+"""In which order gates and givers are tried: by what they are worth, and by their price. Ties stay in the spec's order.
+
+*Price* of a mode: a guess at the CPU that running it takes, its cheapest producers included. It orders alternatives
+and decides nothing else.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from heronry_manager.planner.greedy.leaves import LEAF, ONE, SOME, Leaves, Node
+
+_PRICE_ROUNDS = 8  # as deep as prices look; deeper graphs are merely ordered less well
+_UNPRICED = 1 << 40
+
+Giver = tuple[int, int]
+"""Who may feed a leaf: a mode, and the module it is of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """Needs, and who may feed them, in the order in which they are tried."""
+
+    price: list[int]  # by mode
+    needs: list[Node | None]  # by mode
+    has_choice: list[bool]  # by mode: inputs could be supplied in ways of unlike worth
+    readers: list[int]  # by mode: the set of modes with a leaf that it may feed
+    dearest: list[list[Giver]]  # by leaf, worth most first
+    cheapest: list[list[Giver]]  # by leaf
+    givers: list[int]  # by leaf: the set of modes
+
+
+def ordered(leaves: Leaves, module_of: Sequence[int], size: Sequence[int]) -> Orders:
+    """Put everything in order; `size` is that of each mode alone."""
+    order = _Order(leaves, _prices(leaves, size))
+    needs = [None if node is None else order.ordered(node) for node in leaves.written]
+    givers = [[(mode, module_of[mode]) for mode in worths] for worths in leaves.worth]
+    readers = [0] * len(size)
+    for leaf, worths in enumerate(leaves.worth):
+        for mode in worths:
+            readers[mode] |= 1 << leaves.mode[leaf]
+    return Orders(
+        price=order.price,
+        needs=needs,
+        has_choice=[node is not None and order.has_choice(node) for node in needs],
+        readers=readers,
+        dearest=[_dearest(one, worths) for one, worths in zip(givers, leaves.worth, strict=True)],
+        cheapest=[sorted(one, key=lambda giver: order.price[giver[0]]) for one in givers],
+        givers=[sum(1 << mode for mode in worths) for worths in leaves.worth],
+    )
+
+
+def _dearest(givers: list[Giver], worths: dict[int, int]) -> list[Giver]:
+    return sorted(givers, key=lambda giver: -worths[giver[0]])
+
+
+def _prices(leaves: Leaves, size: Sequence[int]) -> list[int]:
+    prices = list(size)
+    for _ in range(_PRICE_ROUNDS):
+        order = _Order(leaves, prices)
+        prices = [
+            alone + (0 if node is None else order.price_of(node))
+            for alone, node in zip(size, leaves.written, strict=True)
+        ]
+    return prices
+
+
+class _Order:
+    """Says what gates cost and are worth, at these prices of modes."""
+
+    def __init__(self, leaves: Leaves, price: list[int]) -> None:
+        self._worth, self.price = leaves.worth, price
+
+    def price_of(self, node: Node) -> int:
+        """What it costs at least to make a gate hold."""
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            return min((self.price[giver] for giver in self._worth[number]), default=_UNPRICED)
+        prices = sorted(map(self.price_of, inputs))
+        return min(sum(prices[:number]), _UNPRICED)
+
+    def most_points(self, node: Node) -> int:
+        """Most points that the leaves of a gate can have together."""
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            return max(self._worth[number].values(), default=0)
+        points = [self.most_points(one) for one in inputs]
+        return max(points) if kind == ONE else sum(points)
+
+    def has_choice(self, node: Node) -> bool:
+        """Tell whether inputs could be supplied in ways of unlike worth."""
+        kind, number, inputs, _ = node
+        if kind == LEAF:
+            return len(set(self._worth[number].values())) > 1
+        return kind in (SOME, ONE) or any(map(self.has_choice, inputs))
+
+    def ordered(self, node: Node) -> Node:
+        """Put the inputs of a gate in both orders."""
+        kind, number, inputs, _ = node
+        parts = tuple(map(self.ordered, inputs))
+        if kind not in (SOME, ONE):
+            return (kind, number, parts, parts)
+        return (
+            kind,
+            number,
+            tuple(sorted(parts, key=lambda one: (-self.most_points(one), self.price_of(one)))),
+            tuple(sorted(parts, key=self.price_of)),
+        )

@@ -1,0 +1,39 @@
+"""Rules between modules: who may not run together, who must, and who drives in the place of whom."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from heronry_manager.planner.greedy.numbering import Numbering
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementRules:
+    """By module: sets of others."""
+
+    separate: list[int]
+    together: list[int]
+    rivals: list[int]  # other branches of the same DEMUX
+    demuxes: list[list[int]]  # their branches, in order
+
+
+def placement_rules(numbers: Numbering) -> PlacementRules:
+    """Give what the spec says."""
+    spec, number = numbers.spec, numbers.module_number
+    demuxes = [demux.branches for demux in spec.demuxes.values()]
+    return PlacementRules(
+        separate=_others(numbers, spec.separate),
+        together=_others(numbers, spec.together),
+        rivals=_others(numbers, demuxes),
+        demuxes=[[number[name] for name in branches] for branches in demuxes],
+    )
+
+
+def _others(numbers: Numbering, groups: Iterable[Iterable[str]]) -> list[int]:
+    """By module: the set of those with which it stands in a group."""
+    others = [0] * len(numbers.modules)
+    for group in groups:
+        members = [numbers.module_number[name] for name in group]
+        everybody = sum(1 << module for module in members)
+        for module in members:
+            others[module] |= everybody & ~(1 << module)
+    return others

@@ -1,0 +1,58 @@
+"""Buses: the routes between PEs, what the way from the manager to a PE leads over, and what a variable loads."""
+
+from dataclasses import dataclass
+
+from heronry_dg.situation import Situation, survivors
+from heronry_dg.traffic import frame_bits
+from heronry_manager.planner.greedy.numbering import Numbering
+
+
+@dataclass(frozen=True, slots=True)
+class Routes:
+    """Bits of `way`: PEs from 0, buses from `first_bus`; a PE that no fault-free way leads to has the bit `never`."""
+
+    route: list[list[tuple[int, ...]]]  # from one PE to another one: buses
+    way: list[int]  # by PE
+    first_bus: int
+    never: int
+    bits: list[int]  # by variable: of a frame
+    load: list[dict[int, int]]  # by variable: mode -> thousandths of a bit/s
+
+
+def routed(numbers: Numbering) -> Routes:
+    """Work it out; routes never depend on faults, because the buses form a forest."""
+    spec, pes = numbers.spec, numbers.pes
+    healthy = survivors(spec, Situation())
+    first_bus = len(pes)
+    never = 1 << (first_bus + len(numbers.buses))
+    bits = [frame_bits(spec, variable) for variable in numbers.variables]
+    return Routes(
+        route=[
+            [tuple(numbers.bus_number[bus] for bus in healthy.route(one.name, other.name) or ()) for other in pes]
+            for one in pes
+        ],
+        way=_ways(numbers, first_bus, never),
+        first_bus=first_bus,
+        never=never,
+        bits=bits,
+        load=[
+            {number: of_one * mode.rate_mhz for number, (_, mode) in enumerate(numbers.modes) if name in mode.gives}
+            for name, of_one in zip(numbers.variables, bits, strict=True)
+        ],
+    )
+
+
+def _ways(numbers: Numbering, first_bus: int, never: int) -> list[int]:
+    ways = [never] * len(numbers.pes)
+    frontier = [(numbers.spec.manager.bus, 0)]
+    seen = {numbers.spec.manager.bus}
+    while frontier:
+        bus, so_far = frontier.pop()
+        so_far |= 1 << (first_bus + numbers.bus_number[bus])
+        for number, pe in enumerate(numbers.pes):
+            if bus in pe.buses and ways[number] == never:
+                ways[number] = so_far | 1 << number
+                further = [other for other in pe.buses if other not in seen]
+                seen.update(further)
+                frontier.extend((other, ways[number]) for other in further)
+    return ways

@@ -1,0 +1,105 @@
+"""The functions that a phase wants, in the order in which they are served, and what their modes are worth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from heronry_dg.model import CRITICALITIES, Function
+from heronry_dg.objective import CRITICAL_CLASSES
+from heronry_manager.planner.greedy.numbering import Numbering
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A wanted function."""
+
+    name: str
+    rank: int  # 0 (A) to 4 (E)
+    priority: int
+    outputs: tuple[int, ...]  # modules
+    modes: tuple[int, ...]  # of its outputs, the most valuable first
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """The functions that a phase wants, and what they are worth."""
+
+    goals: tuple[Goal, ...]  # most important first
+    outputs: int  # set of modules that serve by running
+    output_modules: tuple[int, ...]  # the same
+    weight: Mapping[int, int]  # mode of an output -> levels 1 and 2 in one number
+    utility_bound: int  # level 2 is less than this: weight = critical classes * utility_bound + utility
+
+    def score(self, modes: Sequence[int]) -> int:
+        """Levels 1 and 2 of what runs in one number; `modes` by module, -1 for what does not run."""
+        weight = self.weight
+        return sum(weight[modes[module]] for module in self.output_modules if modes[module] >= 0)
+
+
+def wanted_in(numbers: Numbering, price: Sequence[int], phase: str | None) -> Wanted:
+    """Work out what a phase wants; `price` is that of each mode."""
+    asker = _Asker(numbers, phase)
+    functions = [one for one in numbers.spec.functions.values() if one.priority_in(phase) > 0]
+    goals = sorted(map(asker.goal, functions), key=lambda goal: _urgency(goal, price))
+    worth = {
+        mode: sum(asker.utility(one, mode) for one in functions) for mode in {m for goal in goals for m in goal.modes}
+    }
+    bound = 1 + sum(max((asker.utility(one, m) for m in asker.output_modes(one)), default=0) for one in functions)
+    classes = _class_weights(goals)
+    outputs = sorted({module for goal in goals for module in goal.outputs})
+    return Wanted(
+        goals=tuple(goals),
+        outputs=sum(1 << module for module in outputs),
+        output_modules=tuple(outputs),
+        weight={
+            mode: worth[mode] + bound * sum(classes[goal.rank] * goal.priority for goal in goals if mode in goal.modes)
+            for mode in worth
+        },
+        utility_bound=bound,
+    )
+
+
+class _Asker:
+    """Says what a phase gives for a function."""
+
+    def __init__(self, numbers: Numbering, phase: str | None) -> None:
+        self._numbers, self._phase = numbers, phase
+
+    def goal(self, function: Function) -> Goal:
+        """Put a function into numbers."""
+        modes = self.output_modes(function)
+        return Goal(
+            name=function.name,
+            rank=CRITICALITIES.index(function.criticality_in(self._phase)),
+            priority=function.priority_in(self._phase),
+            outputs=tuple(self._numbers.module_number[name] for name in function.outputs),
+            modes=tuple(sorted(modes, key=lambda mode: -self.utility(function, mode))),
+        )
+
+    def output_modes(self, function: Function) -> list[int]:
+        """Modes of the outputs of a function."""
+        numbers = self._numbers
+        return [mode for name in function.outputs for mode in numbers.modes_of[numbers.module_number[name]]]
+
+    def utility(self, function: Function, mode: int) -> int:
+        """What a mode adds to level 2 by what it does for a function."""
+        numbers, module = self._numbers, self._numbers.module_of[mode]
+        if numbers.modules[module].name not in function.outputs:
+            return 0
+        modes = numbers.modes_of[module]
+        return function.priority_in(self._phase) * function.value_of(modes.index(mode), len(modes))
+
+
+def _urgency(goal: Goal, price: Sequence[int]) -> tuple[int, int, int]:
+    """Order of goals: by class, then by priority for the price; uncritical ones alike."""
+    cheapest = 1 + min((price[mode] for mode in goal.modes), default=0)
+    return goal.rank, -goal.priority if goal.rank < len(CRITICAL_CLASSES) else 0, -(goal.priority * 10**9 // cheapest)
+
+
+def _class_weights(goals: Sequence[Goal]) -> list[int]:
+    """Weights with which the sums of priorities of the classes A to E compare as level 1 does; E counts nothing."""
+    weights = [0] * len(CRITICALITIES)
+    weight = 1
+    for rank in reversed(range(len(CRITICAL_CLASSES))):
+        weights[rank] = weight
+        weight *= 1 + sum(goal.priority for goal in goals if goal.rank == rank)
+    return weights

@@ -1,0 +1,28 @@
+"""Numbers that commands take: counts, flights, processors. Each reader raises `argparse.ArgumentTypeError`."""
+
+import argparse
+import os
+
+
+def whole_number(text: str) -> int:
+    """Read a count."""
+    try:
+        number = int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is no whole number; write 0 or more") from None
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text} is negative; write 0 or more")
+    return number
+
+
+def flights(text: str) -> int:
+    """Read how many flights to fly: none would find nothing wrong."""
+    number = whole_number(text)
+    if number == 0:
+        raise argparse.ArgumentTypeError("0 flights show nothing; write 1 or more")
+    return number
+
+
+def processors(text: str) -> int:
+    """Read a number of processors; 0 stands for all there are."""
+    return whole_number(text) or os.cpu_count() or 1

@@ -1,0 +1,47 @@
+"""The PLAN of a command: a file or standard input, and the situation that it was made for."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from heronry_tools.console.errors import UserError
+
+if TYPE_CHECKING:
+    from heronry_dg.model import Spec
+    from heronry_dg.situation import Situation
+
+
+def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
+    """Take the situation from the plan, and from the options what they say."""
+    from heronry_dg.plan import read_situation  # noqa: PLC0415
+    from heronry_dg.situation import Situation, situation  # noqa: PLC0415
+
+    said = situation(spec, arguments.down or (), arguments.limit or (), arguments.phase)
+    planned = read_situation(plan, spec)
+    return Situation(
+        down=planned.down if arguments.down is None else said.down,
+        limits=planned.limits if arguments.limit is None else said.limits,
+        phase=planned.phase if arguments.phase is None else said.phase,
+    )
+
+
+@contextmanager
+def errors_name(file: str | None) -> Iterator[None]:
+    """Let what is wrong with a plan name the file that it came from (`-`: standard input)."""
+    from heronry_dg.plan import PlanError  # noqa: PLC0415
+
+    try:
+        yield
+    except PlanError as error:
+        raise UserError(f"{'standard input' if file == '-' else file}: {error}") from error
+
+
+def read_text(file: str) -> str:
+    """Read a file, or standard input for `-`."""
+    try:
+        return sys.stdin.read() if file == "-" else Path(file).read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(f"{file}: byte {error.start} is not UTF-8 text, so this is no plan") from error

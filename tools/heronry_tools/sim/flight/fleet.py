@@ -1,0 +1,130 @@
+"""The PEs of one flight: they start, die, start anew, are cut off, and may be given the table of another spec."""
+
+import hashlib
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+from heronry_agent.core.authenticity import Secret
+from heronry_tools.aircraft.plant import Plant
+from heronry_tools.sim.flight.truth import Truth
+from heronry_tools.sim.flight.wiring import Wiring
+from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClocks
+from heronry_tools.sim.world.simulated_pe import SimulatedPe
+from heronry_wire.authentication import Key
+from heronry_wire.pe_table import PeTable
+
+_CLOCKS_APART_NS = 1_000_000_000
+_OTHER_DIGEST = "0" * 64
+
+
+class Fleet:
+    """All PEs; `running` are those that live, by name."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        clocks: LocalClocks,
+        wiring: Wiring,
+        world: Plant,
+        *,
+        tables: Mapping[str, PeTable],
+        checks: Checks,
+        truth: Truth,
+        seed: int,
+        key: Key | None,
+        absent: Collection[str],
+    ) -> None:
+        """tables: what each is given. key: with which they prove what they say.
+
+        absent: PEs that are not there until they `arrive`.
+        """
+        self.running: dict[str, SimulatedPe] = {}
+        self.broken_modules: dict[str, str] = {}  # how a module fails, or for what it ASKS, wherever it runs
+        self.tables = tables
+        self._clock, self._clocks = clock, clocks
+        self._wiring, self._world = wiring, world
+        self._checks, self._truth = checks, truth
+        self._seed, self._key = seed, key
+        self._absent = set(absent)
+        self._stale: set[str] = set()  # PEs that were given the table of another spec
+        self._incarnations = dict.fromkeys(tables, 0)
+        for pe in tables:
+            truth.failed(f"pe:{pe}")
+
+    @property
+    def data_identifiers(self) -> list[int]:
+        """Identifiers of all data of the spec."""
+        return sorted(source.identifier for source in next(iter(self.tables.values())).sources)
+
+    def kill(self, pe: str) -> None:
+        """Let a PE die now; one that is dead stays so."""
+        dead = self.running.pop(pe, None)
+        if dead is not None:
+            dead.stop()
+            self._truth.failed(f"pe:{pe}")
+
+    def restore(self, pe: str) -> None:
+        """Start a PE that is not running, and is there: a new incarnation, on a clock of its own."""
+        if pe in self.running or pe in self._absent:
+            return
+        self._incarnations[pe] += 1
+        self._truth.mended(f"pe:{pe}")
+        if pe not in self._stale:
+            self._truth.is_back(f"pe:{pe}")
+        self.running[pe] = SimulatedPe(
+            self._clock,
+            self._clocks.draw(_CLOCKS_APART_NS),
+            self._table(pe),
+            self._wiring.wires,
+            incarnation=self._incarnations[pe] % 256,
+            secret=self._secret(pe),
+            world=self._world,
+            drive=self._checks.driven,
+            look=self._checks.looked,
+            move=self._checks.moved,
+            broken=self.broken_modules,
+            broke=lambda module: self._truth.failed(f"module:{module}"),
+            witness=self._checks.copied,
+        )
+
+    def arrive(self, pe: str) -> None:
+        """Start a PE, also one that has not been there yet."""
+        self._absent.discard(pe)
+        self.restore(pe)
+
+    def make_stale(self, pe: str) -> None:
+        """Let a PE start with another spec's table from now on: it counts as down, since it can run nothing of ours."""
+        self._stale.add(pe)
+        self._truth.failed(f"pe:{pe}")
+
+    def make_fresh(self, pe: str) -> None:
+        """Let it start with the right one again."""
+        self._stale.discard(pe)
+
+    def cut(self, pe: str) -> None:
+        """Break the wires of a PE that lives on; of one that is dead nothing is left to cut off."""
+        if pe in self.running:
+            self.running[pe].wire(cut_off=True)
+            self._truth.cut(f"pe:{pe}")
+
+    def mend(self, pe: str) -> None:
+        """Mend them."""
+        if pe in self.running:
+            self.running[pe].wire(cut_off=False)
+        self._truth.mended(f"pe:{pe}")
+
+    def deafen(self, pe: str, duration_ns: int) -> None:
+        """Let a PE that lives hear nothing for a while, and be heard all the same."""
+        deaf = self.running[pe]
+        deaf.wire(deaf=True)
+        self._clock.at(self._clock.now_ns + duration_ns, lambda: deaf.wire(deaf=False))
+
+    def _table(self, pe: str) -> PeTable:
+        table = self.tables[pe]
+        return replace(table, spec_digest=_OTHER_DIGEST) if pe in self._stale else table
+
+    def _secret(self, pe: str) -> Secret | None:
+        salt = f"{self._seed} {pe} {self._incarnations[pe]}".encode()
+        return None if self._key is None else Secret(self._key, hashlib.sha256(salt).digest()[:16])

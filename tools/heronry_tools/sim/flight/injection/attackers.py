@@ -1,0 +1,94 @@
+"""What strangers do on a bus, and what changes frames past the CRC: babblers, twins, forgers."""
+
+from collections.abc import Sequence
+from random import Random
+
+from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.faults.forger import Forger
+from heronry_tools.sim.flight.injection.strike import End, Strike
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.stranger import Stranger
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import Use, classify, state_id
+from heronry_wire.management import PeFlags, PeState, StatePage0
+
+_DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
+_COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))
+_CORRUPT_SHARE = 0.2
+_FORGE_SHARE = 0.02
+
+
+def _babble(simulation: Simulation, act: Act, _: Random) -> End:
+    wires = simulation.wiring.wires[act.name]
+    return _leaving([Stranger(simulation.clock, wire, Frame(act.level, bytes(8))) for wire in wires])
+
+
+def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
+    identifier = random.choice(simulation.fleet.data_identifiers)
+    every_ns = random.randint(1, 20) * MS
+    frame, wires = Frame(identifier, bytes(8)), simulation.wiring.wires[act.name]
+    return _leaving([Stranger(simulation.clock, wire, frame, every_ns) for wire in wires])
+
+
+def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
+    if act.name not in simulation.fleet.running:
+        return None
+    pe = simulation.spec.pes[act.name]
+    page = StatePage0(PeState.UNCONFIGURED, PeFlags(0), random.randrange(256), 0, 0, 0)
+    said = Frame(state_id(pe.node_id), page.encode())
+    return _leaving(
+        [
+            Stranger(simulation.clock, wire, said, simulation.spec.buses[bus].heartbeat_ns)
+            for bus in pe.buses
+            for wire in simulation.wiring.wires[bus]
+        ]
+    )
+
+
+def _attack(simulation: Simulation, act: Act, random: Random) -> End:
+    return _leaving([Forger(simulation.clock, wire, random) for wire in simulation.wiring.wires[act.name]])
+
+
+def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
+    def leave() -> None:
+        for one in uninvited:
+            one.leave()
+
+    return leave
+
+
+def _alter(uses: frozenset[Use], share: float) -> Strike:
+    """Change what is received, one frame in so many."""
+
+    def strike(simulation: Simulation, act: Act, random: Random) -> End:
+        wires = simulation.wiring.wires[act.name]
+        simulation.checks.altered()
+
+        def alter(sent: Sent) -> Frame | None:
+            frame = sent.frame
+            if not frame.data or classify(frame.can_id).use not in uses or random.random() >= share:
+                return None
+            data = bytearray(frame.data)
+            data[random.randrange(len(data))] ^= random.randint(1, 255)
+            return frame._replace(data=bytes(data))
+
+        def end() -> None:
+            for wire in wires:
+                wire.corrupt = None
+
+        for wire in wires:
+            wire.corrupt = alter
+        return end
+
+    return strike
+
+
+BY_ATTACKERS: dict[str, Strike] = {
+    "babble": _babble,
+    "rogue": _rogue,
+    "twin": _twin,
+    "attack": _attack,
+    "corrupt": _alter(_DATA, _CORRUPT_SHARE),
+    "forge": _alter(_COMMANDS, _FORGE_SHARE),
+}

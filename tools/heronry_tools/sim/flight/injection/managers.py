@@ -1,0 +1,103 @@
+"""What befalls managers: they die, stand still, are not heard, are started twice, or their disk is full."""
+
+from collections.abc import Callable
+from random import Random
+
+from heronry_tools.sim.faults.fault import MANAGERS, Act
+from heronry_tools.sim.flight.injection.strike import End, Strike, loosen, nothing
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.world.simulated_manager import SimulatedManager
+
+_OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
+
+
+def _on_manager(do: Callable[[SimulatedManager, Act, Random], End]) -> Strike:
+    """Strike the manager that an act means, if it runs; what ends it is done to that very one."""
+    return _in_seat(lambda simulation, seat, act, random: do(simulation.managers.running[seat], act, random))
+
+
+def _in_seat(do: Callable[[Simulation, int, Act, Random], End | None]) -> Strike:
+    """Strike the manager that an act means, known by its seat, if it runs."""
+
+    def strike(simulation: Simulation, act: Act, random: Random) -> End | None:
+        node, foremost = MANAGERS[act.target], simulation.managers.foremost
+        for seat, one in simulation.managers.running.items():
+            if one.running and (seat == node or (node is None and one is foremost)):
+                return do(simulation, seat, act, random)
+        return None
+
+    return strike
+
+
+def _dies(simulation: Simulation, seat: int, torn: Random | None) -> End:
+    managers = simulation.managers
+    if managers.running[seat].disk.problem is not None and simulation.key is not None:
+        simulation.waivers.begin(_OF_WHO_COUNTS_AGAIN, simulation.now_ns)
+    managers.kill(seat, torn=torn)
+    return lambda: managers.start(seat) if seat > 0 and seat not in managers.running else None
+
+
+def _crash(simulation: Simulation, seat: int, _act: Act, _random: Random) -> End:
+    return _dies(simulation, seat, None)
+
+
+def _power(simulation: Simulation, seat: int, _act: Act, random: Random) -> End:
+    return _dies(simulation, seat, random)
+
+
+def _double(simulation: Simulation, seat: int, act: Act, _: Random) -> End | None:
+    managers = simulation.managers
+    if seat < 0 or -seat in managers.running:
+        return None
+    managers.double(seat, standby=act.level == 0)
+    return lambda: managers.kill(-seat)
+
+
+def _disk_full(simulation: Simulation, seat: int, _act: Act, _random: Random) -> End:
+    disk = simulation.managers.running[seat].disk
+    disk.refuses = True
+    simulation.checks.may_forget_phase()
+    simulation.checks.may_count_again()
+
+    def end() -> None:
+        disk.refuses = False
+
+    return end
+
+
+def _loose(simulation: Simulation, seat: int, _act: Act, random: Random) -> End:
+    return loosen(simulation, simulation.managers.running[seat], random)
+
+
+def _pause(manager: SimulatedManager, act: Act, _: Random) -> End:
+    manager.pause(act.lasts_ms * MS)
+    return nothing
+
+
+def _clock_jump(manager: SimulatedManager, act: Act, _: Random) -> End:
+    manager.jump(act.level * MS)
+    return nothing
+
+
+def _wire(direction: str) -> Strike:
+    """Break the wires of a manager, in one direction or in both."""
+
+    def do(manager: SimulatedManager, _act: Act, _random: Random) -> End:
+        manager.wire(**{direction: True})
+        return lambda: manager.wire(**{direction: False}) if manager.running else None
+
+    return _on_manager(do)
+
+
+ON_MANAGERS: dict[str, Strike] = {
+    "manager_crash": _in_seat(_crash),
+    "manager_power": _in_seat(_power),
+    "manager_double": _in_seat(_double),
+    "disk_full": _in_seat(_disk_full),
+    "manager_loose": _in_seat(_loose),
+    "manager_pause": _on_manager(_pause),
+    "manager_clock_jump": _on_manager(_clock_jump),
+    "manager_cut": _wire("cut_off"),
+    "manager_mute": _wire("mute"),
+    "manager_deaf": _wire("deaf"),
+}

@@ -1,0 +1,59 @@
+"""How a fault strikes: it does something to a simulation, and gives what ends it.
+
+None is given where nothing was struck (a PE that is dead cannot be paused). What was ended once is not ended again;
+what a fault had done to a PE that has died since died with it.
+"""
+
+from collections.abc import Callable
+from random import Random
+
+from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.world.node import Node
+
+End = Callable[[], None]
+Strike = Callable[[Simulation, Act, Random], End | None]
+
+_PLUGS = ((True, False), (False, True), (True, True), (False, False))  # mute, deaf
+_PLUG_HOLDS_MS = (6, 40, 200)  # at most, so or so
+
+
+def nothing() -> None:
+    """What ends a fault that needs no end."""
+
+
+def in_turns(simulation: Simulation, turn: Callable[[], int | None]) -> End:
+    """Do something now, and again and again until it is ended; `turn` gives the ns to the next time, None: no more."""
+    over = False
+
+    def do() -> None:
+        wait_ns = None if over else turn()
+        if wait_ns is not None:
+            simulation.at(simulation.now_ns + wait_ns, do)
+
+    def end() -> None:
+        nonlocal over
+        over = True
+
+    do()
+    return end
+
+
+def loosen(simulation: Simulation, node: Node, random: Random) -> End:
+    """Let a plug be loose: what one direction does, the other may do a moment later, within a beat or some beats on."""
+
+    def turn() -> int | None:
+        if not node.running:
+            return None
+        mute, deaf = random.choice(_PLUGS)
+        node.wire(mute=mute, deaf=deaf)
+        return random.randint(1, random.choice(_PLUG_HOLDS_MS)) * MS
+
+    over = in_turns(simulation, turn)
+
+    def end() -> None:
+        over()
+        if node.running:
+            node.wire(mute=False, deaf=False)
+
+    return end

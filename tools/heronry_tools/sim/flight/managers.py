@@ -1,0 +1,149 @@
+"""The managers of one flight, each in its seat: they start, die, and may be started twice; and what they tell.
+
+A seat is a manager's node, or -node for one that is started on another computer as if that were its own number. Each
+has a disk with its journal, which outlives it.
+"""
+
+from collections.abc import Callable, Mapping
+from random import Random
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_tools.sim.faults.protocol_state import ProtocolState
+from heronry_tools.sim.flight.wiring import Wiring
+from heronry_tools.sim.oracles.checks import Checks
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.disk import Disk
+from heronry_tools.sim.world.local_clock import LocalClocks
+from heronry_tools.sim.world.planning import Planners, Prepared
+from heronry_tools.sim.world.simulated_manager import SimulatedManager
+from heronry_wire.authentication import Key
+from heronry_wire.identifiers import FIRST_MANAGER
+
+_OF_A_STANDBY = (
+    "manager_started",
+    "standing_by",
+    "stepped_down",
+    "hears_nobody",
+    "refused",
+    "second_manager",
+    "stopped",
+)
+
+
+class Managers:
+    """All managers; `running` are those that have not died, by seat."""
+
+    def __init__(
+        self,
+        spec: Spec,
+        clock: Clock,
+        clocks: LocalClocks,
+        wiring: Wiring,
+        *,
+        disks: dict[int, Disk],
+        checks: Checks,
+        are_two: bool,
+        key: Key | None,
+        prepared: Prepared,
+        planners: Planners,
+        decide_ns: Callable[[], int],
+    ) -> None:
+        """are_two: 126 and 127 fly, and each stands by while the other one has the term.
+
+        disks: by seat. key: with which they prove what they say. decide_ns: draws how long the next plan takes.
+        """
+        self.running: dict[int, SimulatedManager] = {}
+        self.events: list[dict[str, Any]] = []
+        self.protocol = ProtocolState(clock)
+        self.are_two = are_two
+        self.disks = disks
+        self._spec, self._clock, self._clocks = spec, clock, clocks
+        self._wiring, self._checks = wiring, checks
+        self._key, self._prepared, self._planners, self._decide_ns = key, prepared, planners, decide_ns
+
+    @property
+    def foremost(self) -> SimulatedManager | None:
+        """The manager that reigns; where none does, the first one there is."""
+        reigning = [one for one in self.running.values() if one.core.reigns]
+        first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
+        return max(reigning, key=lambda one: one.core.term, default=first)
+
+    @property
+    def commanding(self) -> SimulatedManager | None:
+        """The manager that reigns, if its processor does not stand still."""
+        manager = self.foremost
+        return manager if manager is not None and manager.is_awake and manager.core.reigns else None
+
+    def events_of(self, kind: str) -> list[dict[str, Any]]:
+        """Events of the managers, of one kind."""
+        return [event for event in self.events if event["event"] == kind]
+
+    def start(self, seat: int = FIRST_MANAGER, *, advise: bool = False, standby: bool | None = None) -> None:
+        """Start a manager, with its journal; one that only advises, where that is asked for.
+
+        standby: whether it stands by where another one reigns; by default where there are two.
+        """
+        self.running[seat] = SimulatedManager(
+            self._clock,
+            self._clocks.draw(),
+            self._spec,
+            self._wiring.wires[self._spec.manager.bus],
+            node=abs(seat),
+            disk=self.disks[seat],
+            name=_station(seat),
+            advise=advise,
+            key=self._key,
+            standby=self.are_two if standby is None else standby,
+            planners=self._planners,
+            ahead=self._prepared,
+            decide_ns=self._decide_ns,
+            tell=lambda told: self._tell(seat, told),
+            witness=self._checks.copied,
+        )
+
+    def double(self, node: int, *, standby: bool) -> None:
+        """Start a manager that runs once more, somewhere else, with a copy of its journal."""
+        self.disks[-node] = Disk(self._spec, self.disks[node].data)
+        self._checks.manager_copied(_station(node), _station(-node))
+        self.start(-node, standby=standby)
+
+    def kill(self, seat: int | None = None, *, torn: Random | None = None) -> None:
+        """Let a manager die now: this one, or the one that reigns. `torn`: of power, which tears its journal so."""
+        victim = self.foremost if seat is None else self.running.get(seat)
+        for number, one in list(self.running.items()):
+            if one is victim:
+                one.stop()
+                del self.running[number]
+                if torn is not None:
+                    one.disk.torn(torn, self._clock.now_ns)
+                    self._checks.may_forget_phase()
+                self._checks.manager_died(self._clock.now_ns, _station(number))
+        self.see_who_reigns()
+
+    def see_who_reigns(self) -> None:
+        """Tell the protocol's state whether some manager can be heard that reigns."""
+        reigning = (m for m in self.running.values() if m.core.reigns and m.is_awake and m.stations[0][1].can_send)
+        self.protocol.reigned(by_somebody=any(reigning))
+
+    def _tell(self, seat: int, event: dict[str, Any]) -> None:
+        """Take an event of a manager; of one that stands by, only what concerns itself."""
+        foremost = self.foremost
+        self.see_who_reigns()
+        if foremost is not None and foremost.core.reigns and foremost is not self.running.get(seat):
+            if event["event"] not in _OF_A_STANDBY:
+                return
+            self.events.append(event)
+            return
+        self.events.append(event)
+        self.protocol.take(event)
+
+
+def _station(seat: int) -> str:
+    return f"manager {seat}" if seat > 0 else f"manager {-seat} again"
+
+
+def journal(disks: Mapping[int, Disk], station: str) -> bytes | None:
+    """What is on the disk of a manager's station; nothing where the disk takes nothing."""
+    disk = next(disk for seat, disk in disks.items() if _station(seat) == station)
+    return None if disk.refuses or disk.problem is not None else disk.data

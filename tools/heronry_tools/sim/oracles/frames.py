@@ -1,0 +1,206 @@
+"""Frames on their way to the judges: one look-up by identifier, each frame decoded once, and told to whoever asks.
+
+What is told of a state or a command is told where it is news. Whose command counts is for `terms` to say: what others
+say is kept apart (`commanded`), and told to no judge. What a stranger sends is told as just that.
+"""
+
+from collections.abc import Callable, Collection
+from functools import partial
+
+from heronry_tools.sim.oracles.known import Known
+from heronry_tools.sim.oracles.oracle import Oracle, StateSaid, listeners
+from heronry_tools.sim.world.bus import Sent
+from heronry_tools.sim.world.stranger import STRANGER
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import (
+    ALLOCATED_DATA_IDS,
+    GATEWAY_IDS,
+    MANAGER_NODES,
+    PE_NODES,
+    STANDARD_DATA_IDS,
+    Command,
+    actuator_echo_id,
+    emcy_id,
+    management_id,
+    state_id,
+)
+from heronry_wire.management import (
+    Alive,
+    Control,
+    ElementKind,
+    Emergency,
+    ManagementMessage,
+    PeState,
+    StatePage0,
+    decode_command,
+    decode_emergency,
+)
+
+_HEARD = (
+    *("published", "state_sent", "ran", "said", "told", "emergency", "handed_on", "requested", "measured"),
+    *("manager_heard", "leased", "commanded", "activated", "alive", "began", "misled"),
+)
+_COMMANDS = (Command.LEASE, Command.PREPARE, Command.SLICE, Command.ACTIVATE, Command.CONTROL)
+
+
+class FrameWatch:
+    """Watches all buses of one run."""
+
+    def __init__(self, known: Known, oracles: Collection[Oracle]) -> None:
+        """Tell these judges; what they share is followed here."""
+        self._known, self._bus = known, known.spec.manager.bus
+        self._of = {hook: listeners(oracles, hook) for hook in _HEARD}
+        self._of_data = self._of["published"]
+        self._term = 0  # the highest that was heard
+        self._last_commands: dict[int, bytes] = {}
+        self._node_of_state = {state_id(node): node for node in PE_NODES}
+        self._node_of_emcy = {emcy_id(node): node for node in PE_NODES}
+        self._pe_of = dict.fromkeys(PE_NODES, "") | {pe.node_id: pe.name for pe in known.spec.pes.values()}
+        self._alive_ids = frozenset(management_id(manager, Command.ALIVE) for manager in MANAGER_NODES)
+        self._watchers = self._by_identifier()
+
+    def see(self, sent: Sent) -> None:
+        """Take a frame from any bus."""
+        watcher = self._watchers.get(sent.frame.can_id)
+        if watcher is None:
+            return
+        if not sent.sender.startswith(STRANGER):
+            watcher(sent)
+        else:
+            self._misled(sent)
+
+    def _by_identifier(self) -> dict[int, Callable[[Sent], None]]:
+        watchers: dict[int, Callable[[Sent], None]] = {}
+        watchers |= dict.fromkeys((*STANDARD_DATA_IDS, *ALLOCATED_DATA_IDS), self._datum)
+        watchers |= dict.fromkeys(self._node_of_state, self._state)
+        watchers |= dict.fromkeys(self._node_of_emcy, self._emergency)
+        watchers |= dict.fromkeys(map(actuator_echo_id, PE_NODES), self._echo)
+        watchers |= dict.fromkeys(GATEWAY_IDS, self._link)
+        watchers |= dict.fromkeys(self._alive_ids, self._alive)
+        for manager in MANAGER_NODES:
+            watchers[management_id(manager, Command.TAG)] = self._tagged
+            for command in _COMMANDS:
+                watchers[management_id(manager, command)] = partial(self._commanded, manager, command)
+        return watchers
+
+    def _datum(self, sent: Sent) -> None:
+        for oracle in self._of_data:
+            oracle.published(sent)
+
+    # What PEs say
+
+    def _state(self, sent: Sent) -> None:
+        known, node, is_on_managers_bus = self._known, self._node_of_state[sent.frame.can_id], sent.bus == self._bus
+        if is_on_managers_bus:
+            for oracle in self._of["state_sent"]:
+                oracle.state_sent(sent.end_ns, node, sent.frame.data)
+        page = known.epochs.news(sent)
+        last = known.epochs.last.get((sent.bus, sent.frame.can_id))
+        if last is not None and last.page.state is not PeState.UNCONFIGURED and is_on_managers_bus:
+            for oracle in self._of["ran"]:
+                oracle.ran(sent.end_ns)
+        if isinstance(page, StatePage0):
+            self._page_0(sent, StateSaid(sent.end_ns, sent.bus, node, self._pe_of[node], page))
+        elif page is not None and is_on_managers_bus:
+            read = page if known.proven is None else known.proven.read(node, page, known.commanded.digests(page))
+            known.commanded.staged(node, read)
+
+    def _page_0(self, sent: Sent, state: StateSaid) -> None:
+        if sent.sender == state.pe:
+            self._known.solitude.heard(state.t_ns, state.bus, state.pe)
+            self._known.solitude.started(state.t_ns, state.pe, state.page.incarnation)
+            for oracle in self._of["said"]:
+                oracle.said(state)
+        if state.bus == self._bus:
+            for oracle in self._of["told"]:
+                oracle.told(state)
+
+    def _emergency(self, sent: Sent) -> None:
+        node, emergency = self._node_of_emcy[sent.frame.can_id], decode_emergency(sent.frame.data)
+        pe = self._pe_of[node]
+        if sent.bus == self._bus and isinstance(emergency, Emergency) and emergency.kind is ElementKind.PHASE:
+            for oracle in self._of["requested"]:
+                oracle.requested(node, emergency)
+        if sent.sender == pe:
+            for oracle in self._of["emergency"]:
+                oracle.emergency(sent, pe, emergency)
+        elif sent.sender in self._known.spec.pes:
+            for oracle in self._of["handed_on"]:
+                oracle.handed_on(sent)
+
+    def _link(self, sent: Sent) -> None:
+        if sent.bus == self._bus:
+            for oracle in self._of["measured"]:
+                oracle.measured(sent)
+
+    def _echo(self, sent: Sent) -> None:
+        if sent.bus == self._bus:
+            self._known.witness.see(sent.end_ns, sent.frame)
+
+    # What managers say
+
+    def _commanded(self, manager: int, command: Command, sent: Sent) -> None:
+        if sent.bus != self._bus:
+            return
+        identifier, data = sent.frame.can_id, sent.frame.data
+        for oracle in self._of["manager_heard"]:
+            oracle.manager_heard(sent.end_ns)
+        if command is Command.LEASE:
+            for oracle in self._of["leased"]:
+                oracle.leased(sent.end_ns)
+        if self._last_commands.get(identifier) == data:
+            return
+        if command is Command.LEASE:
+            self._last_commands[identifier] = data
+        message = decode_command(command, data)
+        if not isinstance(message, Malformed):
+            self._command_is_news(manager, message, sent)
+
+    def _command_is_news(self, manager: int, message: ManagementMessage, sent: Sent) -> None:
+        known = self._known
+        if known.proven is not None and isinstance(message, Control):
+            known.proven.commanded(manager, message)  # a session is opened for whoever believes it
+        if not known.terms.judge_command(sent.end_ns, manager, message, sent.sender):
+            known.commanded.take(sent.end_ns, message, reigns=False)
+            return
+        epoch = known.commanded.take(sent.end_ns, message)
+        if epoch is not None:
+            for oracle in self._of["activated"]:
+                oracle.activated(sent.end_ns, epoch)
+        for oracle in self._of["commanded"]:
+            oracle.commanded(sent.end_ns, sent.sender, message)
+
+    def _alive(self, sent: Sent) -> None:
+        if sent.bus != self._bus:
+            return
+        for oracle in self._of["manager_heard"]:
+            oracle.manager_heard(sent.end_ns)
+        message, known = decode_command(Command.ALIVE, sent.frame.data), self._known
+        if not isinstance(message, Alive) or not known.terms.judge_alive(sent.end_ns, sent.sender, message.term):
+            return
+        known.solitude.heard(sent.end_ns, sent.bus, sent.sender)
+        if message.term > self._term:
+            self._term = message.term
+            for oracle in self._of["began"]:
+                oracle.began(sent.end_ns)
+        known.losses.alive(sent.end_ns, message)
+        for oracle in self._of["alive"]:
+            oracle.alive(sent.end_ns, known.losses.counted_on)
+
+    def _tagged(self, sent: Sent) -> None:
+        if sent.bus == self._bus:
+            self._known.terms.tagged(sent.end_ns, sent.sender)
+
+    # What strangers say
+
+    def _misled(self, sent: Sent) -> None:
+        """A stranger names who is counted on, or speaks for a PE, which with a key nobody believes."""
+        can_id = sent.frame.can_id
+        nodes: Collection[int] = ()
+        if can_id in self._alive_ids:
+            message = decode_command(Command.ALIVE, sent.frame.data)
+            nodes = message.nodes if isinstance(message, Alive) else ()
+        elif can_id in self._node_of_state and self._known.proven is None:
+            nodes = (self._node_of_state[can_id],)
+        for oracle in self._of["misled"]:
+            oracle.misled(sent.end_ns, [self._pe_of[node] for node in nodes])

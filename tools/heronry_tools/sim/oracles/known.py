@@ -1,0 +1,42 @@
+"""What the judges of one run share: what was commanded, who is counted on, who commands, and in which phase.
+
+Everything here is followed from frames alone. Some of it is followed by judges, whom others ask: they are made here,
+and stand in the `registry` with all others.
+"""
+
+from collections.abc import Collection
+
+from heronry_dg.model import Spec
+from heronry_tools.runtime.witness import Witness
+from heronry_tools.sim.oracles.blame import BlameCheck
+from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.epochs import EpochCheck
+from heronry_tools.sim.oracles.journal import Read
+from heronry_tools.sim.oracles.liveness import Losses
+from heronry_tools.sim.oracles.phase import PhaseCheck
+from heronry_tools.sim.oracles.planned_load import PlannedLoadCheck
+from heronry_tools.sim.oracles.proven_states import ProvenStates
+from heronry_tools.sim.oracles.service import ServiceCheck
+from heronry_tools.sim.oracles.solitude import Solitude
+from heronry_tools.sim.oracles.terms import TermCheck
+from heronry_wire.authentication import Key
+from heronry_wire.pe_table import PeTable
+
+
+class Known:
+    """What is known of one run."""
+
+    def __init__(self, spec: Spec, tables: Collection[PeTable], key: Key | None, read_journal: Read) -> None:
+        """tables, key, read_journal: as `Checks` says."""
+        self.spec, self.key, self.read_journal = spec, key, read_journal
+        self.commanded = Commanded(spec, tables)
+        self.proven = None if key is None else ProvenStates(key)
+        self.solitude = Solitude(spec)
+        self.losses = Losses(spec)
+        self.witness = Witness(spec)
+        self.terms = TermCheck(spec, has_key=key is not None)
+        self.epochs = EpochCheck(spec, has_digests=key is None)
+        self.blame = BlameCheck(spec)
+        self.service = ServiceCheck(spec, self.solitude.ended_ns)
+        self.phases = PhaseCheck(spec, self.service.entered)
+        self.planned_load = PlannedLoadCheck(spec)

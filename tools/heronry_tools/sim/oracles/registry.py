@@ -1,0 +1,45 @@
+"""Every judge of a run, one a line: to add one, write its class (`oracle`) and name it here."""
+
+from collections.abc import Callable
+
+from heronry_tools.sim.oracles.authenticity import AuthenticityCheck
+from heronry_tools.sim.oracles.channels import ChannelCheck
+from heronry_tools.sim.oracles.configurations import ConfigurationCheck
+from heronry_tools.sim.oracles.exclusion import ExclusionCheck
+from heronry_tools.sim.oracles.freshness import FreshnessCheck
+from heronry_tools.sim.oracles.journal import JournalCheck
+from heronry_tools.sim.oracles.known import Known
+from heronry_tools.sim.oracles.load import LoadCheck
+from heronry_tools.sim.oracles.oracle import Oracle
+from heronry_tools.sim.oracles.orphans import OrphanCheck
+from heronry_tools.sim.oracles.publishing import PublishingCheck
+from heronry_tools.sim.oracles.radio import RadioCheck
+from heronry_tools.sim.oracles.safe_mode import SafeModeCheck
+from heronry_tools.sim.oracles.transitions import TransitionCheck
+
+ORACLES: tuple[Callable[[Known], Oracle | None], ...] = (
+    lambda known: ExclusionCheck(known.spec),
+    lambda known: known.epochs,
+    lambda known: ConfigurationCheck(known.spec),
+    lambda known: known.service,
+    lambda known: known.terms,
+    lambda known: OrphanCheck(known.spec, has_digests=known.key is None),
+    lambda known: FreshnessCheck(known.spec, known.commanded),
+    lambda known: PublishingCheck(known.spec, known.commanded),
+    lambda known: LoadCheck(known.spec),
+    lambda known: RadioCheck(known.spec),
+    lambda known: SafeModeCheck(known.spec, known.commanded),
+    lambda known: ChannelCheck(known.spec),
+    lambda known: TransitionCheck(known.spec, known.commanded.epochs),
+    lambda known: JournalCheck(known.spec, known.read_journal),
+    lambda known: known.phases,
+    lambda known: known.blame,
+    lambda known: known.planned_load,
+    lambda known: None if known.key is None else AuthenticityCheck(known.spec, known.key),
+)
+"""None: this run has nothing for that judge."""
+
+
+def oracles(known: Known) -> list[Oracle]:
+    """Make the judges of one run."""
+    return [oracle for make in ORACLES if (oracle := make(known)) is not None]

@@ -1,0 +1,131 @@
+"""Somebody with a CANopen tool and a CANaerospace tool at one PE, in flight or on a desk: reads, writes, and errs.
+
+Whatever is said to a PE this way must not be felt by anybody who flies, and is answered by the book. The technician
+knows the book (CiA 301, CANaerospace V1.7, docs/canopen.md) and the PE's table, listens to its state frames, and asks
+no core. What is wrong is told (`wrong`), once, and the inspection ends there.
+
+    in flight   the PE is configured: everything can be read, NMT is refused, a table is not taken
+    on a desk   it runs nothing and hears no manager: NMT works, and its own table may be written anew
+
+What is inspected follows from what its heartbeat says. An inspection takes some seconds; what it has set, it sets back.
+"""
+
+from collections.abc import Callable, Mapping
+
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.inspection.nmt import Nmt
+from heronry_tools.sim.world.inspection.node_services import ANSWERS, NodeServices
+from heronry_tools.sim.world.inspection.objects import Objects
+from heronry_tools.sim.world.inspection.topic import OPERATIONAL, PRE_OPERATIONAL, Heard, demand
+from heronry_tools.sim.world.inspection.transfers import Transfers
+from heronry_tools.sim.world.sdo_talk import Talk, WrongAnswerError
+from heronry_tools.sim.world.stranger import STRANGER
+from heronry_wire.frame import Malformed
+from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id, sdo_response_id, state_id
+from heronry_wire.management import NO_EPOCH, Lease, StatePage0, StatePage1, decode_command, decode_state
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Received
+
+
+class Technician:
+    """Inspects one PE from now on, until all has been seen or he leaves."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        bus: SimulatedBus,
+        table: PeTable,
+        running: Callable[[], Mapping[str, str]],
+        wrong: Callable[[str], None],
+    ) -> None:
+        """running: gives the modules that are planned on the PE, with their modes. wrong: is told what is wrong."""
+        self._clock, self._bus, self._table, self._wrong = clock, bus, table, wrong
+        self._node = table.node_id
+        self._heard = Heard()
+        self._awaited, self._asked = -1, 0
+        self._lease_ids = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
+        wants = {
+            sdo_response_id(self._node),
+            ANSWERS,
+            heartbeat_id(self._node),
+            state_id(self._node),
+            *self._lease_ids,
+        }
+        self._station = bus.join(f"{STRANGER}technician", 0, self._hear, frozenset(wants))
+        self._talk: Talk[None] | None = _inspection(clock, table, self._heard, running)
+        self._go(None)
+
+    @property
+    def is_done(self) -> bool:
+        """Tell whether everything has been seen."""
+        return self._talk is None
+
+    def leave(self) -> None:
+        """Leave the bus."""
+        self._talk = None
+        if self._station.present:
+            self._bus.leave(self._station)
+
+    # The talk goes on with an answer, or when one has been waited for long enough
+
+    def _go(self, answer: bytes | None) -> None:
+        talk = self._talk
+        if talk is None:
+            return
+        try:
+            frame, self._awaited, patience_ns = talk.send(answer)
+        except StopIteration:
+            self._talk = None
+            return
+        except (WrongAnswerError, ValueError) as error:
+            self._talk = None
+            self._wrong(f"{self._table.name}: {error}")
+            return
+        if frame is not None:
+            self._bus.offer(self._station, frame)
+        self._asked += 1
+        asked = self._asked
+        self._clock.at(self._clock.now_ns + patience_ns, lambda: self._go(None) if asked == self._asked else None)
+
+    def _hear(self, event: Received) -> None:
+        frame, now_ns = event.frame, self._clock.now_ns
+        if frame.can_id == heartbeat_id(self._node):
+            self._heard.heartbeats.append((now_ns, frame.data[0]))
+        elif frame.can_id == state_id(self._node):
+            page = decode_state(frame.data)
+            if isinstance(page, StatePage0):
+                self._heard.pages_0.append((now_ns, page))
+            elif isinstance(page, StatePage1):
+                self._heard.pages_1.append((now_ns, page))
+        elif frame.can_id in self._lease_ids:
+            lease = decode_command(Command.LEASE, frame.data)
+            if not isinstance(lease, Malformed):
+                assert isinstance(lease, Lease)
+                self._heard.lease = self._lease_ids[frame.can_id], lease
+        if frame.can_id == self._awaited:
+            self._go(frame.data)
+
+
+def _inspection(clock: Clock, table: PeTable, heard: Heard, running: Callable[[], Mapping[str, str]]) -> Talk[None]:
+    """Everything, one topic after the other."""
+    objects, transfers = Objects(clock, table, heard, running), Transfers(clock, table, heard)
+    services, nmt = NodeServices(clock, table, heard), Nmt(clock, table, heard)
+    yield from objects.wait(1_100)  # a heartbeat, and all pages of the state
+    demand(bool(heard.heartbeats), "its heartbeat is not heard")
+    is_flying = heard.pages_0[-1][1].epoch != NO_EPOCH
+    said = heard.heartbeats[-1][1]
+    demand(said == (OPERATIONAL if is_flying else PRE_OPERATIONAL), f"its heartbeat says {said}")
+    yield from objects.constants()
+    yield from objects.present_state(is_flying=is_flying)
+    yield from objects.long_texts()
+    yield from objects.refusals(is_flying=is_flying)
+    yield from transfers.mistakes()
+    yield from nmt.heartbeat_time()
+    yield from services.node_services()
+    if is_flying:
+        yield from nmt.in_flight()
+    else:
+        yield from objects.own_table()
+        yield from nmt.on_a_desk()
+    yield from objects.present_state(is_flying=is_flying)

@@ -1,0 +1,67 @@
+"""What every topic of an inspection works with: the PE's table, what is heard of it, and a client for its objects."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.sdo_talk import SdoTalk, Talk, WrongAnswerError
+from heronry_wire.canopen_objects import HEARTBEAT_MS
+from heronry_wire.management import Lease, StatePage0, StatePage1
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sdo import Abort
+
+MS = 1_000_000
+SHORT_MS, SLOW_MS = 100, 250  # heartbeat times that are tried
+BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0, 4, 5, 127  # what a heartbeat says
+
+
+@dataclass(slots=True)
+class Heard:
+    """What was heard of the PE, and of who commands it."""
+
+    heartbeats: list[tuple[int, int]] = field(default_factory=list)  # when, and what it said
+    pages_0: list[tuple[int, StatePage0]] = field(default_factory=list)
+    pages_1: list[tuple[int, StatePage1]] = field(default_factory=list)
+    lease: tuple[int, Lease] | None = None  # the last, and the manager that gave it
+
+
+class Topic:
+    """One topic; its talks are generators, as those of `SdoTalk`."""
+
+    def __init__(self, clock: Clock, table: PeTable, heard: Heard) -> None:
+        self._clock, self._table, self._heard = clock, table, heard
+        self._node = table.node_id
+        self._sdo = SdoTalk(table.node_id)
+
+    def wait(self, ms: int) -> Talk[None]:
+        """Let time pass."""
+        yield None, -1, ms * MS
+
+    def read(self, index: int, sub_index: int, wanted: bytes | int | Abort) -> Talk[None]:
+        """Read an object that says this; a number in as many bytes as there are."""
+        found = yield from self._sdo.upload(index, sub_index)
+        same = wanted == (
+            int.from_bytes(found, "little") if isinstance(wanted, int) and isinstance(found, bytes) else found
+        )
+        demand(same, f"object {index:04X}h, {sub_index} says {found!r} and not {wanted!r}")
+
+    def beats_every(self, time_ms: int) -> Talk[None]:
+        """Its heartbeat comes so often from now on; never at 0."""
+        self._heard.heartbeats.clear()
+        begun_ns = self._clock.now_ns
+        yield from self.wait(4 * time_ms + 20 if time_ms < HEARTBEAT_MS else HEARTBEAT_MS + 20)
+        times = [t for t, _ in self._heard.heartbeats]
+        if time_ms == 0:
+            demand(times == [], "a heartbeat of 0 ms is heard")
+            return
+        gaps = [later - earlier for earlier, later in pairwise(times)]
+        demand(all(abs(gap - time_ms * MS) < 3 * MS for gap in gaps), f"its heartbeat comes after {gaps} ns")
+        demand(
+            bool(times) and times[0] - begun_ns <= (time_ms + 3) * MS, f"its heartbeat of {time_ms} ms does not come"
+        )
+
+
+def demand(holds: bool, story: str) -> None:
+    """Let an inspection end here unless something holds."""
+    if not holds:
+        raise WrongAnswerError(story)

@@ -1,0 +1,190 @@
+"""How the modules of a simulated PE compute: at once, unless something is wrong with them or with their processor.
+
+A module computes in no time at all, unless it is told to overrun or its processor is slow. What a module computes for
+too long is told to the core as spent; what a slow processor, a pause or a jump of the clock takes is not, as on a real
+node. A step that comes to its turn when the core's word is too old (`until_ns`) is not computed, as in a real
+partition. While a step is late, the further ones of its partition wait.
+
+What can be wrong: a module may be `broken` (it raises, gives what its type cannot carry or what is off, overruns, or
+asks for a phase); the modules of a PE may be `stuck` (their steps hang); its processor may be `slow`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from random import Random
+from typing import Protocol
+
+from heronry_agent.core.vocabulary import (
+    Action,
+    Event,
+    MeasureStep,
+    ModuleEvent,
+    StepFailed,
+    StepMeasured,
+    StepModule,
+    Stepped,
+)
+from heronry_agent.module import Value
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.module_host import ModuleHost
+from heronry_tools.sim.world.steps_seen import Driven
+from heronry_wire.pe_table import PeTable
+
+OVERRUN_NS = 30_000_000
+ASKS = "asks "  # for a phase, whose name follows
+
+_LOOKED_AT_EVERY = 8
+_SLOWEST_NS = 8_000_000
+_WRONG_BY = 40.0
+
+
+class Processor(Protocol):
+    """What the modules of a PE run on."""
+
+    @property
+    def is_awake(self) -> bool:
+        """Tell whether it does not stand still."""
+
+    def pause(self, duration_ns: int) -> None:
+        """Let it stand still from now on."""
+
+    def give(self, answer: Event) -> None:
+        """Give the core an answer that comes later than it was asked for."""
+
+    def put_off(self, actions: Sequence[Action]) -> None:
+        """Do this when it goes on."""
+
+
+class ModuleSteps:
+    """The modules of one PE, and what is wrong with them."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        time: LocalClock,
+        table: PeTable,
+        host: ModuleHost,
+        processor: Processor,
+        *,
+        drive: Callable[[Driven], None],
+        look: Callable[[Driven], None],
+        broken: Mapping[str, str],
+        broke: Callable[[str], None],
+    ) -> None:
+        """drive, look, broken, broke: as `SimulatedPe` says."""
+        self._clock, self._time, self._host, self._processor = clock, time, host, processor
+        self._drive, self._look = drive, look
+        self._broken, self._broke = broken, broke
+        self._pe = table.name
+        self.names = {module.index: module.name for module in table.modules}
+        actuators = {device.name for device in table.devices if device.kind == "actuator"}
+        self._drivers = {m.index: m.name for m in table.modules if m.demux or m.device in actuators}
+        self._partitions = {module.index: module.partition for module in table.modules}
+        self._others = 0  # steps of what does not drive
+        self.stuck = False  # they compute for ever
+        self.slow: Random | None = None  # draws how long a step takes
+        self._hung: dict[int, tuple[StepModule, int]] = {}  # by module: its step, and when it began
+        self._behind: dict[str, list[StepModule]] = {}  # by partition that is late: what it computes next
+        self._asked_ns: dict[int, int] = {}  # by release: when it was asked for, if it has to wait for its turn
+
+    def step(self, action: StepModule) -> ModuleEvent | None:
+        """Let a module compute, as well as this PE can; None: its answer comes later, or never."""
+        behind = self._behind.get(self._partitions[action.module])
+        if behind is not None:
+            behind.append(action)
+            self._asked_ns.setdefault(action.release, self._clock.now_ns)
+            return None
+        now_ns = self._clock.now_ns
+        asked_ns = self._asked_ns.pop(action.release, now_ns)
+        if asked_ns != now_ns and self._time.now_ns() > action.until_ns:
+            return Stepped(action.module, action.release, {})
+        self._tell(action, now_ns, asked_ns)
+        if self.stuck:
+            self._hung[action.module] = (action, now_ns)
+            return None
+        how = self._broken.get(self.names[action.module]) if self._broken else None
+        if how is not None:
+            return self._fail(action, how)
+        answer = self._host.carry_out(action, self._time.now_ns())
+        if self.slow is not None:
+            self._processor.pause(self.slow.randrange(_SLOWEST_NS))
+        return answer
+
+    def measure(self, action: MeasureStep) -> StepMeasured:
+        """Say what a step has spent: all the time if it hangs, next to none if it does not, or has not begun."""
+        partition = self._partitions[action.module]
+        first = next((module for module in self._hung if self._partitions[module] == partition), None)
+        spent_ns = self._clock.now_ns - self._hung[first][1] if first == action.module else 0
+        return StepMeasured(action.module, action.release, spent_ns)
+
+    def wait(self, actions: Sequence[Action]) -> None:
+        """Take note that these steps were asked for now, and have to wait for the processor."""
+        for action in actions:
+            if type(action) is StepModule:
+                self._asked_ns.setdefault(action.release, self._clock.now_ns)
+
+    def end(self, partition: str) -> None:
+        """End a partition, with what hangs in it or waits there."""
+        self._hung = {m: step for m, step in self._hung.items() if self._partitions[m] != partition}
+        self._behind.pop(partition, None)
+
+    def unstick(self) -> None:
+        """Let the steps that hung come to their end."""
+        self.stuck = False
+        hung, self._hung = self._hung, {}
+        for action, _ in hung.values():
+            answer = self._host.carry_out(action, self._time.now_ns())
+            assert answer is not None
+            self._processor.give(answer)
+
+    def _tell(self, action: StepModule, now_ns: int, asked_ns: int) -> None:
+        driver = self._drivers.get(action.module)
+        if driver is not None:
+            self._drive(Driven(now_ns, self._pe, driver, action.inputs, asked_ns))
+        elif action.inputs:
+            self._others += 1
+            if self._others % _LOOKED_AT_EVERY == 0:
+                self._look(Driven(now_ns, self._pe, self.names[action.module], action.inputs, asked_ns))
+
+    def _fail(self, action: StepModule, how: str) -> ModuleEvent | None:
+        name = self.names[action.module]
+        answer = self._host.carry_out(action, self._time.now_ns())
+        if how == "overrun" and isinstance(answer, Stepped):
+            late = answer._replace(spent_ns=OVERRUN_NS)
+            behind = self._behind[self._partitions[action.module]] = []
+            self._clock.at(self._clock.now_ns + OVERRUN_NS, partial(self._end_late, late, behind))
+            return None
+        if how == "unfit" and isinstance(answer, Stepped) and answer.outputs:
+            self._broke(name)
+            unfit = dict.fromkeys(answer.outputs, "what no such type can carry")
+            return Stepped(action.module, action.release, unfit)
+        if how.startswith(ASKS) and isinstance(answer, Stepped):
+            return answer._replace(phases=(how.removeprefix(ASKS),))
+        if how == "raise":
+            self._broke(name)
+            return StepFailed(action.module, action.release, "told to fail")
+        if how == "wrong" and isinstance(answer, Stepped):
+            return Stepped(action.module, action.release, {name: _off(v) for name, v in answer.outputs.items()})
+        return answer
+
+    def _end_late(self, late: Stepped, behind: list[StepModule]) -> None:
+        """A late step has ended; its partition goes on, if it has not been ended meanwhile."""
+        self._processor.give(late)
+        partition = self._partitions[late.module]
+        if self._behind.get(partition) is behind:
+            del self._behind[partition]
+            if not self._processor.is_awake:
+                self._processor.put_off(behind)
+                return
+            for action in behind:
+                answer = self.step(action)
+                if answer is not None:
+                    self._processor.give(answer)
+
+
+def _off(value: Value) -> Value:
+    """Give another value of the same type."""
+    if isinstance(value, float):
+        return value + _WRONG_BY
+    return value ^ 1 if isinstance(value, int) else value

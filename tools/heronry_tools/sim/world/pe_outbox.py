@@ -1,0 +1,77 @@
+"""What a simulated PE hands to its controllers, and what is under way there.
+
+A core says how old a frame may become before it is sent; that is counted on the PE's own clock. Of a radio's port the
+core is told how long a frame took to leave. What a gateway passes on may be held up on its way (`delays`).
+"""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.station import Station
+from heronry_wire.frame import Frame
+from heronry_wire.sansio import Send, StandBack, Withdraw
+
+
+class PeOutbox:
+    """The sending side of one PE."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        time: LocalClock,
+        offers: Sequence[Callable[[Frame, int], None]],
+        stations: Sequence[tuple[SimulatedBus, Station]],
+        *,
+        lease_ns: int,
+        radios: frozenset[int],
+    ) -> None:
+        """offers: hand a frame to a port's controller, with the time until which it may be sent; by port.
+
+        stations: on every bus and channel. lease_ns: a frame whose age nobody has limited may become so old.
+        radios: ports that lead to a radio.
+        """
+        self._clock, self._time, self._lease_ns = clock, time, lease_ns
+        self._offers, self._stations = offers, stations
+        self.radios = radios
+        self._handed_ns: dict[int, int] = {}  # when the frame in the mailbox of a radio's port was handed over
+        self._withdrawn = Counter[int]()  # how often, by identifier
+        self.delays: Callable[[], int] | None = None  # how long what it passes on is under way; a gateway's disease
+        self.passing: Frame | None = None  # what the PE has just received, and may pass on
+
+    def send(self, action: Send) -> None:
+        """Hand over a frame."""
+        port, frame, until_ns = action.port, action.frame, action.until_ns
+        if port in self.radios:
+            self._handed_ns[port] = self._time.now_ns()
+        latest_ns = self._time.when_ns(self._time.now_ns() + self._lease_ns if until_ns is None else until_ns)
+        if self.delays is None or frame is not self.passing:
+            self._offers[port](frame, latest_ns)
+        else:
+            offer = partial(self._offer_late, port, frame, latest_ns, self._withdrawn[frame.can_id])
+            self._clock.at(self._clock.now_ns + self.delays(), offer)
+
+    def withdraw(self, action: Withdraw) -> None:
+        """Take back what has not been sent yet."""
+        self._withdrawn.update(action.identifiers)
+        for bus, station in self._stations:
+            bus.withdraw(station, action.identifiers)
+
+    def stand_back(self, action: StandBack) -> None:
+        """Let the data of a port wait."""
+        for bus, station in self._stations:
+            if station.port == action.port:
+                bus.stand_back(station, self._time.when_ns(action.until_ns))
+
+    def took_ns(self, port: int) -> int | None:
+        """How long the frame took that has just left by a radio's port; None where nobody waits for that."""
+        handed_ns = self._handed_ns.pop(port, None)
+        return None if handed_ns is None else self._time.now_ns() - handed_ns
+
+    def _offer_late(self, port: int, frame: Frame, latest_ns: int, withdrawn: int) -> None:
+        """Hand over a frame that was held up: in its own queue, where it may have been withdrawn."""
+        if self._withdrawn[frame.can_id] == withdrawn:
+            self._offers[port](frame, latest_ns)

@@ -1,0 +1,183 @@
+"""The driver of a simulated manager: its core, its stations on the bus, its disk, and the driver of its planners.
+
+The core is the one that flies. It is asked for its invariants after every call that did more than send a frame, and at
+every sixteenth call.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from heronry_dg.model import Spec
+from heronry_manager.core.manager import ManagerCore
+from heronry_manager.core.planning_policy import FromPlanner
+from heronry_manager.core.vocabulary import (
+    AliveLeft,
+    ChannelsLost,
+    Emit,
+    JournalTold,
+    Keep,
+    ManagerAction,
+    ManagerEvent,
+    OperatorSaid,
+    Order,
+    Reply,
+    RequestPlan,
+    Settled,
+    Stop,
+)
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.disk import Disk
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
+from heronry_tools.sim.world.planning import Planners, Prepared
+from heronry_tools.sim.world.planning_driver import PlanningDriver
+from heronry_tools.sim.world.replicated_port import Copy
+from heronry_wire.authentication import Key
+from heronry_wire.frame import Frame
+from heronry_wire.sansio import Received, Send, Tick
+
+_ROUTINE = frozenset((Send,))
+
+
+class SimulatedManager(Node):
+    """One manager from its start to its end."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        time: LocalClock,
+        spec: Spec,
+        bus: Sequence[SimulatedBus],
+        *,
+        node: int,
+        disk: Disk,
+        name: str,
+        decide_ns: Callable[[], int],
+        tell: Callable[[dict[str, Any]], None],
+        advise: bool = False,
+        standby: bool = False,
+        key: Key | None = None,
+        planners: Planners = Planners.BEST,
+        ahead: Prepared,
+        witness: Callable[[Copy], None],
+    ) -> None:
+        """Join the bus, on each of its channels, and start.
+
+        decide_ns: gives how long the next plan takes. tell: is told every event. ahead: the plans made ahead.
+        disk: where its journal is kept. name: of its station.
+        """
+        super().__init__(clock, time)
+        self._tell = tell
+        self.planning_driver = PlanningDriver(clock, spec, planners, ahead.made, decide_ns=decide_ns, tell=self._told)
+        self._ready: list[ManagerEvent | FromPlanner] = []
+        self._replies: list[Reply] = []
+        self._handed = 0
+        self.stopped: str | None = None  # why the core wanted to end
+        memory = disk.opened()
+        self.core = ManagerCore(
+            spec,
+            node,
+            memory,
+            time.now_ns(),
+            advise=advise,
+            on_board=ahead.numbers,
+            key=key,
+            standby=standby,
+            tells_departures=True,
+        )
+        self.disk = disk
+        self._journal_problem: str | None = None
+        self._join(name, bus, spec.buses[spec.manager.bus], witness, _Heard(self.core))
+        self._ears[0].left = self._left
+        self._set_alarm()
+
+    def say(self, order: Order) -> Reply:
+        """Let the operator give an order; gives the answer."""
+        self._hand_over(OperatorSaid(0, order))
+        return self._replies.pop()
+
+    def jump(self, ahead_ns: int) -> None:
+        """Let its clock jump ahead."""
+        self.time.jump(ahead_ns)
+        self._wake()
+
+    def _set_alarm(self) -> None:
+        due_ns = self.core.next_deadline_ns()
+        if due_ns is not None and due_ns < self._armed_ns:
+            self._arm(due_ns)
+
+    def _wake(self) -> None:
+        if not self.is_awake:
+            return
+        due_ns = self.core.next_deadline_ns()
+        if due_ns is not None and due_ns <= self.time.now_ns():
+            self._hand_over(Tick())
+        else:
+            self._set_alarm()
+
+    def _take(self, event: Received) -> None:
+        self._hand_over(event)
+
+    def _hand_over(self, event: ManagerEvent) -> None:
+        if not self.running:
+            return
+        actions = self.core.step(self.time.now_ns(), event)
+        for action in actions:
+            self._do(action)
+        self._handed += 1
+        if self._handed % VALIDATED_EVERY == 0 or not _ROUTINE.issuperset(map(type, actions)):
+            self.core.validate()
+        if self.disk.problem != self._journal_problem:
+            self._journal_problem = self.disk.problem
+            self._hand_over(JournalTold(self._journal_problem))
+        if self.running:
+            self._set_alarm()
+
+    def _do(self, action: ManagerAction) -> None:
+        match action:
+            case Send(_, frame):
+                self._offers[0](frame, self._clock.now_ns + self.core.lease_ns)
+            case RequestPlan() | Settled():
+                self.planning_driver.take(action)
+            case Emit(event):
+                self._tell({**event, "t_ns": self._clock.now_ns})
+            case Keep(record):
+                self.disk.write(record, self._clock.now_ns)
+            case Reply():
+                self._replies.append(action)
+            case Stop(reason):
+                self.stopped = reason
+                self.stop()
+
+    def _left(self, frame: Frame) -> None:
+        """A frame is on the bus; while the processor stands still nobody is told."""
+        if frame.can_id == self.core.alive_id and self.is_awake:
+            self._hand_over(AliveLeft(frame))
+
+    def _channels_lost(self, _: int, lost: frozenset[int]) -> None:
+        self._told(ChannelsLost(lost))
+
+    def _told(self, ready: ManagerEvent | FromPlanner) -> None:
+        """A planner, a process of its own, has answered, or the driver has something to tell."""
+        if not self.is_awake:
+            self._ready.append(ready)
+        elif isinstance(ready, FromPlanner):
+            self.planning_driver.take(ready)
+        else:
+            self._hand_over(ready)
+
+    def _caught_up(self) -> None:
+        waiting, self._ready = self._ready, []
+        for ready in waiting:
+            self._told(ready)
+
+
+class _Heard:
+    """The identifiers that a manager's core wants; they never change."""
+
+    def __init__(self, core: ManagerCore) -> None:
+        self._core = core
+
+    def __contains__(self, identifier: object) -> bool:
+        return isinstance(identifier, int) and self._core.hears(identifier)

@@ -1,0 +1,217 @@
+"""The driver of a simulated PE: its core, its stations on the buses, its modules, its deadline on the virtual clock.
+
+The core and the modules are the ones that fly. A PE lives on a clock of its own (`LocalClock`): no two processors of an
+aircraft were switched on at the same moment, and how their periods lie to each other decides much. How its modules
+compute is in `module_steps`, how its frames leave in `pe_outbox`.
+
+The core is asked for its invariants after every call that did more than send a frame or release a module; else at every
+sixteenth deadline.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from heronry_agent.core.agent import AgentCore
+from heronry_agent.core.authenticity import Secret
+from heronry_agent.core.vocabulary import (
+    Action,
+    ChannelsLost,
+    Drive,
+    EndPartition,
+    Event,
+    Left,
+    MeasureStep,
+    ModuleEvent,
+    StepModule,
+)
+from heronry_agent.shell.devices import Devices
+from heronry_tools.aircraft.plant import Plant
+from heronry_tools.sim.world.bus import SimulatedBus
+from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.local_clock import LocalClock
+from heronry_tools.sim.world.module_host import ModuleHost
+from heronry_tools.sim.world.module_steps import ModuleSteps
+from heronry_tools.sim.world.node import VALIDATED_EVERY, Node
+from heronry_tools.sim.world.pe_outbox import PeOutbox
+from heronry_tools.sim.world.plant_view import PlantView
+from heronry_tools.sim.world.replicated_port import Copy
+from heronry_tools.sim.world.steps_seen import Driven, Moved
+from heronry_wire.frame import Frame
+from heronry_wire.identifiers import PE_NODES, actuator_echo_id
+from heronry_wire.pe_table import PeTable
+from heronry_wire.sansio import Received, Send, StandBack, Tick, Withdraw
+
+_ECHO_IDS = frozenset(map(actuator_echo_id, PE_NODES))
+_ROUTINE = frozenset((Send, StepModule, Drive))
+
+
+class SimulatedPe(Node):
+    """One PE from its start to its end."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        time: LocalClock,
+        table: PeTable,
+        buses: Mapping[str, Sequence[SimulatedBus]],
+        *,
+        incarnation: int,
+        secret: Secret | None,
+        world: Plant,
+        drive: Callable[[Driven], None],
+        look: Callable[[Driven], None],
+        move: Callable[[Moved], None],
+        broken: Mapping[str, str],
+        broke: Callable[[str], None],
+        witness: Callable[[Copy], None],
+    ) -> None:
+        """Join the buses, given by name and each with its channels, and start.
+
+        drive: is told of every step of what drives, look: of some others; move: of every order to a device.
+        broken: how a module fails at its next step, by name, or for which phase it ASKS; broke: is told that it has.
+        witness: sees every copy of a frame on a replicated bus.
+        """
+        super().__init__(clock, time)
+        self.name = table.name
+        self._move = move
+        devices = {module.device for module in table.modules if module.device is not None}
+        self._host = ModuleHost(table, Devices(table, dict.fromkeys(devices, PlantView(world, clock))))
+        missing = frozenset(self._host.missing_images)
+        self.core = AgentCore(table, incarnation, time.now_ns(), missing_images=missing, secret=secret)
+        self.steps = ModuleSteps(
+            clock, time, table, self._host, self, drive=drive, look=look, broken=broken, broke=broke
+        )
+        self.modules = tuple(self.steps.names.values())  # that may run here
+        # There is one world, which needs nobody to follow an actuator by its echo; a gateway has to pass it on.
+        self._ignored = _ECHO_IDS if len(table.ports) == 1 else frozenset[int]()
+        self._identifiers: object = None
+        self._wakes = 0
+        self._unfinished: list[Action] = []
+        self._answers: list[Event] = []  # given while the processor stood still
+        for entry in table.ports:
+            self._join(table.name, buses[entry.bus], entry, witness)
+        self.outbox = PeOutbox(
+            clock,
+            time,
+            self._offers,
+            self.stations,
+            lease_ns=self.core.lease_ns,
+            radios=frozenset(self.core.radio_ports),
+        )
+        for port in self.outbox.radios:
+            self._ears[port].left = partial(self._left, port)
+        self._listen()
+        self._arm(self.core.next_deadline_ns())
+
+    def unstick(self) -> None:
+        """Let the steps that hung come to their end."""
+        self.steps.unstick()
+        self._wake()
+
+    def jump(self, ahead_ns: int) -> None:
+        """Let its clock jump ahead."""
+        self.time.jump(ahead_ns)
+        self._wake()
+
+    def give(self, answer: Event) -> None:
+        """Give the core an answer that comes later than it was asked for, or what nobody asked for."""
+        if not self.is_awake:
+            self._answers.append(answer)
+        else:
+            self._carry_out(self.core.step(self.time.now_ns(), answer))
+            self._wake()
+
+    def put_off(self, actions: Sequence[Action]) -> None:
+        """Do this when the processor goes on."""
+        self._unfinished += actions
+        self.steps.wait(actions)
+
+    def _listen(self) -> None:
+        """Let the controllers filter out what means nothing here now."""
+        self._identifiers = self.core.identifiers
+        wanted = frozenset(self.core.identifiers) - self._ignored
+        for bus, station in self.stations:
+            if station.port not in self.outbox.radios:
+                bus.wants(station, wanted)
+
+    def _left(self, port: int, _: Frame) -> None:
+        """A frame has left for a radio; while the processor stands still nobody is told."""
+        if not self.is_awake:
+            return
+        took_ns = self.outbox.took_ns(port)
+        if took_ns is not None:
+            self._carry_out(self.core.step(self.time.now_ns(), Left(port, max(1, took_ns))))
+            self._wake()
+
+    def _take(self, event: Received) -> None:
+        self.outbox.passing = event.frame
+        actions = self.core.step(self.time.now_ns(), event)
+        if actions:
+            self._carry_out(actions)
+        due_ns = self.core.next_deadline_ns()
+        if due_ns < self._armed_ns:
+            self._arm(due_ns)
+
+    def _wake(self) -> None:
+        if not self.is_awake:
+            return
+        core, now_ns = self.core, self.time.now_ns()
+        if core.next_deadline_ns() <= now_ns:
+            actions = core.step(now_ns, Tick())
+            if actions:
+                self._carry_out(actions)
+            self._wakes += 1
+            if self._wakes % VALIDATED_EVERY == 0:
+                core.validate()
+        due_ns = core.next_deadline_ns()
+        if due_ns < self._armed_ns:
+            self._arm(due_ns)
+
+    def _carry_out(self, actions: list[Action]) -> None:
+        """Do what the core asks for, and what it asks for when its modules have answered."""
+        if not _ROUTINE.issuperset(map(type, actions)):
+            self.core.validate()
+            if self.core.identifiers is not self._identifiers:
+                self._listen()
+        for position, action in enumerate(actions):
+            if type(action) is Send:
+                self.outbox.send(action)
+                continue
+            answer = self._do(action)
+            if answer is None:
+                continue
+            if not self.is_awake:
+                self.put_off(actions[position + 1 :])
+                self._answers.append(answer)
+                return
+            self._carry_out(self.core.step(self.time.now_ns(), answer))
+
+    def _do(self, action: Action) -> ModuleEvent | None:
+        if type(action) is StepModule:
+            return self.steps.step(action)
+        if type(action) is Drive:
+            self._move(Moved(self._clock.now_ns, self.name, self.steps.names[action.module]))
+            return self._host.carry_out(action, self.time.now_ns())
+        if isinstance(action, MeasureStep):
+            return self.steps.measure(action)
+        if isinstance(action, Withdraw):
+            self.outbox.withdraw(action)
+            return None
+        if isinstance(action, StandBack):
+            self.outbox.stand_back(action)
+            return None
+        if isinstance(action, EndPartition):
+            self.steps.end(action.partition)
+        return self._host.carry_out(action, self.time.now_ns())
+
+    def _channels_lost(self, port: int, lost: frozenset[int]) -> None:
+        self.give(ChannelsLost(port, lost))
+
+    def _resume(self) -> None:
+        unfinished, self._unfinished = self._unfinished, []
+        self._carry_out(unfinished)
+
+    def _caught_up(self) -> None:
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            self.give(answer)
