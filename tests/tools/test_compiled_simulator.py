@@ -1,5 +1,6 @@
 """The compiled simulator: another folder, the same frames."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -49,6 +50,21 @@ def test_a_compiled_part_is_taken_from_the_folder_beside_python(tmp_path: Path) 
     assert file.parent == tmp_path / "new" / "heronry_tools" / "sim" / "world"
     assert file.suffix == ".so"
     assert not (tmp_path / "new" / "build").exists()
+
+
+@needs_compiler
+@pytest.mark.soak  # everything is compiled: two minutes
+def test_a_flight_in_machine_code_has_the_same_frames() -> None:
+    flight = ("-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--seed", "3", "--seconds", "3", "--json")
+    python, compiled = (
+        subprocess.run([sys.executable, *flight, *more], capture_output=True, text=True, check=True).stdout
+        for more in ((), ("--compiled",))
+    )
+    assert digests(python) == digests(compiled) != []
+
+
+def digests(told: str) -> list[str]:
+    return [flight["digest"] for flight in map(json.loads, told.splitlines()) if "digest" in flight]
 
 
 @needs_compiler
