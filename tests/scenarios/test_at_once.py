@@ -53,7 +53,7 @@ def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
     """As a manager is fitted out for a flight: the loss of a PE is pre-planned, and its plan is the best one."""
     simulation = flying(elevator_and_chute(), planners=Planners.ALL)
     simulation.run_for(1_000 * MS)
-    simulation.kill("tail_pe")
+    simulation.fleet.kill("tail_pe")
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []
     told = simulation.events_of("plan_ready")[-1]

@@ -44,6 +44,12 @@ BREACHES = {
     "What decides touches no clock, chance, file, socket, thread, process, bus or solver": Breach(
         "manager/heronry_manager/core", "random"
     ),
+    "No command uses another one: what they share lies below": Breach(
+        "tools/heronry_tools/commands", "heronry_tools.commands.sim"
+    ),
+    "No two rooms, and no two files of a room, import each other, by whatever way": Breach(
+        "dg_specs/heronry_dg/rules", "heronry_dg.loader"
+    ),
 }
 
 
