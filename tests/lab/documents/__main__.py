@@ -1,7 +1,7 @@
 """Write the tables and diagrams of a documentation page anew: `python -m lab.documents docs/*.md docs/protocol/*.md`.
 
 A page says where a table or a diagram belongs, and everything between the two marks is replaced; the first mark names
-the command, so that a reader of the page's source does not edit the table:
+the command, so that a reader of the page's source does not edit what is generated:
 
     <!-- table: identifiers (generated: python -m lab.documents PAGE) -->
     ...
