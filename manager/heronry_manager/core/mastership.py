@@ -64,7 +64,7 @@ class MastershipEvent(Enum):
 TRANSITIONS = TransitionTable(
     {Mastership.LISTENING: "start"},
     (
-        (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager's LEASE"),
+        (Mastership.LISTENING, MastershipEvent.ENDS, Mastership.RETIRED, "LEASE of another manager"),
         (Mastership.LISTENING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
         (
             *(Mastership.LISTENING, MastershipEvent.LETS_126_GO_FIRST, Mastership.STANDBY),
@@ -77,13 +77,13 @@ TRANSITIONS = TransitionTable(
         ),
         (Mastership.STARTING, MastershipEvent.HAS_NO_TERM, Mastership.RETIRED, "all terms have been used"),
         (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.REIGNING, "all PEs heard, or the window has closed"),
-        (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager goes first"),
+        (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
         (Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
         (
             *(Mastership.REIGNING, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
-            "no PE is heard any more, or most of them hear no LEASE",
+            "the manager hears no PE any more, or most PEs hear no LEASE",
         ),
-        (Mastership.REIGNING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager goes first"),
+        (Mastership.REIGNING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
         (Mastership.REIGNING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
     ),
 )

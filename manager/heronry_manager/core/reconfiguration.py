@@ -83,7 +83,7 @@ TRANSITIONS = TransitionTable(
         (Stage.PREPARING, StageEvent.BREAKS, Stage.BREAKING, "all have staged, and some must break or fall silent"),
         (Stage.PREPARING, StageEvent.HOLDS, Stage.HOLDING, "all have staged, a DEMUX must wait"),
         (Stage.PREPARING, StageEvent.GOES, Stage.GOING, "all have staged"),
-        (Stage.BREAKING, StageEvent.HOLDS, Stage.HOLDING, "all that is exclusive is free but a DEMUX"),
+        (Stage.BREAKING, StageEvent.HOLDS, Stage.HOLDING, "all that is exclusive is free except a DEMUX"),
         (Stage.BREAKING, StageEvent.GOES, Stage.GOING, "all that is exclusive is free"),
         (Stage.HOLDING, StageEvent.GOES, Stage.GOING, "T_lease is over"),
         (Stage.GOING, StageEvent.FINISHES, Stage.DONE, "all are ACTIVE"),

@@ -43,26 +43,26 @@ TRANSITIONS = TransitionTable(
     (
         (Standing.WAITING, StandingEvent.HEARD, Standing.UP, "heard"),
         (Standing.WAITING, StandingEvent.WINDOW_CLOSES, Standing.DOWN, "the start-up window closes"),
-        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "it was to prove itself and falls silent"),
+        (Standing.WAITING, StandingEvent.SILENT, Standing.DOWN, "a PE that had to prove itself falls silent"),
         (Standing.WAITING, StandingEvent.FAILED, Standing.DOWN, "the operator fails it"),
         (Standing.WAITING, StandingEvent.QUARANTINED, Standing.DOWN, "it was in quarantine before a restart"),
-        (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, is PINGed"),
-        (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or deaf for T_lease"),
+        (Standing.UP, StandingEvent.LATE, Standing.SUSPECT, "late by a quarter of a period, the manager sends PING"),
+        (Standing.UP, StandingEvent.FAILED, Standing.DOWN, "rebooted, failed, or its receiver failed for T_lease"),
         (Standing.SUSPECT, StandingEvent.HEARD, Standing.UP, "heard"),
         (
             *(Standing.SUSPECT, StandingEvent.SILENT, Standing.DOWN),
-            "silent for as many periods as it may miss and a quarter",
+            "silent for misses periods and a quarter",
         ),
         (Standing.SUSPECT, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
         (Standing.DOWN, StandingEvent.HEARD, Standing.RETURNING, "heard"),
         (Standing.DOWN, StandingEvent.FAILED, Standing.DOWN, ""),
         (Standing.DOWN, StandingEvent.QUARANTINED, Standing.DOWN, ""),
         (Standing.RETURNING, StandingEvent.HOLD_DOWN_ENDS, Standing.UP, "hold-down is over"),
-        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "the manager before counted on it"),
+        (Standing.RETURNING, StandingEvent.VOUCHED_FOR, Standing.UP, "it was available to the previous manager"),
         (Standing.RETURNING, StandingEvent.SILENT, Standing.DOWN, "silent again"),
         (Standing.RETURNING, StandingEvent.FAILED, Standing.DOWN, "rebooted or failed"),
         *(
-            (before, StandingEvent.AWAITED_AGAIN, Standing.WAITING, "another term begins, and cannot believe it yet")
+            (before, StandingEvent.AWAITED_AGAIN, Standing.WAITING, "a new mastership cannot authenticate it yet")
             for before in (Standing.WAITING, Standing.DOWN, Standing.RETURNING)
         ),
     ),
