@@ -19,7 +19,8 @@ from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.pe_table import PeTable
 from live.test_nodes import Aircraft
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("desk")]  # there is one for all
+reads_long = pytest.mark.timing  # between two segments the agent waits for so long and no longer
 
 PATIENCE_S = 20.0
 SPEC = shipped_spec_path("elevator_and_chute")
@@ -84,6 +85,7 @@ def test_it_reads_who_the_pe_is_and_what_may_run_there(desk: Desk) -> None:
     assert {state.raw for state in sdo["Module state"].values()} == {0}
 
 
+@reads_long
 def test_it_gets_the_eds_from_the_pe_itself(desk: Desk) -> None:
     network = canopen.Network()
     network.connect(**desk.place)
@@ -104,6 +106,7 @@ def test_it_sets_the_heartbeat_and_commands_by_nmt(desk: Desk) -> None:
     assert heartbeat.raw == 1000
 
 
+@reads_long
 def test_it_reads_and_writes_by_blocks(desk: Desk) -> None:
     table = desk.remote.sdo["Table of this PE"]
     with table.open("rb", block_transfer=True) as stream:
@@ -136,6 +139,7 @@ def test_the_documented_session_runs(desk: Desk, capsys: pytest.CaptureFixture[s
     assert desk.remote.sdo["Producer heartbeat time"].raw == 200
 
 
+@reads_long
 def test_in_flight_it_reads_and_cannot_stop_anything(tmp_path: Path) -> None:
     with Aircraft(tmp_path, SPEC) as aircraft, canopen.Network() as network:
         aircraft.start_agents()

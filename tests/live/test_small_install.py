@@ -22,7 +22,7 @@ from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import state_id
 from heronry_wire.pe_table import PeTable
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.xdist_group("installs")]  # the wheel is built once
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC_FILE = ROOT / "dg_specs" / "elevator_and_chute.dg.yaml"

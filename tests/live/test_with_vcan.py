@@ -23,6 +23,7 @@ UNTIL_CANDUMP_SAW = "candump -n 1 -L any & while kill -0 $! 2>/dev/null; do {}; 
 
 pytestmark = [
     pytest.mark.live,
+    pytest.mark.xdist_group("with-vcan"),  # one after the other: a kernel that has vcan has each interface once
     pytest.mark.skipif(not CAN_BE_HAD, reason="no vcan0 in this kernel, and no apt-get to fetch one"),
 ]
 user_mode_only = pytest.mark.skipif(HOST_HAS_VCAN, reason="the kernel's own vcan0 is used here, no user-mode Linux")

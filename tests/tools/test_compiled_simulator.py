@@ -56,11 +56,14 @@ def test_a_compiled_part_is_taken_from_the_folder_beside_python(tmp_path: Path) 
 @pytest.mark.soak  # everything is compiled: two minutes
 def test_a_flight_in_machine_code_has_the_same_frames() -> None:
     flight = ("-m", "heronry_tools.cli", "sim", "elevator_and_chute", "--seed", "3", "--seconds", "3", "--json")
-    python, compiled = (
-        subprocess.run([sys.executable, *flight, *more], capture_output=True, text=True, check=True).stdout
-        for more in ((), ("--compiled",))
-    )
+    python, compiled = (flown([*flight, *more]) for more in ((), ("--compiled",)))
     assert digests(python) == digests(compiled) != []
+
+
+def flown(words: list[str]) -> str:
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def digests(told: str) -> list[str]:

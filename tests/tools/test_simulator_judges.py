@@ -466,6 +466,7 @@ def test_a_phase_that_is_not_told_is_seen_in_the_end() -> None:
     assert "the phase is landing, and ascent is told" in [v.story for v in simulation.unsettled()]
 
 
+@pytest.mark.soak  # until it is seen, it is flown for long
 def test_a_manager_that_says_yes_to_a_phase_and_stays_where_it_is_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(KnownSituation, "enter", lambda *_: ())
     stories = flown(big_blue(), "1 order_phase phase:glide", seconds=2)
