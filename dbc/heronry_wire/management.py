@@ -41,7 +41,6 @@ from heronry_wire.layout import Field, Layout
 MAX_TERM = 0xFFF
 NO_EPOCH = 0
 SLICE_BYTES_PER_FRAME = 5
-LEASE_PERIODS = 5  # T_lease in heartbeat periods
 
 
 class Step(IntEnum):
@@ -126,7 +125,6 @@ class FaultCode(IntEnum):
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
 RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: the module was built anew; that it has failed for good was not heard
-CHANNEL_REPORT_NS = 1_000_000_000  # so often is a lost channel told of again
 REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
 

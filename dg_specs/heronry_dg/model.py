@@ -16,6 +16,7 @@ from fractions import Fraction
 from typing import Literal
 
 from heronry_dg.gates import Expression, Leaf, leaves
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 
 CRITICALITIES = ("A", "B", "C", "D", "E")
 DEFAULT_RESTARTS = 2
@@ -32,8 +33,8 @@ class Bus:
     reserve: Fraction = Fraction(1, 10)  # the share of the bit rate kept for management
     kind: Literal["wired", "wireless"] = "wired"
     channels: int = 1  # 2: replicated, every frame on both
-    heartbeat_ns: int = 20_000_000
-    misses: int = 3
+    heartbeat_ns: int = USUAL_HEARTBEAT_NS
+    misses: int = USUAL_MISSES
     rate_per_h: Fraction | None = None
 
 

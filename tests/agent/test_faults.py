@@ -20,7 +20,7 @@ from agent.one_pe import (
     neighbour_state,
     sent,
 )
-from heronry_agent.core.faults import QUIET_NS, Faults
+from heronry_agent.core.faults import Faults
 from heronry_agent.core.schedule import OVERRUNS_IN_A_ROW, Schedule
 from heronry_agent.core.vocabulary import Action, Note, Stepped
 from heronry_wire.canaerospace import DataType, Datum, ErrorReport, decode_data
@@ -38,6 +38,7 @@ from heronry_wire.management import (
     Step,
     decode_emergency,
 )
+from heronry_wire.protocol_times import FAULT_QUIET_NS
 
 LEFT = 1  # the servo, as a device of the table
 CRITICAL = replace(TABLE, flight_critical=("device:left",))
@@ -78,7 +79,7 @@ def test_a_cleared_fault_that_is_still_found_is_told_at_once() -> None:
     pe = watching()
     pe.pass_time(2 * BEAT_NS)
     pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))
-    assert emergencies(pe.pass_time(QUIET_NS // 2)) == []
+    assert emergencies(pe.pass_time(FAULT_QUIET_NS // 2)) == []
     cleared = pe.command(Control(1, 0, Operation.CLEAR, *ABOUT_LEFT))
     assert [(e.code, e.error_register, e.index) for e in emergencies(cleared)] == [(FaultCode.RESET, 0, LEFT)]
     assert [e.code for e in emergencies(pe.pass_time(2 * BEAT_NS))][:1] == [FaultCode.REPORTED]

@@ -6,8 +6,6 @@ from pathlib import Path
 import pytest
 
 from heronry_dg.loader import load, loads
-from heronry_manager.core.planning import PLAN_AGAIN_NS
-from heronry_manager.core.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed, PlanReady
 from heronry_wire.frame import Frame
 from heronry_wire.management import (
@@ -26,6 +24,7 @@ from heronry_wire.management import (
     StatePage1,
     Step,
 )
+from heronry_wire.protocol_times import PATIENCE_PERIODS, PLAN_AGAIN_NS
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)

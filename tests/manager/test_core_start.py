@@ -2,7 +2,7 @@
 
 import pytest
 
-from heronry_manager.core.manager import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
@@ -19,6 +19,7 @@ from heronry_wire.management import (
     Step,
 )
 from heronry_wire.node_services import Service, encode_service, request, service_id
+from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Tick
 from manager.one_manager import BEAT_NS, MS, OneManager
 

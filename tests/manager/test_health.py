@@ -6,16 +6,8 @@ import pytest
 
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
-from heronry_manager.core.health import (
-    FORGIVEN_AFTER_NS,
-    HOLD_DOWN_PERIODS,
-    LONGEST_HOLD_DOWN_NS,
-    Change,
-    Health,
-    HealthChange,
-    Standing,
-)
-from heronry_wire.management import LEASE_PERIODS
+from heronry_manager.core.health import Change, Health, HealthChange, Standing
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS, LEASE_PERIODS, LONGEST_HOLD_DOWN_NS
 
 MS = 1_000_000
 PERIOD = 20 * MS

@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.core.health import HOLD_DOWN_PERIODS
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Latched
 from heronry_manager.core.vocabulary import (
@@ -29,6 +28,7 @@ from heronry_wire.management import (
     Operation,
     PeState,
 )
+from heronry_wire.protocol_times import HOLD_DOWN_PERIODS
 from heronry_wire.sansio import Tick
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager, two_tails
 

@@ -10,7 +10,7 @@ from heronry_dg.situation import Situation
 from heronry_manager.contingency.configuration_code import ConfigurationCode
 from heronry_manager.contingency.on_board import ContingencyNumbers, on_board
 from heronry_manager.core.compilation import Compiler
-from heronry_manager.core.manager import START_UP_WINDOW_NS, ManagerCore
+from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory, Runs
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.turn import Turn
@@ -41,6 +41,7 @@ from heronry_wire.management import (
     Step,
     is_newer,
 )
+from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Tick
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 

@@ -62,7 +62,6 @@ from heronry_wire.authentication import (
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.identifiers import MANAGER_NODES, Command
 from heronry_wire.management import (
-    LEASE_PERIODS,
     NO_EPOCH,
     TAG,
     WELCOME_KIND,
@@ -76,6 +75,7 @@ from heronry_wire.management import (
     StatePage3,
     decode_command,
 )
+from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
 
 GUESSES = 8  # tags that did not fit, until a state needs another one before it
@@ -154,7 +154,7 @@ class Authenticity:
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
-        self._managers = CommandVerifier(key, LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
+        self._managers = CommandVerifier(key, t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns), seek=True)
         self._peers = {
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
@@ -334,7 +334,7 @@ class Authenticity:
                 self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
         if peer.doubted_ns is None or not self._speaks():
             peer.doubted_ns = now_ns
-        elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
+        elif now_ns - peer.doubted_ns >= t_lease_ns(peer.period_ns):
             peer.doubted_ns = now_ns
             self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
             peer.renewals += 1

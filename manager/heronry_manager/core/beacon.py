@@ -9,9 +9,9 @@ would say nothing new.
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, heartbeat_id, management_id
 from heronry_wire.management import Alive, Lease, Ping
+from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.sansio import Send
 
-CANOPEN_HEARTBEAT_NS = 1_000_000_000
 _OPERATIONAL = b"\x05"
 
 

@@ -55,7 +55,7 @@ from heronry_manager.core.authenticity import Authenticity
 from heronry_manager.core.beacon import Beacon
 from heronry_manager.core.deployment import Deployment
 from heronry_manager.core.exclusion import Exclusion
-from heronry_manager.core.following import LEARNS_LEASES, Following
+from heronry_manager.core.following import Following
 from heronry_manager.core.health import Change, Health, HealthChange, Standing
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.memory import Memory, Quarantined, Released, TermBegun
@@ -84,7 +84,6 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
-    LEASE_PERIODS,
     Alive,
     Control,
     ElementKind,
@@ -104,9 +103,9 @@ from heronry_wire.management import (
     decode_emergency,
     decode_state,
 )
+from heronry_wire.protocol_times import LEARNS_LEASES, START_UP_WINDOW_NS, late_ns, t_lease_ns
 from heronry_wire.sansio import NEVER_NS, Received, Tick, require
 
-START_UP_WINDOW_NS = 5_000_000_000
 _EVERYBODY = 0
 _MOST_DOUBLINGS = 9
 _LEAPS_AFTER, _LEAP = 2, 256  # reigns that were refused one after the other; terms
@@ -153,8 +152,8 @@ class ManagerCore:
         self.alive_id = management_id(node, Command.ALIVE)
         self._bus = spec.buses[spec.manager.bus]
         period_ns = self._bus.heartbeat_ns
-        self._longest_gap_ns = period_ns * 5 // 4  # between two steps of a manager that reigns, as long as it runs
-        self.lease_ns = LEASE_PERIODS * period_ns  # T_lease; what could not be sent for so long is not sent at all
+        self._longest_gap_ns = late_ns(period_ns)  # between two steps of a manager that reigns, as long as it runs
+        self.lease_ns = t_lease_ns(period_ns)  # T_lease; what could not be sent for so long is not sent at all
         self._reign = Reign.LISTENING
         self._listen_until_ns: int | None = now_ns + self.lease_ns  # None: until somebody is heard, and longer
         self._goes_first = node == FIRST_MANAGER or not standby  # where nobody reigns

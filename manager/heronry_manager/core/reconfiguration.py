@@ -46,8 +46,8 @@ from heronry_wire.management import (
     SliceHead,
     Step,
 )
+from heronry_wire.protocol_times import PATIENCE_PERIODS
 
-PATIENCE_PERIODS = 25  # heartbeat periods of the PE; one that is silent altogether is declared down long before
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
 _LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late

@@ -38,7 +38,7 @@ from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.mastership import Reign
 from heronry_agent.core.nonces import Nonces
 from heronry_agent.core.passing_welcomes import PassingWelcomes
-from heronry_agent.core.reporting import PAGE_1_EVERY, Facts
+from heronry_agent.core.reporting import Facts
 from heronry_agent.core.state_seal import StateSeal
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
@@ -47,6 +47,7 @@ from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, classify, management_id, state_id
 from heronry_wire.management import WELCOME_KIND, Control, Operation, StatePage2, StatePage3, is_welcome
+from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Received, Send
 
 LONGEST_UNLOCK_S = 60
@@ -191,7 +192,7 @@ class Authenticity:
         self._beats += 1
         if self._asked_ns is None:
             self._ask()
-        if self._beats % PAGE_1_EVERY == 0:
+        if self._beats % STATE_PAGE_1_EVERY == 0:
             self._tell()
 
     def _tell(self) -> None:

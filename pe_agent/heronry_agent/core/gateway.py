@@ -32,6 +32,7 @@ from heronry_wire.identifiers import (
     heartbeat_id,
     state_id,
 )
+from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Send
 
 
@@ -105,7 +106,7 @@ class Gateway:
         """Tell whether to forward, once a period on the average: a beat that comes a little early is not skipped."""
         period_ns = self._ports[port].heartbeat_ns
         said, due_ns = self._last.get((port, command), (b"", now_ns))
-        if said == meaning and now_ns < due_ns - period_ns // 4:
+        if said == meaning and now_ns < due_ns - slack_ns(period_ns):
             return False
         follows = said == meaning and now_ns < due_ns + period_ns
         self._last[port, command] = (meaning, (due_ns if follows else now_ns) + period_ns)

@@ -23,6 +23,7 @@ from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Heard
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.pe_table import PeTable
+from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Received
 
 Handler = Callable[[Received], None]
@@ -57,7 +58,9 @@ class Inbound:
         self._turn, self._index = turn, index
         self._permission, self._reconfiguration, self._modules = permission, reconfiguration, modules
         self._gateway, self._authenticity = gateway, authenticity
-        self.late_ns = index.table.ports[index.uplink].heartbeat_ns // 4  # a frame that is, was not taken when it came
+        self.late_ns = slack_ns(
+            index.table.ports[index.uplink].heartbeat_ns
+        )  # a frame that is, was not taken when it came
         self._clash_is_noted = False
         self._fixed = self._fixed_handlers(commands, services, followed)
         self.handlers = self._fixed  # by identifier; another object whenever they have changed

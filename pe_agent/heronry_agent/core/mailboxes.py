@@ -20,8 +20,7 @@ from heronry_agent.module import Datum, Value
 from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, unpack_status
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
-
-FRESH_PERIODS = 3
+from heronry_wire.protocol_times import FRESH_PERIODS
 
 _STATUSES = tuple(unpack_status(code) for code in range(256))
 _TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)

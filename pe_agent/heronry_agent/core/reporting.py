@@ -18,9 +18,8 @@ from heronry_wire.authentication import BEAT_SPAN, joined_state, split_state
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
 from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
+from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Send
-
-PAGE_1_EVERY = 10
 
 # Number of a page 0, or None for a page 1; what it says beside the digest; that digest: the tag.
 Seal = Callable[[int | None, bytes, int], int]
@@ -62,7 +61,7 @@ class Reporting:
             if now_ns >= self._beat_ns[port]:
                 self._beat_ns[port] = self._next_beat(port, now_ns)
                 sends.append(self._page_0(port, facts))
-                if self._beats[port] % PAGE_1_EVERY == 0:
+                if self._beats[port] % STATE_PAGE_1_EVERY == 0:
                     sends.append(self._page_1(port, facts))
                 self._beats[port] += 1
         self.next_ns = min(self._beat_ns)

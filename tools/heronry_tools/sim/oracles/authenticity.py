@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.proven_commands import Proven, ProvenCommands
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
@@ -33,7 +34,6 @@ from heronry_wire.authentication import Key, Place
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, emcy_id, state_id
 from heronry_wire.management import (
-    LEASE_PERIODS,
     NO_EPOCH,
     Activate,
     Control,

@@ -23,11 +23,12 @@ anew, though it may only be unheard (docs/limits.md).
 from collections.abc import Iterable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.nodes import Driven, Moved
 from heronry_wire.frame import Malformed
-from heronry_wire.management import LEASE_PERIODS, Activate, Lease, ManagementMessage, Step, is_newer
+from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
 
 _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]

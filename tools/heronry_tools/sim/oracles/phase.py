@@ -18,16 +18,9 @@ because it hears nobody, know in which phase a higher one was that has fallen si
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import (
-    FORWARD_ONLY,
-    LEASE_PERIODS,
-    REQUEST_NUMBERS,
-    Control,
-    ElementKind,
-    Emergency,
-    Operation,
-)
+from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS, Control, ElementKind, Emergency, Operation
 
 
 class PhaseCheck:

@@ -17,9 +17,10 @@ from heronry_dg.model import Spec
 from heronry_dg.situation import Situation, survivors
 from heronry_dg.traffic import hops, identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_wire.management import LEASE_PERIODS, NO_EPOCH, StatePage0
+from heronry_wire.management import NO_EPOCH, StatePage0
 
 _Key = tuple[str, str]  # bus and sender
 

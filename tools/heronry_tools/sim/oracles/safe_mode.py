@@ -14,10 +14,11 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.nodes import Driven
-from heronry_wire.management import LEASE_PERIODS, PeFlags, StatePage0
+from heronry_wire.management import PeFlags, StatePage0
 
 
 def is_critical(spec: Spec, function: str) -> bool:

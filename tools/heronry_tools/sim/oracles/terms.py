@@ -20,10 +20,10 @@ What a deposed manager still says is judged here alone: nobody else has to belie
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
-    LEASE_PERIODS,
     NO_EPOCH,
     Lease,
     ManagementMessage,
