@@ -20,16 +20,11 @@ from heronry_wire.management import (
     Alive,
     Control,
     Lease,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
-    decode_state,
 )
 from heronry_wire.pe_table import (
     DeviceEntry,
@@ -42,6 +37,7 @@ from heronry_wire.pe_table import (
     VariableEntry,
 )
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage1, decode_state
 
 MS = 1_000_000
 BEAT_NS = 20 * MS

@@ -27,7 +27,7 @@ from agent.one_pe import (
 )
 from heronry_agent.core.authenticity import LONGEST_UNLOCK_S, Secret
 from heronry_agent.core.vocabulary import Action, Note
-from heronry_wire.authentication import BEAT_SPAN, PAGE_1_BEAT, Key, Session, split_state
+from heronry_wire.authentication import BEAT_SPAN, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandSigner, Refusal
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
@@ -51,19 +51,22 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
     Step,
-    decode_state,
 )
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Send
 from heronry_wire.sdo import Abort, abort_message
+from heronry_wire.state_frames import (
+    PeFlags,
+    PeState,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    decode_state,
+    split_state,
+)
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)
 LEASE = Lease(1, 0, Step.PREPARED, 0)

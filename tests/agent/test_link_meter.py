@@ -8,9 +8,9 @@ from heronry_agent.core.link_meter import LinkMeter
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.protocol_times import RADIO_WINDOW_PERIODS
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.timing import exact_bits
 
 MS = 1_000_000

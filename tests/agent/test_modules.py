@@ -45,11 +45,11 @@ from heronry_wire.management import (
     Emergency,
     FaultCode,
     Operation,
-    PeFlags,
     Step,
     decode_emergency,
 )
 from heronry_wire.sansio import Received, Tick
+from heronry_wire.state_frames import PeFlags
 
 WATCHING = Slice((RUN_MONITOR,), remote={RATE: NEIGHBOUR}, publish={ALARM: 1})
 

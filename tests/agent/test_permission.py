@@ -31,8 +31,9 @@ from heronry_agent.core.vocabulary import Action, StepModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, heartbeat_id
-from heronry_wire.management import Activate, Alive, Lease, PeFlags, Step
+from heronry_wire.management import Activate, Alive, Lease, Step
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import PeFlags
 
 EVERYBODY = frozenset({NEIGHBOUR, NODE})
 

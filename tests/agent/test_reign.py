@@ -3,7 +3,8 @@
 from agent.one_pe import BEAT_NS, FLYING, LEASE_NS, NODE, OnePe, command_frame, pages, slice_messages
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id
-from heronry_wire.management import Activate, Lease, PeFlags, PeState, Ping, Prepare, Reason, StatePage1, Step
+from heronry_wire.management import Activate, Lease, Ping, Prepare, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1
 
 
 def test_a_lower_term_is_rejected_told_once_and_counted() -> None:

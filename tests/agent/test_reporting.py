@@ -5,8 +5,9 @@ from heronry_agent.core.vocabulary import Note
 from heronry_wire.canaerospace import DataType
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
-from heronry_wire.management import PeState, Ping, StatePage0, StatePage1
+from heronry_wire.management import Ping
 from heronry_wire.node_services import Identification, decode_service, encode_service, read_identification, request
+from heronry_wire.state_frames import PeState, StatePage0, StatePage1
 
 
 def test_boot_up_then_a_heartbeat_each_second() -> None:

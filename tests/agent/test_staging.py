@@ -9,9 +9,10 @@ import pytest
 from agent.one_pe import CONTROL, FLYING, NODE, RUN_CONTROL, RUN_SERVO_1, TABLE, OnePe, pages, slice_messages, started
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
 from heronry_wire.contingency_block import Preloaded, write_block
-from heronry_wire.management import Activate, PeState, Prepare, Reason, SliceBody, SliceHead, StatePage1, Step
+from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.sansio import StandBack
+from heronry_wire.state_frames import PeState, Reason, StatePage1
 
 EPOCH, DIGEST = 7, 1007
 

@@ -21,7 +21,8 @@ from agent.one_pe import (
 )
 from heronry_agent.core.vocabulary import StartFailed
 from heronry_wire.configuration_slice import ModuleSlice, Slice
-from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, Step
+from heronry_wire.management import Activate, Alive, Lease, Step
+from heronry_wire.state_frames import PeState, StatePage0
 
 OTHER_BRANCH = Slice((RUN_CONTROL, RUN_SERVO_2, RUN_MONITOR), remote={RATE: NEIGHBOUR})
 BLIND = Slice((ModuleSlice(CONTROL, 1, ()), RUN_SERVO_1))

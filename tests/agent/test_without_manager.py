@@ -25,7 +25,8 @@ from agent.one_pe import (
 )
 from heronry_agent.core.vocabulary import Note, StartFailed
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.management import Activate, Alive, Lease, PeState, StatePage0, StatePage1, Step
+from heronry_wire.management import Activate, Alive, Lease, Step
+from heronry_wire.state_frames import PeState, StatePage0, StatePage1
 
 WATCHED = Slice(
     (RUN_CONTROL, RUN_SERVO_1, RUN_MONITOR),

@@ -47,11 +47,10 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage2,
     Step,
-    decode_state,
 )
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import StatePage2, decode_state
 from heronry_wire.timing import exact_bits
 
 _MS = 1_000_000

@@ -23,15 +23,12 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage1,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1
 from manager.one_manager import BEAT_NS, MS, OneManager
 from manager.test_standby import PHASES
 

@@ -11,25 +11,13 @@ from heronry_manager.core.authenticity import GUESSES
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
-from heronry_wire.authentication import (
-    NO_EMERGENCY,
-    PAGE_1_BEAT,
-    Key,
-    Session,
-    joined_state,
-    split_state,
-)
+from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    Alive,
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    Operation,
+from heronry_wire.management import Alive, Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step
+from heronry_wire.sansio import Received, Send
+from heronry_wire.state_frames import (
     PeFlags,
     PeState,
     Reason,
@@ -37,9 +25,9 @@ from heronry_wire.management import (
     StatePage1,
     StatePage2,
     StatePage3,
-    Step,
+    joined_state,
+    split_state,
 )
-from heronry_wire.sansio import Received, Send
 from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)

@@ -16,15 +16,11 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
-    Reason,
     SliceBody,
-    StatePage0,
-    StatePage1,
     Step,
 )
 from heronry_wire.protocol_times import PATIENCE_PERIODS, PLAN_AGAIN_NS
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)

@@ -6,21 +6,11 @@ from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
-from heronry_wire.management import (
-    Alive,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    PeFlags,
-    PeState,
-    Ping,
-    Prepare,
-    Step,
-)
+from heronry_wire.management import Alive, ElementKind, Emergency, FaultCode, Lease, Ping, Prepare, Step
 from heronry_wire.node_services import Service, encode_service, request, service_id
 from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import PeFlags, PeState
 from manager.one_manager import BEAT_NS, MS, OneManager
 
 FAULT = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 7)

@@ -18,18 +18,10 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_wire.authentication import Key
-from heronry_wire.management import (
-    FORWARD_ONLY,
-    Alive,
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Operation,
-    PeState,
-)
+from heronry_wire.management import FORWARD_ONLY, Alive, Control, ElementKind, Emergency, FaultCode, Operation
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import PeState
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager, two_tails
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)

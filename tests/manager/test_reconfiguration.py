@@ -7,8 +7,9 @@ import pytest
 from heronry_dg.configuration import Configuration, Running
 from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.reconfiguration import Participant, Reconfiguration, Stage
-from heronry_wire.management import Activate, PeState, Prepare, SliceBody, SliceHead, Step
+from heronry_wire.management import Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.protocol_times import PATIENCE_PERIODS
+from heronry_wire.state_frames import PeState
 from manager.one_manager import BEAT_NS, MS, two_tails
 
 PES = ("left", "middle", "right")

@@ -32,17 +32,15 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage0,
     Step,
     is_newer,
 )
 from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 PHASES = loads(SPEC_TEXT + "phases: {climb: {}, glide: {}, land: {}}\n", "phases.dg.yaml")

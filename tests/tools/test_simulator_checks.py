@@ -31,16 +31,12 @@ from heronry_wire.management import (
     Emergency,
     FaultCode,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 
 SPEC = load(shipped_spec_path("elevator_and_chute"))
 WELL = Situation()

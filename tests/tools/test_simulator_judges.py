@@ -48,12 +48,10 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
-    StatePage0,
     Step,
 )
 from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, LEASE_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
 PES = frozenset(elevator_and_chute().pes)

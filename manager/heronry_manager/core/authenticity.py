@@ -48,35 +48,13 @@ from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ManagerAction
-from heronry_wire.authentication import (
-    BEAT_SPAN,
-    NO_EMERGENCY,
-    NO_NONCE,
-    PAGE_1_BEAT,
-    Key,
-    Place,
-    Session,
-    next_number,
-    split_state,
-)
+from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, NO_NONCE, PAGE_1_BEAT, Key, Place, Session, next_number
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.identifiers import MANAGER_NODES, Command
-from heronry_wire.management import (
-    NO_EPOCH,
-    TAG,
-    WELCOME_KIND,
-    Control,
-    Operation,
-    PeFlags,
-    StatePage,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
-    decode_command,
-)
+from heronry_wire.management import NO_EPOCH, WELCOME_KIND, Control, Operation, decode_command, decode_tag
 from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
+from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
 GUESSES = 8  # tags that did not fit, until a state needs another one before it
 FORGIVEN_PERIODS = 256  # without one, until they are forgotten
@@ -248,7 +226,7 @@ class Authenticity:
 
     def _follow(self, manager: int, tag: bytes) -> None:
         """A TAG may be that of an answer to a nonce of some PE: then that is the PE's session, if it is newer."""
-        kind, _, proof = TAG.unpack(tag) or (None, 0, 0)
+        kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
             covers = (self._key.command_tag(manager, WELCOME_KIND, place, answer.said, one) for one in peer.nonces)

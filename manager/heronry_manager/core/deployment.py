@@ -47,20 +47,9 @@ from heronry_manager.core.numbering import EpochNumbers
 from heronry_manager.core.reconfiguration import Cause, Participant, Reconfiguration, Stage
 from heronry_manager.core.topology import reached_by_wire
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import (
-    COMMAND_OF,
-    NO_EPOCH,
-    Lease,
-    PeFlags,
-    PeState,
-    Reason,
-    StatePage0,
-    StatePage1,
-    Step,
-    is_newer,
-    newest_epoch,
-)
+from heronry_wire.management import COMMAND_OF, NO_EPOCH, Lease, Step, is_newer, newest_epoch
 from heronry_wire.sansio import require
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 
 _EPOCHS_REMEMBERED = 8
 _MOST_LATE = 8  # pages 0: one that is further behind is new, after a silence

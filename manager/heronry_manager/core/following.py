@@ -44,8 +44,9 @@ from heronry_manager.core.memory import Runs, TermBegun
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import NO_EPOCH, Alive, Control, Lease, ManagementMessage, PeFlags, PeState, StatePage0
+from heronry_wire.management import NO_EPOCH, Alive, Control, Lease, ManagementMessage
 from heronry_wire.protocol_times import LEARNS_LEASES, t_lease_ns
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DIGESTS_KEPT = 4
 _GOES_FIRST = 3  # T_leases in flight; one is what a first manager listens for

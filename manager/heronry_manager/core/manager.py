@@ -92,6 +92,12 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
+    decode_command,
+    decode_emergency,
+)
+from heronry_wire.protocol_times import LEARNS_LEASES, START_UP_WINDOW_NS, late_ns, t_lease_ns
+from heronry_wire.sansio import NEVER_NS, Received, Tick, require
+from heronry_wire.state_frames import (
     PeFlags,
     PeState,
     StatePage,
@@ -99,12 +105,8 @@ from heronry_wire.management import (
     StatePage1,
     StatePage2,
     StatePage3,
-    decode_command,
-    decode_emergency,
     decode_state,
 )
-from heronry_wire.protocol_times import LEARNS_LEASES, START_UP_WINDOW_NS, late_ns, t_lease_ns
-from heronry_wire.sansio import NEVER_NS, Received, Tick, require
 
 _EVERYBODY = 0
 _MOST_DOUBLINGS = 9

@@ -37,16 +37,9 @@ from enum import Enum
 
 from heronry_dg.configuration import Configuration
 from heronry_manager.core.compilation import CompiledConfiguration
-from heronry_wire.management import (
-    SLICE_BYTES_PER_FRAME,
-    Activate,
-    PeState,
-    Prepare,
-    SliceBody,
-    SliceHead,
-    Step,
-)
+from heronry_wire.management import SLICE_BYTES_PER_FRAME, Activate, Prepare, SliceBody, SliceHead, Step
 from heronry_wire.protocol_times import PATIENCE_PERIODS
+from heronry_wire.state_frames import PeState
 
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135

@@ -25,11 +25,13 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from heronry_wire.canaerospace import read_header
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import PER_MILLE
 from heronry_wire.identifiers import Use, classify
 from heronry_wire.protocol_times import RADIO_QUICK_PERIODS, RADIO_WINDOW_PERIODS
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import page_of, sequence_of
 from heronry_wire.timing import exact_bits
 
 _QUICK_SHARE = 2  # the last periods count alone where they are worse than the window by this factor
@@ -139,9 +141,11 @@ class LinkMeter:
     def _number(self, frame: Frame, now_ns: int) -> None:
         """Count what is missing before a numbered frame."""
         use, data = classify(frame.can_id).use, frame.data
-        if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and data[0] >> 6):
+        if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return
-        key, sequence = (frame.can_id, 0 if use is Use.STATE else data[0]), data[4 if use is Use.STATE else 3]
+        node, _, _, message_code = read_header(data)
+        is_state = use is Use.STATE
+        key, sequence = (frame.can_id, 0 if is_state else node), sequence_of(data) if is_state else message_code
         last = self._last.get(key)
         self._last[key] = _Numbered(sequence, now_ns, self._outages)
         if last is None or now_ns - last.time_ns > self._window_ns:

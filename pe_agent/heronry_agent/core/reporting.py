@@ -14,12 +14,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from heronry_agent.core.table_index import TableIndex
-from heronry_wire.authentication import BEAT_SPAN, joined_state, split_state
+from heronry_wire.authentication import BEAT_SPAN
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
-from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, joined_state, split_state
 
 # Number of a page 0, or None for a page 1; what it says beside the digest; that digest: the tag.
 Seal = Callable[[int | None, bytes, int], int]

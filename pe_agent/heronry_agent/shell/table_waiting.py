@@ -37,22 +37,13 @@ from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
-from heronry_wire.management import (
-    Control,
-    Lease,
-    Operation,
-    PeFlags,
-    PeState,
-    Reason,
-    SliceBody,
-    SliceHead,
-    decode_command,
-)
+from heronry_wire.management import Control, Lease, Operation, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
+from heronry_wire.state_frames import PeFlags, PeState, Reason
 
 _WAITING = Facts(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0, Reason.NONE, 0)
 _NS_PER_S = 1_000_000_000

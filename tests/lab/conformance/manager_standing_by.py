@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from heronry_manager.core.memory import Memory
 from heronry_manager.core.vocabulary import AskStatus, FailElement, UnlockPe
-from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.frame import Frame
@@ -21,18 +21,14 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage1,
-    StatePage2,
-    StatePage3,
     Step,
     is_welcome,
 )
+from heronry_wire.state_frames import PeFlags, PeState, StatePage1, StatePage2, StatePage3, joined_state, split_state
 from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
 from lab.conformance.player import MS, demand, equal
 

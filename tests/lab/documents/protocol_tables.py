@@ -5,7 +5,7 @@ from itertools import groupby
 
 from heronry_agent.core import radio_queue, staging
 from heronry_manager.core import numbering
-from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
+from heronry_wire import canopen_objects, gateway_report, link, management, state_frames, transmit_queue
 from heronry_wire import protocol_times as promised
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
@@ -43,7 +43,7 @@ _LAYOUTS = {
     Command.TAG: (management.TAG,),
 }
 _REPORTS = (
-    *(management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3),
+    *(state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3),
     *(management.EMCY, gateway_report.LINK),
 )
 

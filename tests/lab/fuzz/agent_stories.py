@@ -61,13 +61,12 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage2,
     Step,
-    decode_state,
 )
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received, Send, Tick
 from heronry_wire.sdo import MESSAGE_BYTES, Abort
+from heronry_wire.state_frames import StatePage2, decode_state
 from lab.fuzz.target import Story, Target
 
 KEY = Key(bytes(KEY_BYTES))

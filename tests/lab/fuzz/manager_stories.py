@@ -28,7 +28,7 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_tools.sim.world.planning import plan_at_once
-from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
@@ -48,18 +48,22 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
+    Prepare,
+    Step,
+    decode_command,
+)
+from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import (
     PeFlags,
     PeState,
-    Prepare,
     Reason,
     StatePage0,
     StatePage1,
     StatePage2,
     StatePage3,
-    Step,
-    decode_command,
+    joined_state,
+    split_state,
 )
-from heronry_wire.sansio import Received, Send, Tick
 from lab.fuzz.agent_stories import KEY, MOST_EVENTS
 from lab.fuzz.target import Story, Target
 

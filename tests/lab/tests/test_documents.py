@@ -19,8 +19,9 @@ from heronry_dg.situation import UnknownElementError, situation
 from heronry_manager.core.compilation import Compiler
 from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice
-from heronry_wire.management import FaultCode, PeFlags, PeState, Reason, Step
+from heronry_wire.management import FaultCode, Step
 from heronry_wire.standard_identifiers import standard_identifiers
+from heronry_wire.state_frames import PeFlags, PeState, Reason
 from lab.documents.__main__ import TABLES, filled, main
 
 ROOT = Path(__file__).parents[3]

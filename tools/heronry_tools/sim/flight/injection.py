@@ -26,7 +26,7 @@ from heronry_tools.sim.world.nodes import SimulatedManager, SimulatedPe
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Use, classify, state_id
-from heronry_wire.management import PeFlags, PeState, StatePage0
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 End = Callable[[], None]
 

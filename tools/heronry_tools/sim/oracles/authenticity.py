@@ -40,16 +40,11 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    StatePage0,
-    StatePage1,
-    StatePage2,
     Step,
     decode_emergency,
-    decode_state,
 )
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage1, StatePage2, decode_state
 
 _LEAST_STEP = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO}
 _ON_ITS_WAY_LEASES = 2  # times T_lease: in the queue of the PE, and of a gateway

@@ -54,12 +54,11 @@ from heronry_wire.management import (
     ElementKind,
     Emergency,
     Lease,
-    PeState,
-    StatePage0,
     decode_command,
     decode_emergency,
 )
 from heronry_wire.pe_table import PeTable
+from heronry_wire.state_frames import PeState, StatePage0
 
 
 class Checks:

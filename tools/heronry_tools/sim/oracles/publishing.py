@@ -20,7 +20,8 @@ from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_wire.management import NO_EPOCH, StatePage0
+from heronry_wire.management import NO_EPOCH
+from heronry_wire.state_frames import StatePage0
 
 _Key = tuple[str, str]  # bus and sender
 

@@ -18,7 +18,7 @@ from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.nodes import Driven
-from heronry_wire.management import PeFlags, StatePage0
+from heronry_wire.state_frames import PeFlags, StatePage0
 
 
 def is_critical(spec: Spec, function: str) -> bool:

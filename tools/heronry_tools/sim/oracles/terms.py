@@ -23,16 +23,8 @@ from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import (
-    NO_EPOCH,
-    Lease,
-    ManagementMessage,
-    Prepare,
-    SliceBody,
-    SliceHead,
-    StatePage0,
-    is_newer,
-)
+from heronry_wire.management import NO_EPOCH, Lease, ManagementMessage, Prepare, SliceBody, SliceHead, is_newer
+from heronry_wire.state_frames import StatePage0
 
 _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 

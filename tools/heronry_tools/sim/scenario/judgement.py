@@ -18,8 +18,9 @@ from heronry_dg.model import Mode, Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import Expectation
-from heronry_wire.management import NO_EPOCH, PeState
+from heronry_wire.management import NO_EPOCH
 from heronry_wire.protocol_times import heard_ns, t_lease_ns
+from heronry_wire.state_frames import PeState
 
 Mark = tuple[int, bool]
 """When a frame was heard, and whether it says what is expected."""

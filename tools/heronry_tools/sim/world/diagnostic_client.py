@@ -55,7 +55,8 @@ from heronry_wire.identifiers import (
     sdo_response_id,
     state_id,
 )
-from heronry_wire.management import NO_EPOCH, Lease, StatePage0, StatePage1, decode_command, decode_state
+from heronry_wire.management import NO_EPOCH, Lease, decode_command
+from heronry_wire.nmt import decode_heartbeat
 from heronry_wire.node_services import (
     BROADCAST,
     Result,
@@ -88,6 +89,7 @@ from heronry_wire.sdo import (
     with_data,
     with_number,
 )
+from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 _MS = 1_000_000
 _REQUESTS, _ANSWERS = service_id(0, is_answer=False), service_id(0, is_answer=True)
@@ -167,7 +169,7 @@ class Technician:
     def _hear(self, event: Received) -> None:
         frame, now_ns = event.frame, self._clock.now_ns
         if frame.can_id == heartbeat_id(self._node):
-            self._heartbeats.append((now_ns, frame.data[0]))
+            self._heartbeats.append((now_ns, decode_heartbeat(frame.data)))
         elif frame.can_id == state_id(self._node):
             page = decode_state(frame.data)
             if isinstance(page, StatePage0):
