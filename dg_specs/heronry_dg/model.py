@@ -19,7 +19,6 @@ from heronry_dg.gates import Expression, Leaf, leaves
 from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 
 CRITICALITIES = ("A", "B", "C", "D", "E")
-DEFAULT_RESTARTS = 2
 Criticality = Literal["A", "B", "C", "D", "E"]
 
 
@@ -112,7 +111,7 @@ class Module:
     requires: frozenset[str] = frozenset()
     flash: int = 0  # bytes
     partition: str | None = None  # None: that of the best criticality it could serve
-    restarts: int = DEFAULT_RESTARTS
+    restarts: int = 2
     checkpoint: bool | int | str | None = None
     rate_per_h: Fraction | None = None
 
