@@ -10,9 +10,10 @@ and decides nothing else.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import assert_never
 
 from heronry_dg.configuration import Wire
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path, most_together
 from heronry_dg.model import CRITICALITIES, Function, Spec
 from heronry_dg.objective import CRITICAL_CLASSES
 from heronry_dg.situation import Situation, elements, hosts_when_all_is_up, survivors
@@ -117,14 +118,6 @@ class Tables:
             for mode in range(len(self.modes))
         ]
 
-        whole = [sum(all_of) or 1 for all_of in zip(*((p.cpu_millis, p.ram, p.flash) for p in self.pes), strict=True)]
-        self.size = [
-            (self.cpu[mode] * 10**6 // whole[0])
-            + (self.ram[mode] * 10**6 // whole[1])
-            + (self.flash[self.module_of[mode]] * 10**6 // whole[2])
-            for mode in range(len(self.modes))
-        ]
-
     def _fits_alone(self, mode: int, number: int) -> bool:
         pe = self.pes[number]
         return (
@@ -163,6 +156,8 @@ class Tables:
                 return (ALL if k == len(nodes) else SOME, k, nodes, nodes)
             case Xor():
                 return (ONE, 1, nodes, nodes)
+            case _:
+                assert_never(gate)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
         """Number a leaf. A module feeds itself only in the one mode that it runs in."""
@@ -201,7 +196,6 @@ class Tables:
     def _order(self) -> None:
         """Put gates and givers into the orders in which they are tried; ties stay in the spec's order."""
         self.needs = [None if node is None else self._ordered(node) for node in self._written]
-        self.most = [0 if node is None else self.most_points(node) for node in self.needs]
         self.dearest: list[list[Giver]] = []  # by leaf, worth most first
         self.cheapest: list[list[Giver]] = []  # by leaf
         for worths in self.worth:
@@ -223,17 +217,17 @@ class Tables:
         return (
             kind,
             number,
-            tuple(sorted(ordered, key=lambda one: (-self.most_points(one), self._price_of(one)))),
+            tuple(sorted(ordered, key=lambda one: (-self._most_points(one), self._price_of(one)))),
             tuple(sorted(ordered, key=self._price_of)),
         )
 
-    def most_points(self, node: Node) -> int:
+    def _most_points(self, node: Node) -> int:
         """Most points that the leaves of a gate can have together."""
         kind, number, inputs, _ = node
         if kind == LEAF:
             return max(self.worth[number].values(), default=0)
-        points = [self.most_points(one) for one in inputs]
-        return max(points) if kind == ONE else sum(points)
+        points = [self._most_points(one) for one in inputs]
+        return most_together(points, 1 if kind == ONE else len(points))
 
     def _has_choice(self, node: Node) -> bool:
         """Tell whether inputs could be supplied in ways of unlike worth."""
