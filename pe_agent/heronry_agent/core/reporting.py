@@ -26,16 +26,16 @@ Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
-    """All that state frames tell, but incarnation and sequence."""
+    """All that state frames tell, but incarnation and sequence; where nothing is given, of a PE that runs nothing."""
 
-    state: PeState
-    flags: PeFlags
-    epoch: int
-    digest: int
-    staged_epoch: int
-    staged_digest: int
-    reason: Reason
-    load: int  # per cent
+    state: PeState = PeState.UNCONFIGURED
+    flags: PeFlags = PeFlags(0)
+    epoch: int = 0
+    digest: int = 0
+    staged_epoch: int = 0
+    staged_digest: int = 0
+    reason: Reason = Reason.NONE
+    load: int = 0  # per cent
 
 
 class Reporting:

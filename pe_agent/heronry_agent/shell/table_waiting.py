@@ -43,9 +43,8 @@ from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
-from heronry_wire.state_frames import PeFlags, PeState, Reason
 
-_WAITING = Facts(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0, Reason.NONE, 0)
+_WAITING = Facts()
 _NS_PER_S = 1_000_000_000
 _LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
 
