@@ -60,6 +60,7 @@ lint: .venv/ready-to-test
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+	$(PYTEST) tests/wire/test_bytes_of_frames.py
 	.venv/bin/heronry check --quiet dg_specs
 
 clean:

@@ -43,8 +43,6 @@ MAX_NUMBER = 0xFFFF_FFFF  # commands in one term: more than a year at a hundred 
 _COMMAND = Struct(">BBHIQ")
 _STATE = Struct(">BBHII")
 _FINGERPRINT_BYTES = 4
-_PAGE_1 = 0x40  # the page is in the two highest bits of byte 0 of a state frame (management.STATE_0)
-_TAG_PLACE_0, _TAG_PLACE_1 = 5, 3  # where the digest stands in a page 0, and in a page 1
 
 
 class Place(NamedTuple):
@@ -90,7 +88,7 @@ class Key:
         """Tag of page 0 or 1 of a state: 24 bits.
 
         beat: number of this page 0 in its session; PAGE_1_BEAT of a page 1.
-        said: its bytes without the digest (`split_state`).
+        said: its bytes without the digest (`state_frames.split_state`).
         emergency: the EMCY that it proves, all of its bytes.
         """
         tag = self._states.copy()
@@ -113,19 +111,6 @@ class Key:
         seal = self._tables.copy()
         seal.update(table)
         return seal.digest()
-
-
-def split_state(data: bytes) -> tuple[bytes, int]:
-    """Give what page 0 or 1 of a state says beside its digest, and what stands in the place of that: the tag."""
-    place = _TAG_PLACE_0 if data[0] < _PAGE_1 else _TAG_PLACE_1
-    after = place + STATE_TAG_BYTES
-    return data[:place] + data[after:], int.from_bytes(data[place:after], "big")
-
-
-def joined_state(said: bytes, tag: int) -> bytes:
-    """Put a page together again: the reverse of `split_state`."""
-    place = _TAG_PLACE_0 if said[0] < _PAGE_1 else _TAG_PLACE_1
-    return said[:place] + tag.to_bytes(STATE_TAG_BYTES, "big") + said[place:]
 
 
 def next_number(after: int, low: int, span: int) -> int:

@@ -221,7 +221,7 @@ def decode_data(frame: Frame) -> Datum | Malformed:
         return Malformed("not a data frame")
     if len(data) < HEADER_BYTES:
         return Malformed(f"{len(data)} bytes are too few for the 4-byte header")
-    node_id, code, service_code, message_code = data[0], data[1], data[2], data[3]
+    node_id, code, service_code, message_code = read_header(data)
     payload = data[HEADER_BYTES:]
     if code < len(_TYPES):
         layout = _LAYOUTS[code]
@@ -231,6 +231,21 @@ def decode_data(frame: Frame) -> Datum | Malformed:
     if code < _FIRST_USER_TYPE or len(payload) > MAX_PAYLOAD_BYTES:
         return Malformed(f"data type {code} with {len(payload)} bytes of payload: reserved, or more than 4 bytes")
     return Datum(node_id, code, service_code, message_code, payload)
+
+
+def read_header(data: bytes) -> tuple[int, int, int, int]:
+    """Node-ID, type, service code and message code of a data frame, which must have these four bytes."""
+    return data[0], data[1], data[2], data[3]
+
+
+def node_of(data: bytes) -> int | None:
+    """Node-ID of whoever sent a data frame; None where it has no byte."""
+    return data[0] if data else None
+
+
+def type_and_service_of(data: bytes) -> bytes:
+    """Type and service code of a data frame, as they stand there; of a shorter one, what is there of them."""
+    return data[1:3]
 
 
 def decode_payload(code: int, payload: bytes) -> Value:

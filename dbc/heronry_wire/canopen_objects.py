@@ -13,6 +13,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from heronry_wire.identification import IDENTIFICATION
+from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 
 VENDOR_ID = 0  # none is registered with CiA
 PRODUCT_CODE = 0x5045  # "PE"
@@ -29,7 +30,7 @@ TABLE, COUNTERS, TIME = 0x2020, 0x2021, 0x2022
 
 ERRORS_KEPT = 8
 MOST_ELEMENTS = 254  # sub-indices of an array
-HEARTBEAT_MS = 1000  # at power-on
+HEARTBEAT_MS = CANOPEN_HEARTBEAT_NS // 1_000_000  # at power-on
 SHORTEST_HEARTBEAT_MS = 100
 
 

@@ -33,6 +33,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from heronry_wire.frame import Frame
+from heronry_wire.protocol_times import late_ns
 
 
 def window_ns(heartbeat_ns: int) -> int:
@@ -63,7 +64,7 @@ class ChannelMerge:
         """`heartbeat_ns` is the heartbeat period of the bus."""
         self.copies = 0  # dropped, since the other channel had brought them
         self.stale = 0  # withheld for good
-        self._window_ns, self._patience_ns = window_ns(heartbeat_ns), heartbeat_ns + heartbeat_ns // 4
+        self._window_ns, self._patience_ns = window_ns(heartbeat_ns), late_ns(heartbeat_ns)
         self._now_ns = 0
         self._alone: dict[Frame, deque[_Copy]] = {}  # of one frame, all from one channel
         self._order: deque[_Copy] = deque()

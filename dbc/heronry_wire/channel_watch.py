@@ -13,7 +13,7 @@ Only differences between two moments of the same kind count. So a pause of the p
 silent bus. Lost, doubled or late frames move a sign by that much.
 """
 
-_HOLD_DOWN_PERIODS = 10
+from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns
 
 
 class ChannelWatch:
@@ -21,8 +21,8 @@ class ChannelWatch:
 
     def __init__(self, heartbeat_ns: int, misses: int, now_ns: int) -> None:
         """`heartbeat_ns` and `misses` are those of the bus."""
-        self._patience_ns = misses * heartbeat_ns + heartbeat_ns // 4
-        self._hold_down_ns = _HOLD_DOWN_PERIODS * heartbeat_ns
+        self._patience_ns = silent_ns(heartbeat_ns, misses)
+        self._hold_down_ns = HOLD_DOWN_PERIODS * heartbeat_ns
         self._heard_ns = [now_ns, now_ns]
         self._left_ns = [now_ns, now_ns]
         self._kept_up_ns = [now_ns, now_ns]  # since when

@@ -28,7 +28,7 @@ from typing import NamedTuple
 from heronry_wire.authentication import MAX_NUMBER, NO_NONCE, Key, Place, next_number
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
-from heronry_wire.management import NUMBER_SPAN, TAG, WELCOME_KIND, Control, Operation, is_welcome
+from heronry_wire.management import CONTROL, NUMBER_SPAN, TAG, WELCOME_KIND, Control, Operation, decode_tag, is_welcome
 from heronry_wire.sansio import Received, require
 
 _HELD = 40  # commands of one kind that wait for their TAG: the heads of all slices, and some
@@ -122,7 +122,7 @@ class CommandVerifier:
         return found
 
     def _find(self, manager: int, data: bytes, arrived_ns: int, nonce: int) -> Held | Refusal:
-        fields = TAG.unpack(data)
+        fields = decode_tag(data)
         if fields is None:
             return Refusal.MALFORMED
         kind, low, tag = fields
@@ -169,7 +169,8 @@ class CommandVerifier:
         """Place that a command would have if its TAG were true."""
         last = self.places.get(manager)
         if kind == WELCOME_KIND:
-            place = Place(int.from_bytes(payload[:2], "big"), int.from_bytes(payload[4:8], "big"))
+            term, _, _, upper, lower = CONTROL.fields_of(payload)
+            place = Place(term, upper << 16 | lower)
             return place if last is None or place > last else Refusal.STALE
         if last is None:
             return Refusal.UNKNOWN

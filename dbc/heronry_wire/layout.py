@@ -51,6 +51,15 @@ class Layout:
             return None
         return self.fields_of(data)
 
+    def span(self, name: str) -> slice:
+        """Bytes of one field, for whoever needs it alone; raises ValueError where they are no whole ones."""
+        at = 0
+        for field in self.fields:
+            if field.name == name and at % 8 == field.bits % 8 == 0:
+                return slice(at // 8, (at + field.bits) // 8)
+            at += field.bits
+        raise ValueError(f"{self.name} has no field {name} of whole bytes")
+
     def fields_of(self, data: bytes) -> tuple[int, ...]:
         """Decode one value per field of a payload that is known to have this layout's length."""
         number = int.from_bytes(data, "big")

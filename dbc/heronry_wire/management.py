@@ -2,8 +2,8 @@
 
 Who says what
     The manager (126 or 127) sends LEASE and ALIVE every heartbeat period, PREPARE, SLICE and ACTIVATE when it
-    reconfigures, PING when it suspects, CONTROL to acknowledge. A PE sends STATE every heartbeat period (page 0; page 1
-    on change and every tenth time) and EMCY for a fault. Nothing else commands or reports.
+    reconfigures, PING when it suspects, CONTROL to acknowledge. A PE sends STATE every heartbeat period
+    (`state_frames`) and EMCY for a fault. Nothing else commands or reports.
 
 Two phases, numbered
     PREPARE names a new epoch and the digest of the whole configuration, and the number of a contingency if it is one:
@@ -30,18 +30,17 @@ Malformed bytes decode to `Malformed` with a reason; encoding a number that does
 Source: docs/protocol.md, rules 1 to 8; CiA 301 7.2.7 (EMCY), 7.2.8.3.2 (heartbeat).
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 
 from heronry_wire.frame import Malformed
-from heronry_wire.identifiers import Command
+from heronry_wire.identifiers import FIRST_PE, PE_NODES, Command
 from heronry_wire.layout import Field, Layout
 
 MAX_TERM = 0xFFF
 NO_EPOCH = 0
 SLICE_BYTES_PER_FRAME = 5
-LEASE_PERIODS = 5  # T_lease in heartbeat periods
 
 
 class Step(IntEnum):
@@ -51,36 +50,6 @@ class Step(IntEnum):
     BREAK = 1
     GO = 2
     GO_ALL = 3
-
-
-class PeState(IntEnum):
-    """What a PE does with the epoch that its state names."""
-
-    UNCONFIGURED = 0
-    BROKEN = 1
-    PARTIAL = 2
-    ACTIVE = 3
-
-
-class PeFlags(IntFlag):
-    """What else a PE says in every state frame."""
-
-    HEARS_LEASE = 1
-    FAULT_PENDING = 2
-    OUTPUT_HELD = 4
-
-
-class Reason(IntEnum):
-    """Why a PE has not staged, or what it last refused."""
-
-    NONE = 0
-    INCOMPLETE = 1  # frames of the slice are missing: send it again
-    DIGEST = 2  # the bytes do not have the digest announced, or the table is another spec's
-    UNKNOWN_INDEX = 3  # the slice names what the table does not have
-    IMAGE = 4  # an image cannot be loaded here
-    STALE_TERM = 5  # a higher term has been heard
-    STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
-    NOT_ON_BOARD = 7  # the table has no such contingency under this number: send the slice
 
 
 class Operation(IntEnum):
@@ -126,15 +95,10 @@ class FaultCode(IntEnum):
 
 FORWARD_ONLY = 0x8000  # in the detail of a phase request: enter no phase that comes before the present one in the spec
 RESTART_HEARD = 0x100  # in a of ACKNOWLEDGE: the module was built anew; that it has failed for good was not heard
-CHANNEL_REPORT_NS = 1_000_000_000  # so often is a lost channel told of again
 REQUEST_NUMBERS = 0x8000  # the rest of it counts the requests of a PE, modulo this
 
 
 _STEPS = {step.value: step.name for step in Step}
-_PE_STATES = tuple(PeState)
-_PE_FLAGS = tuple(map(PeFlags, range(8)))
-_STATES = {state.value: state.name for state in PeState}
-_REASONS = {reason.value: reason.name for reason in Reason}
 _OPERATIONS = {operation.value: operation.name for operation in Operation}
 _KINDS = {kind.value: kind.name for kind in ElementKind}
 
@@ -143,10 +107,9 @@ NUMBER_SPAN = 1 << 13  # a TAG shows the number of its command modulo this
 _TAGGED = {command.value: command.name for command in Command if command is not Command.TAG} | {WELCOME_KIND: "WELCOME"}
 
 _TERM, _EPOCH, _DIGEST = Field("term", 16), Field("epoch", 16), Field("digest", 24)
-_STATE_HEAD = (Field("page", 2), Field("state", 3, _STATES), Field("flags", 3))
 
 LEASE = Layout("LEASE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
-ALIVE = Layout("ALIVE", _TERM, Field("sequence", 8), Field("spare", 6), Field("alive", 34))
+ALIVE = Layout("ALIVE", _TERM, Field("sequence", 8), Field("spare", 6), Field("alive", len(PE_NODES)))
 PREPARE = Layout("PREPARE", Field("term", 12), Field("contingency", 12), _EPOCH, _DIGEST)
 SLICE_HEAD = Layout(
     "SLICE_HEAD", Field("node", 8), Field("epoch_low", 8), Field("index", 8), Field("length", 16), Field("digest", 24)
@@ -156,17 +119,6 @@ ACTIVATE = Layout("ACTIVATE", _TERM, _EPOCH, Field("step", 8, _STEPS), _DIGEST)
 PING = Layout("PING", _TERM, Field("node", 8), Field("sequence", 8))
 CONTROL = Layout("CONTROL", _TERM, Field("node", 8), Field("operation", 8, _OPERATIONS), Field("a", 16), Field("b", 16))
 TAG = Layout("TAG", Field("kind", 3, _TAGGED), Field("number", 13), Field("tag", 48))
-STATE_0 = Layout("STATE_0", *_STATE_HEAD, Field("incarnation", 8), _EPOCH, Field("sequence", 8), _DIGEST)
-STATE_1 = Layout(
-    "STATE_1",
-    *_STATE_HEAD,
-    Field("staged_epoch", 16),
-    Field("staged_digest", 24),
-    Field("reason", 8, _REASONS),
-    Field("load", 8, unit="%"),
-)
-STATE_2 = Layout("STATE_2", *_STATE_HEAD, Field("nonce", 56))
-STATE_3 = Layout("STATE_3", *_STATE_HEAD, Field("runs_digest", 24), Field("unproven", 16), Field("other", 16))
 # CiA 301 has the code little-endian; here its two bytes are two fields.
 EMCY = Layout(
     "EMCY",
@@ -203,7 +155,7 @@ class Alive:
 
     def encode(self) -> bytes:
         """Payload of ALIVE."""
-        return ALIVE.pack(self.term, self.sequence, 0, sum(1 << (node - 92) for node in self.nodes))
+        return ALIVE.pack(self.term, self.sequence, 0, sum(1 << (node - FIRST_PE) for node in self.nodes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,71 +246,6 @@ class Control:
 
 
 @dataclass(frozen=True, slots=True)
-class StatePage0:
-    """What a PE runs now."""
-
-    state: PeState
-    flags: PeFlags
-    incarnation: int
-    epoch: int
-    sequence: int
-    digest: int
-
-    def encode(self) -> bytes:
-        """Payload of a state frame, page 0."""
-        return STATE_0.pack(0, self.state, self.flags, self.incarnation, self.epoch, self.sequence, self.digest)
-
-
-@dataclass(frozen=True, slots=True)
-class StatePage1:
-    """The epoch last asked for, what is staged of it (digest 0: not yet) or why not, and the CPU load in per cent."""
-
-    state: PeState
-    flags: PeFlags
-    staged_epoch: int
-    staged_digest: int
-    reason: Reason
-    load: int
-
-    def encode(self) -> bytes:
-        """Payload of a state frame, page 1."""
-        return STATE_1.pack(
-            1, self.state, self.flags, self.staged_epoch, self.staged_digest, self.reason, min(self.load, 255)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class StatePage2:
-    """A PE with a key asks for a fresh start: who holds the key answers its nonce with WELCOME (rule 11)."""
-
-    state: PeState
-    flags: PeFlags
-    nonce: int
-
-    def encode(self) -> bytes:
-        """Payload of a state frame, page 2."""
-        return STATE_2.pack(2, self.state, self.flags, self.nonce)
-
-
-@dataclass(frozen=True, slots=True)
-class StatePage3:
-    """With a key: the digest of what runs, and how many commands were refused, modulo 2^16: no tag fitted, all else."""
-
-    state: PeState
-    flags: PeFlags
-    digest: int
-    unproven: int
-    other: int
-
-    def encode(self) -> bytes:
-        """Payload of a state frame, page 3."""
-        return STATE_3.pack(3, self.state, self.flags, self.digest, self.unproven, self.other)
-
-
-StatePage = StatePage0 | StatePage1 | StatePage2 | StatePage3
-
-
-@dataclass(frozen=True, slots=True)
 class Emergency:
     """A fault: which element, and a detail (0..65535) that its finder chose."""
 
@@ -437,7 +324,7 @@ def _alive(data: bytes) -> Alive | Malformed:
     if fields is None:
         return Malformed("ALIVE has a wrong length")
     term, sequence, _, bitmap = fields
-    return Alive(term, sequence, frozenset(92 + bit for bit in range(34) if bitmap >> bit & 1))
+    return Alive(term, sequence, frozenset(node for node in PE_NODES if bitmap >> node - FIRST_PE & 1))
 
 
 def _prepare(data: bytes) -> Prepare | Malformed:
@@ -454,7 +341,7 @@ def _slice(data: bytes) -> SliceHead | SliceBody | Malformed:
         return Malformed("SLICE has a wrong length")
     if head[2] == 0:
         return SliceHead(head[0], head[1], head[3], head[4])
-    return SliceBody(head[0], head[1], head[2], bytes(data[3:]))
+    return SliceBody(head[0], head[1], head[2], bytes(data[_BODY]))
 
 
 def _activate(data: bytes) -> Activate | Malformed:
@@ -487,42 +374,41 @@ _DECODERS = {
 }
 
 
-def decode_state(data: bytes) -> StatePage | Malformed:
-    """Decode a state frame, any page."""
-    if len(data) != STATE_0.length or _state_of(data) not in _STATES:
-        return Malformed("STATE has a wrong length or state")
-    return _PAGES[data[0] >> 6](_PE_STATES[_state_of(data)], _PE_FLAGS[data[0] & 7], data)
-
-
-def _state_of(data: bytes) -> int:
-    return data[0] >> 3 & 7
-
-
-def _page_0(state: PeState, flags: PeFlags, data: bytes) -> StatePage0:
-    return StatePage0(state, flags, *STATE_0.fields_of(data)[3:])
-
-
-def _page_1(state: PeState, flags: PeFlags, data: bytes) -> StatePage1 | Malformed:
-    staged_epoch, staged_digest, reason, load = STATE_1.fields_of(data)[3:]
-    if reason not in _REASONS:
-        return Malformed("STATE page 1 has an unknown reason")
-    return StatePage1(state, flags, staged_epoch, staged_digest, Reason(reason), load)
-
-
-def _page_2(state: PeState, flags: PeFlags, data: bytes) -> StatePage2:
-    return StatePage2(state, flags, int.from_bytes(data[1:], "big"))
-
-
-def _page_3(state: PeState, flags: PeFlags, data: bytes) -> StatePage3:
-    return StatePage3(state, flags, *STATE_3.fields_of(data)[3:])
-
-
-_PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
-
-
 def is_welcome(control: bytes) -> bool:
     """Tell whether the payload of a CONTROL is that of a WELCOME."""
-    return len(control) == CONTROL.length and control[3] == Operation.WELCOME
+    return len(control) == CONTROL.length and control[_OPERATION.start] == Operation.WELCOME
+
+
+def control_node(data: bytes) -> int:
+    """Node that a CONTROL is for; it must have its length."""
+    return data[_CONTROL_NODE_AT]
+
+
+def slice_node(data: bytes) -> int:
+    """Node whose slice a SLICE carries a part of; it must have its length."""
+    return data[_NODE_AT]
+
+
+def read_alive(data: bytes, node: int) -> tuple[int, bool] | None:
+    """Term of an ALIVE and whether it names one node (92..125): all that a PE asks of it; None for a wrong length."""
+    fields = ALIVE.unpack(data)
+    return None if fields is None else (fields[0], bool(fields[3] >> node - FIRST_PE & 1))
+
+
+def without_sequence(alive: bytes) -> bytes:
+    """Give what an ALIVE says but for its sequence, which always changes."""
+    return alive[: _SEQUENCE.start] + alive[_SEQUENCE.stop :]
+
+
+def decode_tag(data: bytes) -> tuple[int, int, int] | None:
+    """Kind, lower part of the number, and tag of a TAG; None for a wrong length."""
+    fields = TAG.unpack(data)
+    return None if fields is None else (fields[0], fields[1], fields[2])
+
+
+def tag_kind(data: bytes) -> int | None:
+    """Kind of command that a TAG names, by its first byte alone; None where it has none."""
+    return data[0] >> 8 - TAG.fields[0].bits if data else None
 
 
 def decode_emergency(data: bytes) -> Emergency | Malformed:
@@ -535,3 +421,9 @@ def decode_emergency(data: bytes) -> Emergency | Malformed:
         return Emergency(FaultCode(high << 8 | low), register, ElementKind(kind), index, detail)
     except ValueError:
         return Malformed("EMCY has a code or element that is not ours")
+
+
+_CONTROL_NODE_AT: int = CONTROL.span("node").start
+_NODE_AT: int = SLICE_BODY.span("node").start
+_BODY = SLICE_BODY.span("body")
+_OPERATION, _SEQUENCE = CONTROL.span("operation"), ALIVE.span("sequence")

@@ -23,6 +23,7 @@ from enum import Enum
 MESSAGE_BYTES = 8
 SEGMENT_BYTES = 7
 MOST_SEGMENTS = 127  # in one block
+EXPEDITED_BYTES = 4
 
 # First bytes: a command in its place, and the flags that may join it.
 DOWNLOAD, UPLOAD = 1 << 5, 2 << 5
@@ -71,6 +72,46 @@ def read_head(message: bytes) -> tuple[int, int, bytes]:
     """Index, sub-index and last four bytes of a message that has them."""
     _, index, sub_index, rest = _HEAD.unpack(message)
     return index, sub_index, rest
+
+
+def command_of(message: bytes) -> int:
+    """First byte of a message: the command in its place, and its flags."""
+    return message[0]
+
+
+def read_length(rest: bytes) -> int:
+    """Length, or reason of an abort, that stands in the last four bytes of a message (`read_head`)."""
+    return int.from_bytes(rest, "little")
+
+
+def expedited_length(command: int) -> int:
+    """How many of the last four bytes of an expedited initiate are data."""
+    return EXPEDITED_BYTES - (command >> 2 & 3)
+
+
+def segment_data(message: bytes) -> bytes:
+    """Data of a segment."""
+    return message[1 : MESSAGE_BYTES - (message[0] >> 1 & 7)]
+
+
+def block_segment_data(message: bytes) -> bytes:
+    """Seven bytes of a segment in a block; how many of the last ones are data, the end of the block tells."""
+    return message[1:]
+
+
+def unused_in_block(message: bytes) -> int:
+    """How many bytes of the last segment are no data, in the message that ends a block transfer."""
+    return message[0] >> 2 & 7
+
+
+def block_acknowledged(message: bytes) -> tuple[int, int]:
+    """How many segments of a block have come in order, and how many the next one has, in what acknowledges a block."""
+    return message[1], message[2]
+
+
+def block_size(rest: bytes) -> int:
+    """Segments in a block, in the last four bytes of what opens a block transfer."""
+    return rest[0]
 
 
 def with_data(command: int, index: int, sub_index: int, data: bytes = b"") -> bytes:

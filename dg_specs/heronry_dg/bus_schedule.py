@@ -22,9 +22,9 @@ from heronry_dg.traffic import Hop, bus_loads_mbit_per_s, frame_bits, hops
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import MAX_DATA_BYTES
 from heronry_wire.identifiers import FIRST_MANAGER, Command, heartbeat_id, management_id, state_id
+from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse, worst_bits
 
-CANOPEN_HEARTBEAT_NS = 1_000_000_000
 _NS_PER_S = 1_000_000_000
 
 

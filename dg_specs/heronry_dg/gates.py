@@ -4,15 +4,18 @@ An expression is a tree of `And`, `Or` (k of n) and `Xor` over leaves; named gat
 loader, so a tree holds no names but those of variables. A leaf is addressed by its index path in the tree:
 `""` for a lone leaf, `"0"`, `"0.1"`.
 
-One rule decides everything here: a leaf holds iff it is wired, a gate holds iff its condition does. A DEMUX is no
-node of the tree: the leaf of each of its branches carries the DEMUX's name.
+One rule decides everything here: a leaf holds iff it is wired, a gate iff as many of its inputs hold as it demands
+(`bounds`). Whoever asks anything else of a gate asks it of these two numbers. So a new kind of gate is a class, a case
+in `bounds` and one in `words`, a way to write it (`expression_reader`, `check.json_schema`), and what the greedy
+planner needs, which goes by kinds for its speed. A DEMUX is no node of the tree: the leaf of each of its branches
+carries the DEMUX's name.
 
 Source: the paper, section 3.1 and Figure 2; the numbers (worth, accepted versions) are this project's.
 """
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
-from typing import assert_never
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeVar, assert_never
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +59,87 @@ class Xor:
     inputs: tuple["Expression", ...]
 
 
-Expression = Leaf | And | Or | Xor
+Gate = And | Or | Xor
+Expression = Leaf | Gate
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """How a kind of gate is spoken of."""
+
+    rule: str  # sub-rule of the judge (`verify`)
+    demand: str  # of how many of its inputs
+    written: str  # before its inputs in brackets
+    drawn: str  # in a picture
+    outline: Literal["and", "or", "xor"]  # of the symbol
+
+
+# What a kind of gate is, stands in the next two functions alone: everything else goes by them.
+
+
+def bounds(gate: Gate) -> tuple[int, int]:
+    """Fewest and most inputs that hold where the gate does."""
+    match gate:
+        case And(inputs):
+            return len(inputs), len(inputs)
+        case Or(k, inputs):
+            return k, len(inputs)
+        case Xor():
+            return 1, 1
+        case _:
+            assert_never(gate)
+
+
+def words(gate: Gate) -> Words:
+    """How a gate is spoken of."""
+    match gate:
+        case And():
+            return Words("3.and", "all must", "and", "AND", "and")
+        case Or(k, inputs):
+            return Words("3.or", f"at least {k} must", f"{k} of ", f"{k}/{len(inputs)}", "or")
+        case Xor():
+            return Words("3.xor", "exactly one must", "xor", "XOR", "xor")
+        case _:
+            assert_never(gate)
+
+
+def fold(
+    expression: Expression, leaf: Callable[[Leaf, str], T], gate: Callable[[Gate, list[T]], T], path: str = ""
+) -> T:
+    """Work something out from the leaves up: `leaf` from one and its path, `gate` from one and what its inputs gave."""
+    if isinstance(expression, Leaf):
+        return leaf(expression, path)
+    inputs = enumerate(expression.inputs)
+    return gate(expression, [fold(child, leaf, gate, child_path(path, index)) for index, child in inputs])
+
+
+def could_hold(expression: Expression, is_given: Callable[[Leaf], bool]) -> bool:
+    """Tell whether an expression could hold if any leaves that are given may be wired, and any left out."""
+    if isinstance(expression, Leaf):
+        return is_given(expression)
+    fewest, _ = bounds(expression)
+    return sum(could_hold(child, is_given) for child in expression.inputs) >= fewest
+
+
+def most_points(expression: Expression | None, of_leaf: Callable[[Leaf, str], int]) -> int:
+    """Most points that the leaves of a gate can have together; none are less than 0."""
+
+    def together(gate: Gate, points: list[int]) -> int:
+        return most_together(points, bounds(gate)[1])
+
+    return 0 if expression is None else fold(expression, of_leaf, together)
+
+
+def most_together(points: Sequence[int], most: int) -> int:
+    """Most points that so many inputs of a gate can have together, where each can have these."""
+    return sum(points) if most == len(points) else sum(sorted(points, reverse=True)[:most])
+
+
+def with_leaves(expression: Expression, changed: Callable[[Leaf], Leaf]) -> Expression:
+    """Give the same tree with other leaves."""
+    return fold(expression, lambda leaf, _: changed(leaf), lambda gate, inputs: replace(gate, inputs=tuple(inputs)))
 
 
 def child_path(path: str, index: int) -> str:
@@ -81,21 +164,10 @@ def leaves(expression: Expression | None, path: str = "") -> Iterator[tuple[str,
 
 def holds(expression: Expression | None, wired: Collection[str], path: str = "") -> bool:
     """Tell whether the gate at `path` holds when exactly the leaves with the paths in `wired` are wired."""
-    match expression:
-        case None:
-            return True
-        case Leaf():
-            return path in wired
-        case And(inputs) | Or(_, inputs) | Xor(inputs):
-            held = sum(holds(child, wired, child_path(path, i)) for i, child in enumerate(inputs))
-        case _:
-            assert_never(expression)
-    match expression:
-        case And():
-            return held == len(inputs)
-        case Or(k, _):
-            return held >= k
-        case Xor():
-            return held == 1
-        case _:
-            assert_never(expression)
+    if expression is None:
+        return True
+    if isinstance(expression, Leaf):
+        return path in wired
+    held = sum(holds(child, wired, child_path(path, i)) for i, child in enumerate(expression.inputs))
+    fewest, most = bounds(expression)
+    return fewest <= held <= most

@@ -16,9 +16,9 @@ from fractions import Fraction
 from typing import Literal
 
 from heronry_dg.gates import Expression, Leaf, leaves
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 
 CRITICALITIES = ("A", "B", "C", "D", "E")
-DEFAULT_RESTARTS = 2
 Criticality = Literal["A", "B", "C", "D", "E"]
 
 
@@ -32,8 +32,8 @@ class Bus:
     reserve: Fraction = Fraction(1, 10)  # the share of the bit rate kept for management
     kind: Literal["wired", "wireless"] = "wired"
     channels: int = 1  # 2: replicated, every frame on both
-    heartbeat_ns: int = 20_000_000
-    misses: int = 3
+    heartbeat_ns: int = USUAL_HEARTBEAT_NS
+    misses: int = USUAL_MISSES
     rate_per_h: Fraction | None = None
 
 
@@ -111,7 +111,7 @@ class Module:
     requires: frozenset[str] = frozenset()
     flash: int = 0  # bytes
     partition: str | None = None  # None: that of the best criticality it could serve
-    restarts: int = DEFAULT_RESTARTS
+    restarts: int = 2
     checkpoint: bool | int | str | None = None
     rate_per_h: Fraction | None = None
 

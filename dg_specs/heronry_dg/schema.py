@@ -8,6 +8,7 @@ another name than the field (`rate_hz` is kept as `rate_mhz`).
 Gate expressions are `Any` here: expression_reader.py reads them from the tree, because it must name places in them.
 """
 
+from dataclasses import fields
 from fractions import Fraction
 from functools import cache
 from typing import Annotated, Any, Final, Literal
@@ -25,7 +26,7 @@ from pydantic import (
 
 from heronry_dg import quantities
 from heronry_dg.findings import shown
-from heronry_dg.model import CRITICALITIES, DEFAULT_RESTARTS, Criticality
+from heronry_dg.model import CRITICALITIES, Bus, Contingency, Criticality, Manager, Module, Pe, Variable
 from heronry_dg.quantities import UnfitError
 from heronry_dg.rules import schema as rules
 from heronry_wire.canaerospace import DataType
@@ -37,6 +38,12 @@ ONLY_MODE: Final = "only"
 MOST_VERSIONS: Final = 15  # a nibble of the frame's service code
 MOST_RESTARTS: Final = 10  # the delay doubles each time
 MOST_POINTS: Final = 1_000_000  # of a priority, a value, a worth: sums of their products stay inside 64 bits
+_NS_PER_MS: Final = 1_000_000
+
+
+def _default(element: type, field: str) -> Any:
+    """What counts where a field is left out: the model says it, once."""
+    return next(one.default for one in fields(element) if one.name == field)
 
 
 def _number_schema(description: str) -> WithJsonSchema:
@@ -154,32 +161,42 @@ class BusForm(Fallible):
 
     bitrate: int = Field(gt=0, le=1_000_000_000, description="Bit rate in bit/s.", examples=[1000000])
     max_load: Share = Field(
-        default=Fraction(8, 10),
+        default=_default(Bus, "max_load"),
         description="Largest share of the bit rate that may be used; 0.8 is the CANaerospace rule.",
         examples=[0.8],
-        json_schema_extra={"default": 0.8},
+        json_schema_extra={"default": float(_default(Bus, "max_load"))},
     )
     reserve: Share = Field(
-        default=Fraction(1, 10),
+        default=_default(Bus, "reserve"),
         description="Share of the bit rate kept for management; data may use max_load - reserve.",
         examples=[0.1],
-        json_schema_extra={"default": 0.1},
+        json_schema_extra={"default": float(_default(Bus, "reserve"))},
     )
     kind: Literal["wired", "wireless"] = Field(
-        default="wired", description="A wireless bus has a bandwidth, and no exact response times.", examples=["wired"]
+        default=_default(Bus, "kind"),
+        description="A wireless bus has a bandwidth, and no exact response times.",
+        examples=["wired"],
     )
     channels: int = Field(
-        default=1, ge=1, le=2, description="2: replicated, every frame is sent on both channels.", examples=[1]
+        default=_default(Bus, "channels"),
+        ge=1,
+        le=2,
+        description="2: replicated, every frame is sent on both channels.",
+        examples=[1],
     )
     heartbeat_ns: Period = Field(
-        default=20,
+        default=_default(Bus, "heartbeat_ns") // _NS_PER_MS,
         validate_default=True,
         alias="heartbeat_ms",
         description="Period in ms of each PE's state frame on this bus.",
         examples=[20, 12.5],
     )
     misses: int = Field(
-        default=3, ge=1, le=255, description="Silent periods after which a PE counts as down.", examples=[3]
+        default=_default(Bus, "misses"),
+        ge=1,
+        le=255,
+        description="Silent periods after which a PE counts as down.",
+        examples=[3],
     )
 
 
@@ -188,7 +205,7 @@ class ManagerForm(Form):
 
     bus: str | None = Field(default=None, description="Their bus; the first wired one if left out.", examples=["can0"])
     without_manager: Literal["keep", "safe_mode"] = Field(
-        default="keep",
+        default=_default(Manager, "without_manager"),
         description="What PEs do when no manager is heard: keep what runs, or stop what serves nothing critical.",
         examples=["keep"],
     )
@@ -208,7 +225,7 @@ class PeForm(Fallible):
     flash: PositiveMemory = Field(description="Flash that modules may use.", examples=["64KiB"])
     features: Names = Field(default=[], description="Labels that a module may require.", examples=[["fpu"]])
     table_bytes: PositiveMemory = Field(
-        default=4096,
+        default=_default(Pe, "table_bytes"),
         description="Memory for the table of modules and contingencies that the PE is given.",
         examples=["4KiB"],
     )
@@ -227,7 +244,11 @@ class VariableForm(Form):
     type: DataTypeName = Field(description="CANaerospace data type.", examples=["FLOAT", "UCHAR"])
     unit: PrintableText | None = Field(default=None, description="Physical unit.", examples=["m", "deg/s"])
     versions: int = Field(
-        default=1, ge=1, le=MOST_VERSIONS, description="How many versions there are, 1 being the best.", examples=[3]
+        default=_default(Variable, "versions"),
+        ge=1,
+        le=MOST_VERSIONS,
+        description="How many versions there are, 1 being the best.",
+        examples=[3],
     )
     identifier: int | None = Field(
         default=None,
@@ -278,14 +299,16 @@ class ModuleForm(Fallible):
         default=None, min_length=1, description="PEs that it may run on; any if left out.", examples=[["nav", "flight"]]
     )
     requires: Names = Field(default=[], description="Features that its PE must have.", examples=[["fpu"]])
-    flash: Memory = Field(default=0, description="Flash that it takes where it runs.", examples=["4KiB"])
+    flash: Memory = Field(
+        default=_default(Module, "flash"), description="Flash that it takes where it runs.", examples=["4KiB"]
+    )
     partition: PrintableText | None = Field(
         default=None,
         description="Process that it shares with others of its partition; one for each criticality if left out.",
         examples=["control"],
     )
     restarts: Restarts = Field(
-        default=DEFAULT_RESTARTS,
+        default=_default(Module, "restarts"),
         description="How often its PE builds it anew when it has failed, before it is given up; a minute forgives.",
         examples=[0],
     )
@@ -359,7 +382,13 @@ class PhaseForm(Form):
 class ContingencyForm(Form):
     """What must be planned ahead."""
 
-    faults: int = Field(default=1, ge=0, le=8, description="Simultaneous faults to plan ahead for.", examples=[2])
+    faults: int = Field(
+        default=_default(Contingency, "faults"),
+        ge=0,
+        le=8,
+        description="Simultaneous faults to plan ahead for.",
+        examples=[2],
+    )
     phases: Names | None = Field(
         default=None, description="Phases to plan for; all if left out.", examples=[["landing"]]
     )

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 from heronry_dg.configuration import Configuration, Running, Wire
 from heronry_dg.cycles import components, shortest_cycle
-from heronry_dg.gates import And, Expression, Leaf, Or, child_path, holds, leaves
+from heronry_dg.gates import And, Expression, Leaf, bounds, child_path, holds, leaves, words
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.response_times import ResponseTimes
 from heronry_dg.situation import Situation, Survivors, survivors
@@ -231,14 +231,13 @@ def _gate(
     children = [(child, child_path(path, index)) for index, child in enumerate(expression.inputs)]
     if isinstance(expression, And):
         for child, at in children:
-            yield from _gate(child, at, wired, "3.and")
+            yield from _gate(child, at, wired, words(expression).rule)
         return
     held = sum(holds(child, wired, at) for child, at in children)
-    if isinstance(expression, Or):
-        if held < expression.k:
-            yield "3.or", path, f"{held} of {len(children)} inputs hold, and at least {expression.k} must"
-    elif held != 1:
-        yield "3.xor", path, f"{held} of {len(children)} inputs hold, and exactly one must"
+    fewest, most = bounds(expression)
+    if not fewest <= held <= most:
+        kind = words(expression)
+        yield kind.rule, path, f"{held} of {len(children)} inputs hold, and {kind.demand}"
     for child, at in children:
         if holds(child, wired, at):
             yield from _gate(child, at, wired, "3.leaf")

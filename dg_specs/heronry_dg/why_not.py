@@ -8,9 +8,8 @@ was left out for want of resources, or for something better: there the planner m
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import assert_never
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import Expression, Leaf, could_hold
 from heronry_dg.model import Function, Mode, Module, Spec
 from heronry_dg.situation import Situation, Survivors, hosts_when_all_is_up, survivors
 
@@ -38,20 +37,11 @@ class Feasible:
 
     def can_hold(self, needs: Expression | None, before: int) -> bool:
         """Tell whether a gate expression could be met by what had not been lost before that round."""
-        match needs:
-            case None:
-                return True
-            case Leaf():
-                lost = (self.lost.get((module.name, mode.name), before) for module, mode in self.givers(needs))
-                return any(when >= before for when in lost)
-            case And(inputs):
-                return all(self.can_hold(one, before) for one in inputs)
-            case Or(k, inputs):
-                return sum(self.can_hold(one, before) for one in inputs) >= k
-            case Xor(inputs):
-                return any(self.can_hold(one, before) for one in inputs)
-            case _:
-                assert_never(needs)
+        return needs is None or could_hold(needs, lambda leaf: self._could_be_given(leaf, before))
+
+    def _could_be_given(self, leaf: Leaf, before: int) -> bool:
+        lost = (self.lost.get((module.name, mode.name), before) for module, mode in self.givers(leaf))
+        return any(when >= before for when in lost)
 
 
 def feasible(spec: Spec, now: Situation) -> Feasible:

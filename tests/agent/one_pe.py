@@ -19,16 +19,11 @@ from heronry_wire.management import (
     Alive,
     Control,
     Lease,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
-    decode_state,
 )
 from heronry_wire.pe_table import (
     DeviceEntry,
@@ -41,6 +36,7 @@ from heronry_wire.pe_table import (
     VariableEntry,
 )
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage1, decode_state
 from lab import peers
 from lab.peers import SteppedCore, command_frame
 

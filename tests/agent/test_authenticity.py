@@ -23,7 +23,7 @@ from agent.one_pe import (
 )
 from heronry_agent.core.authenticity import Secret
 from heronry_agent.core.vocabulary import Action
-from heronry_wire.authentication import PAGE_1_BEAT, Key, Session, split_state
+from heronry_wire.authentication import PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
@@ -31,21 +31,10 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import (
-    Alive,
-    Control,
-    Lease,
-    Operation,
-    PeState,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
-    Step,
-    decode_state,
-)
+from heronry_wire.management import Alive, Control, Lease, Operation, Step
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import PeState, StatePage0, StatePage1, StatePage2, StatePage3, decode_state, split_state
 from lab.peers import PlayedManager
 
 KEY, FOREIGN = Key(b"k" * 32), Key(b"f" * 32)

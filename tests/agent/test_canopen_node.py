@@ -25,8 +25,9 @@ from heronry_wire.canopen_objects import SHORTEST_HEARTBEAT_MS
 from heronry_wire.eds import eds_text
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import sdo_request_id, sdo_response_id, state_id
-from heronry_wire.management import FaultCode, Lease, PeState, Step
+from heronry_wire.management import FaultCode, Lease, Step
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import PeState
 
 BOOT_UP, STOPPED, OPERATIONAL, PRE_OPERATIONAL = 0x00, 0x04, 0x05, 0x7F
 START, STOP, ENTER_PRE_OPERATIONAL, RESET_NODE, RESET_COMMUNICATION = 1, 2, 128, 129, 130

@@ -5,8 +5,9 @@ from dataclasses import replace
 from agent.one_pe import BEAT_NS, GATEWAY_TABLE, MS, NODE, OnePe, sent
 from heronry_agent.core.vocabulary import Action, ChannelsLost
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode, decode_emergency
+from heronry_wire.management import ElementKind, Emergency, FaultCode, decode_emergency
 from heronry_wire.pe_table import PeTable
+from heronry_wire.protocol_times import CHANNEL_REPORT_NS
 
 NONE: frozenset[int] = frozenset()
 

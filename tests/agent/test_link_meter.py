@@ -4,12 +4,13 @@ from random import Random
 
 import pytest
 
-from heronry_agent.core.link_meter import WINDOW_PERIODS, LinkMeter
+from heronry_agent.core.link_meter import LinkMeter
 from heronry_wire.canaerospace import DataType, Datum, encode_data
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
+from heronry_wire.protocol_times import RADIO_WINDOW_PERIODS
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from heronry_wire.timing import exact_bits
 
 MS = 1_000_000
@@ -113,7 +114,7 @@ def test_what_is_doubled_late_restarted_or_of_page_1_is_no_loss() -> None:
 def test_what_led_elsewhere_for_as_long_as_is_looked_back_on_begins_anew(away: range, percent: int) -> None:
     """The states go on, and so do the numbers of the datum, on the other way."""
     one = meter()
-    for number in range(31 + WINDOW_PERIODS // 2):
+    for number in range(31 + RADIO_WINDOW_PERIODS // 2):
         one.heard(state(number), number * PERIOD_NS // 2)
         if number not in away:
             one.heard(datum(2 * number), number * PERIOD_NS // 2)
@@ -133,7 +134,7 @@ def test_an_outage_counts_as_one_frame_of_each_sender() -> None:
 
 def test_the_last_two_periods_count_alone_where_they_are_much_worse() -> None:
     one = meter()
-    for _ in range(WINDOW_PERIODS):
+    for _ in range(RADIO_WINDOW_PERIODS):
         carry(one, OURS_NS)
         one.next_period()
     carry(one, 2 * OURS_NS)
@@ -150,7 +151,7 @@ def test_the_last_two_periods_count_alone_where_they_are_much_worse() -> None:
 def test_old_periods_are_forgotten() -> None:
     one = meter()
     carry(one, 10 * OURS_NS)
-    for _ in range(WINDOW_PERIODS):
+    for _ in range(RADIO_WINDOW_PERIODS):
         one.next_period()
         carry(one, OURS_NS)
     assert one.usable() == 1000

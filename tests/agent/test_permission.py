@@ -22,8 +22,9 @@ from heronry_agent.core.vocabulary import Action, StepModule
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id
-from heronry_wire.management import Alive, Lease, PeFlags, Step
+from heronry_wire.management import Alive, Lease, Step
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import PeFlags
 
 EVERYBODY = frozenset({NEIGHBOUR, NODE})
 

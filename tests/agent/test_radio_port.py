@@ -18,8 +18,9 @@ from agent.one_pe import (
 from heronry_agent.core.vocabulary import Action, Left
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Frame
-from heronry_wire.management import Alive, Lease, Prepare, SliceBody, StatePage0, Step, decode_state
+from heronry_wire.management import Alive, Lease, Prepare, SliceBody, Step
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import StatePage0, decode_state
 
 UPLINK, RADIO = 0, 1
 LINK_ID = 291

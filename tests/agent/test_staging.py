@@ -9,8 +9,8 @@ import pytest
 from agent.one_pe import FLYING, TABLE, OnePe, pages, slice_messages
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.contingency_block import Preloaded, write_block
-from heronry_wire.management import PeState, Reason, StatePage1
 from heronry_wire.pe_table import TableError
+from heronry_wire.state_frames import PeState, Reason, StatePage1
 
 EPOCH, DIGEST = 7, 1007
 

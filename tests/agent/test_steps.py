@@ -17,7 +17,8 @@ from agent.one_pe import (
 )
 from heronry_agent.core.vocabulary import StartFailed
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.management import Activate, Lease, PeState, StatePage0, Step
+from heronry_wire.management import Activate, Lease, Step
+from heronry_wire.state_frames import PeState, StatePage0
 
 OTHER_BRANCH = Slice((RUN_CONTROL, RUN_SERVO_2, RUN_MONITOR), remote={RATE: NEIGHBOUR})
 

@@ -17,21 +17,11 @@ from heronry_wire.canopen_objects import OBJECTS
 from heronry_wire.canopen_objects import TABLE as TABLE_INDEX
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id, sdo_request_id, sdo_response_id, state_id
-from heronry_wire.management import (
-    Alive,
-    Control,
-    Lease,
-    Operation,
-    PeState,
-    SliceHead,
-    StatePage2,
-    StatePage3,
-    Step,
-    decode_state,
-)
+from heronry_wire.management import Alive, Control, Lease, Operation, SliceHead, Step
 from heronry_wire.pe_table import TableError
 from heronry_wire.sansio import Received, Send
 from heronry_wire.sdo import Abort
+from heronry_wire.state_frames import PeState, StatePage2, StatePage3, decode_state
 from lab.peers import PlayedManager, SteppedCore
 
 

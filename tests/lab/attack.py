@@ -45,11 +45,10 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage2,
     Step,
-    decode_state,
 )
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import StatePage2, decode_state
 from heronry_wire.timing import exact_bits
 from lab.peers import PlayedManager, SteppedCore
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
-from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session, joined_state, split_state
+from heronry_wire.authentication import NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.configuration_slice import Slice, slice_digest
 from heronry_wire.frame import Frame
@@ -25,12 +25,9 @@ from heronry_wire.management import (
     Operation,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    decode_state,
 )
 from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import StatePage0, StatePage1, StatePage2, decode_state, joined_state, split_state
 
 Event_contra = TypeVar("Event_contra", contravariant=True)
 Action = TypeVar("Action")

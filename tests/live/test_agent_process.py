@@ -28,18 +28,8 @@ from agent.one_pe import (
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import actuator_echo_id, emcy_id, heartbeat_id, state_id
-from heronry_wire.management import (
-    Activate,
-    Alive,
-    PeFlags,
-    PeState,
-    Ping,
-    Reason,
-    StatePage0,
-    StatePage1,
-    Step,
-    decode_state,
-)
+from heronry_wire.management import Activate, Alive, Ping, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, decode_state
 
 PATIENCE_S = 10.0
 TESTS = Path(__file__).resolve().parents[1]

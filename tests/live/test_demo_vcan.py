@@ -36,7 +36,7 @@ from heronry_tools.cli import main
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import StatePage0, decode_state
+from heronry_wire.state_frames import StatePage0, decode_state
 from live.slow_spec import slow_spec
 
 pytestmark = pytest.mark.vcan

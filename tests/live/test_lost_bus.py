@@ -22,7 +22,7 @@ from heronry_wire.can_interface import read_interface
 from heronry_wire.controller import ControllerState
 from heronry_wire.identifiers import heartbeat_id, state_id
 from heronry_wire.link import Link
-from heronry_wire.management import PeState, StatePage0
+from heronry_wire.state_frames import PeState, StatePage0
 from live.serial_adapter import NoAdapterError, SerialAdapter
 from live.test_agent_process import PATIENCE_S, Ground
 

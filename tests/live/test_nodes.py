@@ -25,7 +25,7 @@ from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
-from heronry_wire.management import FaultCode, PeState, StatePage0, decode_state
+from heronry_wire.management import FaultCode
 from heronry_wire.node_services import (
     Identification,
     Service,
@@ -36,6 +36,7 @@ from heronry_wire.node_services import (
     request,
     service_id,
 )
+from heronry_wire.state_frames import PeState, StatePage0, decode_state
 
 pytestmark = pytest.mark.live
 

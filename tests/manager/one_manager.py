@@ -19,21 +19,9 @@ from heronry_manager.planner.exact import plan
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    Control,
-    Emergency,
-    ManagementMessage,
-    Operation,
-    PeFlags,
-    PeState,
-    Reason,
-    SliceHead,
-    StatePage0,
-    StatePage1,
-    Step,
-    decode_command,
-)
+from heronry_wire.management import Control, Emergency, ManagementMessage, Operation, SliceHead, Step, decode_command
 from heronry_wire.sansio import Send, Tick
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.peers import SteppedCore
 
 MS = 1_000_000

@@ -22,13 +22,10 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    Reason,
-    StatePage1,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1
 from lab.peers import command_frame, slice_messages
 from manager.one_manager import BEAT_NS, MS, OneManager
 from manager.test_standby import PHASES

@@ -8,10 +8,11 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.objective import placement, score
 from heronry_dg.plan import Plan, make_plan
 from heronry_dg.situation import Situation
-from heronry_manager.core.planning import PLAN_AGAIN_NS
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, Settled
 from heronry_manager.planner.exact import plan
-from heronry_wire.management import ElementKind, Emergency, FaultCode, PeState
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import PLAN_AGAIN_NS
+from heronry_wire.state_frames import PeState
 from manager.one_manager import MS, OneManager
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 0)

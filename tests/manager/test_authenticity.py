@@ -19,14 +19,9 @@ from heronry_wire.authentication import (
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    Alive,
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    Operation,
+from heronry_wire.management import Alive, Control, ElementKind, Emergency, FaultCode, Lease, Operation, Step
+from heronry_wire.sansio import Received, Send
+from heronry_wire.state_frames import (
     PeFlags,
     PeState,
     Reason,
@@ -34,9 +29,7 @@ from heronry_wire.management import (
     StatePage1,
     StatePage2,
     StatePage3,
-    Step,
 )
-from heronry_wire.sansio import Received, Send
 from lab.peers import ProvenStates, command_frame
 from manager.one_manager import BEAT_NS, MS, NODE, SPEC_TEXT, OneManager
 

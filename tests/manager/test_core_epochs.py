@@ -8,14 +8,8 @@ import pytest
 from heronry_dg.loader import load, loads
 from heronry_manager.core.vocabulary import ClearElement, FailElement, OperatorSaid, PlanFailed
 from heronry_wire.frame import Frame
-from heronry_wire.management import (
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    PeState,
-    StatePage0,
-)
+from heronry_wire.management import ElementKind, Emergency, FaultCode, Lease
+from heronry_wire.state_frames import PeState, StatePage0
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)

@@ -3,20 +3,12 @@
 import pytest
 
 from heronry_manager.core.manager import ManagerCore
-from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.vocabulary import AliveLeft
 from heronry_wire.frame import Frame
-from heronry_wire.management import (
-    Alive,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    PeState,
-    Prepare,
-    Step,
-)
+from heronry_wire.management import Alive, ElementKind, Emergency, FaultCode, Lease, Prepare, Step
 from heronry_wire.node_services import Service, encode_service, request, service_id
+from heronry_wire.protocol_times import START_UP_WINDOW_NS
+from heronry_wire.state_frames import PeState
 from lab.peers import command_frame
 from manager.one_manager import MS, OneManager
 

@@ -3,10 +3,10 @@
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.core.lost_channels import LATEST_NS
 from heronry_manager.core.vocabulary import AskStatus, ChannelsLost, OperatorSaid, Reply
 from heronry_tools.reports.status import report
-from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS, CHANNEL_REPORT_NS
 from manager.one_manager import BEAT_NS, SPEC_TEXT, OneManager
 
 NONE: frozenset[int] = frozenset()
@@ -59,7 +59,7 @@ def test_what_nobody_repeats_is_over(manager: OneManager) -> None:
     manager.report("left", LOST)
     manager.pass_time(CHANNEL_REPORT_NS)
     manager.report("left", LOST)
-    manager.pass_time(LATEST_NS - BEAT_NS)
+    manager.pass_time(CHANNEL_FORGOTTEN_NS - BEAT_NS)
     assert status(manager)["can0.2"] == ["left"]
     manager.pass_time(3 * BEAT_NS)
     assert told(manager)[1:] == [("channel_back", "can0.2", "left")]

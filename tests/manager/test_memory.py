@@ -11,8 +11,9 @@ from heronry_manager.core.numbering import EPOCHS_PER_TERM, EpochNumbers, NoTerm
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement, JournalTold, Keep, OperatorSaid
 from heronry_wire.identifiers import MANAGER_NODES
-from heronry_wire.management import ElementKind, Emergency, FaultCode, PeState, Prepare, is_newer
+from heronry_wire.management import ElementKind, Emergency, FaultCode, Prepare, is_newer
 from heronry_wire.sansio import Send
+from heronry_wire.state_frames import PeState
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 from thoroughness import part_of
 

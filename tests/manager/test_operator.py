@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from heronry_dg.loader import loads
-from heronry_manager.core.health import HOLD_DOWN_PERIODS
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Latched
 from heronry_manager.core.vocabulary import (
@@ -19,14 +18,10 @@ from heronry_manager.core.vocabulary import (
     UnlockPe,
 )
 from heronry_wire.authentication import Key
-from heronry_wire.management import (
-    FORWARD_ONLY,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    PeState,
-)
+from heronry_wire.management import FORWARD_ONLY, ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import HOLD_DOWN_PERIODS
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import PeState
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager, two_tails
 
 LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 57)

@@ -10,7 +10,7 @@ from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.topology import radios
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
-from heronry_wire.management import PeState
+from heronry_wire.state_frames import PeState
 from manager.one_manager import MS, OneManager
 
 SPEC_TEXT = """

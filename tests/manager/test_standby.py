@@ -13,7 +13,6 @@ from heronry_manager.core.compilation import Compiler
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING, Memory, Runs
 from heronry_manager.core.overheard import Overheard
-from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import EnterPhase, FailElement, OperatorSaid
 from heronry_manager.planner.exact import plan
@@ -31,16 +30,15 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage0,
     Step,
     is_newer,
 )
+from heronry_wire.protocol_times import START_UP_WINDOW_NS
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.peers import PlayedManager, command_frame
 from manager.one_manager import BEAT_NS, MS, SPEC_TEXT, OneManager
 

@@ -27,16 +27,11 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    Reason,
     SliceHead,
-    StatePage0,
-    StatePage1,
-    StatePage2,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, StatePage2
 from lab.peers import command_frame
 
 SPEC = load_spec("elevator_and_chute")

@@ -10,7 +10,7 @@ from heronry_dg.loader import load, loads
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.reports.dbc import dbc_text
-from heronry_wire import management
+from heronry_wire import management, state_frames
 from heronry_wire.canaerospace import (
     DataType,
     Datum,
@@ -32,17 +32,13 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 
 SHIPPED = ["elevator_and_chute", "big_blue"]
 
@@ -154,7 +150,8 @@ def test_values_of_every_shape_are_read(kind: DataType, value: object, signals: 
 
 
 def test_every_layout_of_the_protocol_is_in_the_dbc(database: Database) -> None:
-    layouts = [value for value in vars(management).values() if isinstance(value, Layout)]
+    named = {**vars(management), **vars(state_frames)}
+    layouts = [value for name, value in named.items() if isinstance(value, Layout) and not name.startswith("_")]
     assert len(layouts) == 14
     names = {signal.name for message in database.messages for signal in message.signals}
     assert {field.name for layout in layouts for field in layout.fields} <= names

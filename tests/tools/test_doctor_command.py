@@ -32,7 +32,8 @@ from heronry_wire.can_interface import CanInterface
 from heronry_wire.controller import ControllerState
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, management_id, state_id
-from heronry_wire.management import Lease, PeFlags, PeState, StatePage0, Step
+from heronry_wire.management import Lease, Step
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.peers import command_frame
 from wire.test_socketcand import Server
 

@@ -2,8 +2,9 @@
 
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.oracles.proven_states import ProvenStates
-from heronry_wire.authentication import PAGE_1_BEAT, Session, split_state
-from heronry_wire.management import Control, Operation, PeFlags, PeState, Reason, StatePage1
+from heronry_wire.authentication import PAGE_1_BEAT, Session
+from heronry_wire.management import Control, Operation
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1, split_state
 
 NODE, DIGEST = 92, 0xABCDEF
 

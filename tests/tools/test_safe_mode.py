@@ -17,7 +17,7 @@ from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.safe_mode import SafeModeCheck, rests
 from heronry_tools.sim.world.planning import best_plan
 from heronry_wire.configuration_slice import decode_slice
-from heronry_wire.management import PeFlags, PeState, StatePage0
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from scenarios.flights import MS, flying
 
 RECORDING = {"flight_recorder", "battery_driver"}

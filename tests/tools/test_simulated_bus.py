@@ -2,8 +2,9 @@
 
 from random import Random
 
-from heronry_tools.sim.world.bus import Faults, Sent, SimulatedBus, Station, Tampering
+from heronry_tools.sim.world.bus import Faults, Sent, SimulatedBus, Tampering
 from heronry_tools.sim.world.clock import Clock
+from heronry_tools.sim.world.station import Station
 from heronry_wire.frame import Frame
 from heronry_wire.sansio import Received
 from heronry_wire.timing import exact_bits

@@ -23,21 +23,8 @@ from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.canaerospace import decode_data
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import emcy_id, state_id
-from heronry_wire.management import (
-    Activate,
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Operation,
-    PeFlags,
-    PeState,
-    Prepare,
-    Reason,
-    StatePage0,
-    StatePage1,
-    Step,
-)
+from heronry_wire.management import Activate, Control, ElementKind, Emergency, FaultCode, Operation, Prepare, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.peers import command_frame, slice_messages
 
 SPEC = load(shipped_spec_path("elevator_and_chute"))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from heronry_agent.core import link_meter, mailboxes
+from heronry_agent.core import mailboxes
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.vocabulary import Drive
 from heronry_agent.module import Value
@@ -14,8 +14,7 @@ from heronry_dg.loader import load
 from heronry_dg.model import Spec
 from heronry_dg.situation import Situation
 from heronry_dg.traffic import identifiers
-from heronry_manager.core import health, radio_links, reconfiguration, settings
-from heronry_manager.core.health import HOLD_DOWN_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_manager.core import radio_links
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
@@ -37,12 +36,12 @@ from heronry_tools.sim.oracles.waivers import Waivers
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Moved
 from heronry_tools.sim.world.stranger import Stranger
+from heronry_wire import protocol_times
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, emcy_id, management_id, state_id
 from heronry_wire.management import (
     FORWARD_ONLY,
-    LEASE_PERIODS,
     Alive,
     Control,
     ElementKind,
@@ -50,11 +49,10 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
-    StatePage0,
     Step,
 )
+from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, LEASE_PERIODS, LONGEST_HOLD_DOWN_NS
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.peers import command_frame
 from scenarios.flights import KEY, MS, big_blue, elevator_and_chute, flying, two_tails
 
@@ -785,13 +783,15 @@ def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbe
 
 def test_the_judges_know_the_limits_that_are_promised() -> None:
     assert {name: value for name, value in vars(promised).items() if name.isupper()} == {
-        "START_UP_WINDOW_NS": settings.START_UP_WINDOW_NS,
-        "PATIENCE_PERIODS": reconfiguration.PATIENCE_PERIODS,
-        "FRESH_PERIODS": mailboxes.FRESH_PERIODS,
-        "HOLD_DOWN_PERIODS": health.HOLD_DOWN_PERIODS,
-        "LONGEST_HOLD_DOWN_NS": health.LONGEST_HOLD_DOWN_NS,
-        "FORGIVEN_AFTER_NS": health.FORGIVEN_AFTER_NS,
-        "RADIO_WINDOW_PERIODS": link_meter.WINDOW_PERIODS,
+        "LEASE_PERIODS": protocol_times.LEASE_PERIODS,
+        "CHANNEL_REPORT_NS": protocol_times.CHANNEL_REPORT_NS,
+        "START_UP_WINDOW_NS": protocol_times.START_UP_WINDOW_NS,
+        "PATIENCE_PERIODS": protocol_times.PATIENCE_PERIODS,
+        "FRESH_PERIODS": protocol_times.FRESH_PERIODS,
+        "HOLD_DOWN_PERIODS": protocol_times.HOLD_DOWN_PERIODS,
+        "LONGEST_HOLD_DOWN_NS": protocol_times.LONGEST_HOLD_DOWN_NS,
+        "FORGIVEN_AFTER_NS": protocol_times.FORGIVEN_AFTER_NS,
+        "RADIO_WINDOW_PERIODS": protocol_times.RADIO_WINDOW_PERIODS,
         "RADIO_DOUBLINGS": radio_links.MOST_DOUBLINGS,
         "RADIO_STEPS": radio_links.STEPS,
     }

@@ -5,7 +5,8 @@ from heronry_dg.shipped import shipped_spec_path
 from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.orphans import OrphanCheck
 from heronry_tools.sim.oracles.terms import TermCheck
-from heronry_wire.management import Activate, Lease, PeFlags, PeState, Ping, Prepare, SliceHead, StatePage0, Step
+from heronry_wire.management import Activate, Lease, Ping, Prepare, SliceHead, Step
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 SPEC = load(shipped_spec_path("elevator_and_chute"))
 NODE = 94

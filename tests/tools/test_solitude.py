@@ -3,7 +3,7 @@
 import pytest
 
 from heronry_tools.sim.oracles.solitude import Solitude
-from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.protocol_times import LEASE_PERIODS
 from scenarios.flights import MS, two_tails
 
 PES = tuple(two_tails().pes)

@@ -9,7 +9,7 @@ from heronry_tools.reports.status import report
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkState
-from heronry_wire.management import PeFlags, PeState, StatePage3
+from heronry_wire.state_frames import PeFlags, PeState, StatePage3
 from manager.one_manager import MS, OneManager
 from manager.test_radio_links import Flight
 from manager.test_standby import standing_by

@@ -19,7 +19,8 @@ from heronry_tools.sim.world.bus import Faults, SimulatedBus
 from heronry_tools.sim.world.clock import Clock
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame
-from heronry_wire.management import LEASE_PERIODS, Lease, SliceHead, Step
+from heronry_wire.management import Lease, SliceHead, Step
+from heronry_wire.protocol_times import LEASE_PERIODS
 from scenarios.flights import KEY, MS, big_blue, two_tails
 from thoroughness import mostly_soak
 

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from heronry_wire.authentication import KEY_BYTES, Key, Place, Session, joined_state, next_number, split_state
+from heronry_wire.authentication import KEY_BYTES, Key, Place, Session, next_number
 from heronry_wire.frame import WireError
 from heronry_wire.identifiers import Command
 from heronry_wire.key_file import KeyFileError, make_key, read_key
+from heronry_wire.state_frames import joined_state, split_state
 
 SECRET = bytes(range(KEY_BYTES))
 KEY = Key(SECRET)

@@ -17,7 +17,7 @@ from typing import TypeVar
 from heronry_dg import yaml_source
 from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings, listed
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import And, Expression, Leaf, bounds
 from heronry_dg.model import Function, Module, Spec
 from heronry_dg.rules import graph as rules
 
@@ -164,16 +164,13 @@ class _Possible:
     wiring: _Wiring
 
     def holds(self, expression: Expression) -> bool:
-        match expression:
-            case Leaf():
-                return self._sources(expression) != frozenset()
-            case And():
-                inputs = list(_flat(expression))
-                return self._most(inputs) == len(inputs)
-            case Or(k, inputs):
-                return self._most(inputs) >= k
-            case Xor(inputs):
-                return any(map(self.holds, inputs))
+        if isinstance(expression, Leaf):
+            return self._sources(expression) != frozenset()
+        if isinstance(expression, And):
+            inputs = list(_flat(expression))
+            return self._most(inputs) == len(inputs)
+        fewest, _ = bounds(expression)
+        return self._most(expression.inputs) >= fewest
 
     def _most(self, inputs: Sequence[Expression]) -> int:
         """Bound from above of how many inputs hold at once: one module gives one version of a variable at a time."""

@@ -20,13 +20,12 @@ from math import ceil
 
 from heronry_dg.model import Bus, Spec
 from heronry_dg.situation import Situation, survivors
-from heronry_manager.core.reconfiguration import PATIENCE_PERIODS
 from heronry_manager.core.topology import uplink_bus
+from heronry_wire.protocol_times import PATIENCE_PERIODS, STATE_PAGE_1_EVERY
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
 
 PACED_BITS = 2 * WORST_BLOCKING_BITS  # from one SLICE to the next
 _NS_PER_S = 1_000_000_000
-_PAGE_1_EVERY = 10
 _LEASE_NEWS = 2  # LEASE and ALIVE that a gateway passes on at once, since they say something new
 
 
@@ -113,7 +112,7 @@ class ManagementTimes:
         home = bus if bus.name in self._spec.pes[pe].buses else self._spec.buses[uplink_bus(self._spec, pe)]
         period = Fraction(home.heartbeat_ns * bus.bitrate, _NS_PER_S)
         jitter = Fraction(0) if home is bus else period
-        return _message(period, jitter), _message(_PAGE_1_EVERY * period, jitter)
+        return _message(period, jitter), _message(STATE_PAGE_1_EVERY * period, jitter)
 
 
 def _message(period: Fraction, jitter: Fraction | int = 0) -> Message:

@@ -27,9 +27,9 @@ from heronry_dg.situation import Situation, survivors
 from heronry_dg.transition import Transitions
 from heronry_manager.bounds.management_times import PACED_BITS, QUIET, Burst, FrameTimes, ManagementTimes
 from heronry_manager.core.compilation import CompiledConfiguration, Compiler
-from heronry_manager.core.health import HOLD_DOWN_PERIODS
 from heronry_manager.core.topology import reached_by_wire, uplink_bus
-from heronry_wire.management import LEASE_PERIODS, SLICE_BYTES_PER_FRAME, Step
+from heronry_wire.management import SLICE_BYTES_PER_FRAME, Step
+from heronry_wire.protocol_times import HOLD_DOWN_PERIODS, silent_ns, t_lease_ns
 
 _NS_PER_S = 1_000_000_000
 
@@ -213,7 +213,7 @@ class Bounds:
 
     def _silence_ns(self, pe: str) -> int:
         bus = self._spec.buses[uplink_bus(self._spec, pe)]
-        return bus.heartbeat_ns * bus.misses + bus.heartbeat_ns // 4
+        return silent_ns(bus.heartbeat_ns, bus.misses)
 
     def _period_ns(self, pe: str) -> int:
         return self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
@@ -222,7 +222,7 @@ class Bounds:
         """T_lease of the silent PEs that drove these."""
         branches = {branch for demux in demuxes for branch in self._spec.demuxes[demux].branches}
         drove = {running.pe for module, running in case.before.modules.items() if module in branches}
-        return max((LEASE_PERIODS * self._period_ns(pe) for pe in drove.intersection(case.silent)), default=0)
+        return max((t_lease_ns(self._period_ns(pe)) for pe in drove.intersection(case.silent)), default=0)
 
     def _up(self, pe: str, times: _Times) -> int:
         return sum(times[bus].answer_ns for bus in self._paths[pe])

@@ -18,7 +18,7 @@ from heronry_manager.core.health import Health
 from heronry_manager.core.observation import Observations
 from heronry_manager.core.reconfiguration import Reconfiguration, Stage
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import PeState
+from heronry_wire.state_frames import PeState
 
 
 class Activation:

@@ -20,7 +20,8 @@ from heronry_manager.core.memory import Runs
 from heronry_manager.core.observation import Observations
 from heronry_manager.core.reconfiguration import Reconfiguration
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import PeState, is_newer
+from heronry_wire.management import is_newer
+from heronry_wire.state_frames import PeState
 
 
 class Adoption:

@@ -8,8 +8,9 @@ standby that has missed a fact hears it again, and believes no longer in what it
 """
 
 from heronry_dg.model import Spec
-from heronry_manager.core.known_situation import ANNOUNCED_EVERY, KnownSituation
+from heronry_manager.core.known_situation import KnownSituation
 from heronry_wire.management import ElementKind
+from heronry_wire.protocol_times import ANNOUNCED_EVERY
 
 Fact = tuple[ElementKind, int]
 

@@ -48,35 +48,13 @@ from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import ManagerAction
-from heronry_wire.authentication import (
-    BEAT_SPAN,
-    NO_EMERGENCY,
-    NO_NONCE,
-    PAGE_1_BEAT,
-    Key,
-    Place,
-    Session,
-    next_number,
-    split_state,
-)
+from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, NO_NONCE, PAGE_1_BEAT, Key, Place, Session, next_number
 from heronry_wire.command_tags import CommandSigner, CommandVerifier, Held
 from heronry_wire.identifiers import MANAGER_NODES, Command
-from heronry_wire.management import (
-    LEASE_PERIODS,
-    NO_EPOCH,
-    TAG,
-    WELCOME_KIND,
-    Control,
-    Operation,
-    PeFlags,
-    StatePage,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
-    decode_command,
-)
+from heronry_wire.management import NO_EPOCH, WELCOME_KIND, Control, Operation, decode_command, decode_tag
+from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send
+from heronry_wire.state_frames import PeFlags, StatePage, StatePage0, StatePage1, StatePage2, StatePage3, split_state
 
 GUESSES = 8  # tags that did not fit, until a state needs another one before it
 FORGIVEN_PERIODS = 256  # without one, until they are forgotten
@@ -154,7 +132,7 @@ class Authenticity:
         """
         self._turn, self._key, self._digest_of, self._speaks = turn, key, digest_of, speaks
         self._signer = CommandSigner(key, turn.node, turn.term)
-        self._managers = CommandVerifier(key, LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns, seek=True)
+        self._managers = CommandVerifier(key, t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns), seek=True)
         self._peers = {
             pe.name: _Peer(pe.node_id, spec.buses[uplink_bus(spec, pe.name)].heartbeat_ns) for pe in spec.pes.values()
         }
@@ -248,7 +226,7 @@ class Authenticity:
 
     def _follow(self, manager: int, tag: bytes) -> None:
         """A TAG may be that of an answer to a nonce of some PE: then that is the PE's session, if it is newer."""
-        kind, _, proof = TAG.unpack(tag) or (None, 0, 0)
+        kind, _, proof = decode_tag(tag) or (None, 0, 0)
         for answer in list(self._overheard[manager]) if kind == WELCOME_KIND else []:
             peer, place = answer.peer, Place(answer.session.term, answer.session.number)
             covers = (self._key.command_tag(manager, WELCOME_KIND, place, answer.said, one) for one in peer.nonces)
@@ -334,7 +312,7 @@ class Authenticity:
                 self._turn.emit("states_doubted", pe=pe, refused=peer.refused)
         if peer.doubted_ns is None or not self._speaks():
             peer.doubted_ns = now_ns
-        elif now_ns - peer.doubted_ns >= LEASE_PERIODS * peer.period_ns:
+        elif now_ns - peer.doubted_ns >= t_lease_ns(peer.period_ns):
             peer.doubted_ns = now_ns
             self._turn.send(Command.CONTROL, Control(self._turn.term, peer.node, Operation.RENEW))
             peer.renewals += 1

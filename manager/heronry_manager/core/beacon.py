@@ -9,10 +9,9 @@ would say nothing new.
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, heartbeat_id, management_id
 from heronry_wire.management import Alive, Lease, Ping
+from heronry_wire.nmt import NmtState, encode_heartbeat
+from heronry_wire.protocol_times import CANOPEN_HEARTBEAT_NS
 from heronry_wire.sansio import Send
-
-CANOPEN_HEARTBEAT_NS = 1_000_000_000
-_OPERATIONAL = b"\x05"
 
 
 class Beacon:
@@ -30,7 +29,7 @@ class Beacon:
         pings = [self.ping(lease.term, node) for node in sorted(suspects)]  # with the number of this ALIVE
         frames = [self._send(Command.LEASE, lease.encode()), self.alive(lease.term, alive), *pings]
         if now_ns >= self._canopen_ns:
-            frames.append(Send(0, Frame(heartbeat_id(self._node), _OPERATIONAL)))
+            frames.append(Send(0, Frame(heartbeat_id(self._node), encode_heartbeat(NmtState.OPERATIONAL))))
             self._canopen_ns = now_ns + CANOPEN_HEARTBEAT_NS
         self.next_ns += ((now_ns - self.next_ns) // self._period_ns + 1) * self._period_ns
         return frames

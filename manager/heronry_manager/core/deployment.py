@@ -41,18 +41,9 @@ from heronry_manager.core.memory import Runs
 from heronry_manager.core.observation import Observations, Observed
 from heronry_manager.core.reconfiguration import Cause, Reconfiguration, Stage
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import (
-    COMMAND_OF,
-    Lease,
-    PeState,
-    Reason,
-    StatePage0,
-    StatePage1,
-    Step,
-    is_newer,
-    newest_epoch,
-)
+from heronry_wire.management import COMMAND_OF, Lease, Step, is_newer, newest_epoch
 from heronry_wire.sansio import NEVER_NS, require
+from heronry_wire.state_frames import PeState, Reason, StatePage0, StatePage1
 
 # STALE_TERM: a PE that names an epoch of this term refuses the commands of another manager.
 _IN_ORDER = frozenset((Reason.NONE, Reason.STALE_TERM))

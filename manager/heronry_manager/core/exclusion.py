@@ -32,7 +32,7 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.situation import hosts_when_all_is_up
 from heronry_manager.core.topology import command_period_ns, uplink_bus
-from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.protocol_times import t_lease_ns, unsent_ns
 
 
 class Exclusion:
@@ -42,13 +42,13 @@ class Exclusion:
         """`tells_departures`: an ALIVE is not said before `said` is called."""
         self._spec, self._tells_departures = spec, tells_departures
         self._lease_ns = {
-            pe: LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns for pe in spec.pes
+            pe: t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
         }  # T_lease of each, as the PE itself reckons it: five periods of the bus on which it reports
         self._holds: dict[str, set[str]] = {pe: set() for pe in spec.pes}
         self._named: frozenset[str] = frozenset()  # by the last ALIVE
         self._last_named_ns: dict[str, int] = {}  # when each was named last, or left out first
         self._unsaid: set[str] = set()  # left out by no ALIVE that is on the bus
-        self._unsent_after_ns = {pe: command_period_ns(spec, pe) * 13 // 4 for pe in spec.pes}
+        self._unsent_after_ns = {pe: unsent_ns(command_period_ns(spec, pe)) for pe in spec.pes}
         self._slept_ns = dict.fromkeys(spec.pes, 0)  # since each was heard last
         self._unsent_ns: dict[str, int] = {}  # when a PE that was declared down has certainly stopped sending
         self._movable = {m.name for m in spec.modules.values() if len(hosts_when_all_is_up(spec, m)) > 1}

@@ -44,22 +44,12 @@ from heronry_manager.core.memory import Runs, TermBegun
 from heronry_manager.core.overheard import Overheard
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import (
-    LEASE_PERIODS,
-    NO_EPOCH,
-    Alive,
-    Control,
-    Lease,
-    ManagementMessage,
-    PeFlags,
-    PeState,
-    StatePage0,
-)
+from heronry_wire.management import NO_EPOCH, Alive, Control, Lease, ManagementMessage
+from heronry_wire.protocol_times import LEARNS_LEASES, t_lease_ns
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DIGESTS_KEPT = 4
 _GOES_FIRST = 3  # T_leases in flight; one is what a first manager listens for
-LEARNS_LEASES = 10
-"""T_leases in which what another manager holds is learnt: so many facts are told meanwhile (`announcing`)."""
 
 
 class Following:
@@ -77,9 +67,9 @@ class Following:
     ) -> None:
         """`patience_ns` is how long a manager that was never heard is waited for; `on_board` as for `Overheard`."""
         self._turn, self._situation, self._exclusion = turn, situation, exclusion
-        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         self._recent_ns = {
-            pe: max(self._lease_ns, LEASE_PERIODS * spec.buses[uplink_bus(spec, pe)].heartbeat_ns) for pe in spec.pes
+            pe: max(self._lease_ns, t_lease_ns(spec.buses[uplink_bus(spec, pe)].heartbeat_ns)) for pe in spec.pes
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._overheard = Overheard(spec, turn, on_board)

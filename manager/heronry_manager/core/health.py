@@ -35,12 +35,16 @@ from enum import Enum
 from heronry_dg.model import Spec
 from heronry_manager.core.standing import TRANSITIONS, Standing, StandingEvent
 from heronry_manager.core.topology import command_period_ns, uplink_bus
-from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.protocol_times import (
+    FORGIVEN_AFTER_NS,
+    HOLD_DOWN_PERIODS,
+    LONGEST_HOLD_DOWN_NS,
+    heard_ns,
+    late_ns,
+    silent_ns,
+    t_lease_ns,
+)
 from heronry_wire.sansio import NEVER_NS
-
-HOLD_DOWN_PERIODS = 10
-LONGEST_HOLD_DOWN_NS = 60_000_000_000
-FORGIVEN_AFTER_NS = 60_000_000_000  # who has been counted on for this long begins anew
 
 
 class Change(Enum):
@@ -96,16 +100,16 @@ class _Record:
             self.said, self.said_since_ns = incarnation, now_ns
 
     def suspect_ns(self) -> int:
-        return (self.heard_ns or 0) + self.period_ns * 5 // 4
+        return (self.heard_ns or 0) + late_ns(self.period_ns)
 
     def declare_ns(self) -> int:
-        return (self.heard_ns or 0) + self.period_ns * self.misses + self.period_ns // 4
+        return (self.heard_ns or 0) + silent_ns(self.period_ns, self.misses)
 
     def fallen_silent_ns(self) -> int:
-        return self.spoke_ns + self.period_ns * self.misses + self.period_ns // 4
+        return self.spoke_ns + silent_ns(self.period_ns, self.misses)
 
     def is_deaf(self, now_ns: int) -> bool:
-        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > LEASE_PERIODS * self.command_period_ns
+        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > t_lease_ns(self.command_period_ns)
 
     def is_held_down(self, now_ns: int) -> bool:
         return self.deaf_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
@@ -239,7 +243,7 @@ class Health:
         if self._window_closes_ns is None:
             return
         waiting = [r for r in self._records.values() if r.standing is Standing.WAITING]
-        longest_ns = max((r.period_ns * (r.misses + 1) for r in waiting), default=0)
+        longest_ns = max((heard_ns(r.period_ns, r.misses) for r in waiting), default=0)
         self._window_closes_ns = min(self._window_closes_ns, now_ns + longest_ns)
 
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:

@@ -22,15 +22,9 @@ from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID, IdentificationService
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    ElementKind,
-    Emergency,
-    StatePage0,
-    decode_command,
-    decode_emergency,
-    decode_state,
-)
+from heronry_wire.management import ElementKind, Emergency, decode_command, decode_emergency
 from heronry_wire.sansio import Received
+from heronry_wire.state_frames import StatePage0, decode_state
 
 _NEEDS_NO_TAG = (Command.PREPARE, Command.SLICE)
 

@@ -39,9 +39,9 @@ from heronry_manager.core.radio_links import RadioLinks
 from heronry_manager.core.restarts_told import RestartsTold
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Frame
-from heronry_wire.management import FORWARD_ONLY, LEASE_PERIODS, Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.management import FORWARD_ONLY, Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.protocol_times import ANNOUNCED_EVERY, t_lease_ns
 
-ANNOUNCED_EVERY = 5
 """Beats from one thing that the manager who reigns tells in turn to the next."""
 
 _KINDS = frozenset(ElementKind)
@@ -84,7 +84,7 @@ class KnownSituation:
         """Know what is remembered, and nothing else."""
         self._spec, self._turn, self._health = spec, turn, health
         self._mission = MissionPhase(spec)
-        self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns  # for which a frame may wait
+        self._lease_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)  # for which a frame may wait
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self.failed = LatchedFaults(spec)
         self.links = RadioLinks(spec)

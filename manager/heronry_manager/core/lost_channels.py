@@ -5,7 +5,7 @@ ahead serve as before. Where both channels of a bus are gone its PEs are silent,
 is kept beside the situation, for people: an event when somebody loses a channel or has it back, and who lacks which one
 in `heronry status`. Everybody who hears a bus lacking a channel means that the channel is broken; one PE, its own wire.
 
-    lost    the PE has told so (EMCY CHANNEL_LOST), within the last LATEST_NS
+    lost    the PE has told so (EMCY CHANNEL_LOST), within the last CHANNEL_FORGOTTEN_NS
     well    it has told so (CHANNEL_BACK), or has told nothing for so long; or its driver says so, where it is the
             manager's own
 
@@ -16,9 +16,9 @@ ignored.
 
 from heronry_dg.model import Spec
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import CHANNEL_REPORT_NS, Emergency, FaultCode
+from heronry_wire.management import Emergency, FaultCode
+from heronry_wire.protocol_times import CHANNEL_FORGOTTEN_NS
 
-LATEST_NS = 3 * CHANNEL_REPORT_NS + CHANNEL_REPORT_NS // 2  # three reports may be lost
 OWN = "the manager"
 
 
@@ -54,7 +54,7 @@ class LostChannels:
 
     def beat(self) -> None:
         """Time passes: what nobody repeats is over."""
-        for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > LATEST_NS]:
+        for key in [key for key, at_ns in self._told_ns.items() if self._turn.now_ns - at_ns > CHANNEL_FORGOTTEN_NS]:
             self._forget(key)
 
     def lost_by(self) -> dict[str, list[str]]:

@@ -42,7 +42,7 @@ from heronry_manager.core.pe_reports import PeReports
 from heronry_manager.core.planning import Planning
 from heronry_manager.core.reactions import Reactions
 from heronry_manager.core.replanning import Replanning
-from heronry_manager.core.settings import START_UP_WINDOW_NS, ManagerSettings
+from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.status import status
 from heronry_manager.core.succession import Succession
 from heronry_manager.core.turn import Turn
@@ -60,6 +60,7 @@ from heronry_manager.core.vocabulary import (
 )
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import Command, management_id
+from heronry_wire.protocol_times import START_UP_WINDOW_NS, late_ns
 from heronry_wire.sansio import NEVER_NS, Received, Tick
 
 
@@ -88,7 +89,7 @@ class ManagerCore:
         self._settings = settings
         self.alive_id = management_id(node, Command.ALIVE)
         self.lease_ns = settings.lease_ns  # T_lease; what could not be sent for so long is not sent at all
-        self._longest_gap_ns = settings.bus.heartbeat_ns * 5 // 4  # between two steps while active, as long as it runs
+        self._longest_gap_ns = late_ns(settings.bus.heartbeat_ns)  # between two steps while active, as long as it runs
         turn = self._turn = Turn(node, now_ns, term=next_term(node, memory.term), memory=memory, silent=advise)
         claim = self._claim = Claim(settings, turn)
         known = self._known = Knowledge(settings, turn, claim)

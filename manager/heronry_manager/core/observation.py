@@ -8,7 +8,8 @@ counts. What a PE has said last before it was lost, it may run still: its epoch 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from heronry_wire.management import NO_EPOCH, PeFlags, PeState, StatePage0, newest_epoch
+from heronry_wire.management import NO_EPOCH, newest_epoch
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _MOST_LATE = 8  # pages 0: one that is further behind is new, after a silence
 

@@ -21,20 +21,8 @@ from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import Command
-from heronry_wire.management import (
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Operation,
-    PeFlags,
-    PeState,
-    StatePage,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
-)
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Operation
+from heronry_wire.state_frames import PeFlags, PeState, StatePage, StatePage0, StatePage1, StatePage2, StatePage3
 
 
 class PeReports:

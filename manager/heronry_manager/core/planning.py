@@ -25,8 +25,8 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.reconfiguration import Cause
 from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
+from heronry_wire.protocol_times import PLAN_AGAIN_NS
 
-PLAN_AGAIN_NS = 1_000_000_000
 _AT_LEISURE = "a better plan"  # cause of what follows from being asked at leisure
 _FIRST = "a reign begins"  # and finds nobody to command: whoever is there has caused it
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from heronry_dg.model import Spec
-from heronry_manager.core.health import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 from heronry_manager.core.topology import Radio, radios
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.gateway_report import PER_MILLE, SEQUENCES, LinkReport, LinkState, decode_link
+from heronry_wire.protocol_times import FORGIVEN_AFTER_NS, HOLD_DOWN_PERIODS
 
 STEPS = (1000, 800, 600, 400, 250, 160, 80, 40, 20, 0)  # thousandths of the bit rate
 _LATE = 8  # a report that is less than so many behind the last one is late; further, the gateway has started anew

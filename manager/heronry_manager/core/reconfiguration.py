@@ -39,17 +39,10 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.plan import Plan
 from heronry_manager.core.compilation import CompiledConfiguration
 from heronry_manager.core.transitions import TransitionTable
-from heronry_wire.management import (
-    SLICE_BYTES_PER_FRAME,
-    Activate,
-    PeState,
-    Prepare,
-    SliceBody,
-    SliceHead,
-    Step,
-)
+from heronry_wire.management import SLICE_BYTES_PER_FRAME, Activate, Prepare, SliceBody, SliceHead, Step
+from heronry_wire.protocol_times import PATIENCE_PERIODS
+from heronry_wire.state_frames import PeState
 
-PATIENCE_PERIODS = 25  # heartbeat periods of the PE; one that is silent altogether is declared down long before
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
 _LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late

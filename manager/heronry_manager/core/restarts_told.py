@@ -11,7 +11,7 @@ line in the story. A restart may tell once more what was just told.
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import LEASE_PERIODS
+from heronry_wire.protocol_times import t_lease_ns
 
 
 class RestartsTold:
@@ -24,7 +24,7 @@ class RestartsTold:
     def reported(self, pe: str, element: str, times: int) -> None:
         """A PE says how often it has built a module anew."""
         now_ns = self._turn.now_ns
-        lease_ns = LEASE_PERIODS * self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns
+        lease_ns = t_lease_ns(self._spec.buses[uplink_bus(self._spec, pe)].heartbeat_ns)
         said, at_ns = self._heard.get((pe, element), (0, 0))
         self._heard[pe, element] = times, now_ns
         if said != times or now_ns - at_ns > lease_ns:

@@ -6,9 +6,7 @@ from heronry_dg.model import Bus, Spec
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER
-from heronry_wire.management import LEASE_PERIODS
-
-START_UP_WINDOW_NS = 5_000_000_000
+from heronry_wire.protocol_times import LEASE_PERIODS, START_UP_WINDOW_NS
 
 
 @dataclass(frozen=True, slots=True)

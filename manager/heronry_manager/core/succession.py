@@ -12,7 +12,6 @@ Lost, late, doubled, forged: see `mastership` and `following`.
 """
 
 from heronry_manager.core.beat import Beat
-from heronry_manager.core.following import LEARNS_LEASES
 from heronry_manager.core.knowledge import Knowledge
 from heronry_manager.core.mastership import Claim, Mastership
 from heronry_manager.core.reactions import Reactions
@@ -22,6 +21,7 @@ from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.turn import Turn
 from heronry_wire.frame import Malformed
 from heronry_wire.management import Lease, ManagementMessage
+from heronry_wire.protocol_times import LEARNS_LEASES
 
 
 class Succession:

@@ -14,9 +14,8 @@ What remains contains every legal configuration. Nothing here knows of sums: res
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import assert_never
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import Leaf, could_hold
 from heronry_dg.model import Mode, Module, Spec
 from heronry_dg.situation import Situation, Survivors, survivors
 
@@ -126,26 +125,15 @@ def _given(modules: Mapping[str, Candidate]) -> dict[str, set[int]]:
 
 
 def _with_needs_met(candidate: Candidate, given: Mapping[str, set[int]]) -> Candidate:
+    def is_given(leaf: Leaf) -> bool:
+        return any(map(leaf.accepts, given.get(leaf.variable, ())))
+
     hosts = {
         mode.name: candidate.hosts[mode.name]
         for mode in candidate.modes()
-        if mode.needs is None or _attainable(mode.needs, given)
+        if mode.needs is None or could_hold(mode.needs, is_given)
     }
     return Candidate(candidate.module, hosts)
-
-
-def _attainable(expression: Expression, given: Mapping[str, set[int]]) -> bool:
-    match expression:
-        case Leaf():
-            return any(expression.accepts(version) for version in given.get(expression.variable, ()))
-        case And(inputs):
-            return all(_attainable(child, given) for child in inputs)
-        case Or(k, inputs):
-            return sum(_attainable(child, given) for child in inputs) >= k
-        case Xor(inputs):
-            return any(_attainable(child, given) for child in inputs)
-        case _:
-            assert_never(expression)
 
 
 def _useful(possible: Mapping[str, Candidate], wanted: frozenset[str]) -> set[str]:

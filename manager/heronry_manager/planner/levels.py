@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 from itertools import groupby
 
-from heronry_dg.gates import Expression, Leaf, Xor, child_path
+from heronry_dg.gates import most_points
+from heronry_dg.model import Mode
 from heronry_dg.objective import CRITICAL_CLASSES, Placement
 from heronry_manager.planner.candidates import Candidates
 from heronry_manager.planner.placing import Choice, Placing, Terms
@@ -169,7 +170,7 @@ def _inputs(possible: Candidates, wiring: Wiring) -> Level:
     sums = _level(5, Kind.SUPPLYING, worths.values())
     highest = {where: max((0, *(worth for _, worth in group))) for where, group in worths.items()}
     most = {
-        name: max(_most(mode.needs, (name, mode.name, ""), highest) for mode in candidate.modes())
+        name: max(_most_of(mode, name, highest) for mode in candidate.modes())
         for name, candidate in possible.modules.items()
     }
     return replace(sums, high=sum(most.values()) - sum(_idle_branches(possible, most)))
@@ -184,15 +185,9 @@ def _idle_branches(possible: Candidates, most: Mapping[str, int]) -> Iterator[in
         counted.update(demux.branches)
 
 
-def _most(gate: Expression | None, where: tuple[str, str, str], highest: Mapping[tuple[str, str, str], int]) -> int:
-    """Most points that the leaves of a gate can have together."""
-    if gate is None or isinstance(gate, Leaf):
-        return highest.get(where, 0)
-    children = [
-        _most(child, (where[0], where[1], child_path(where[2], index)), highest)
-        for index, child in enumerate(gate.inputs)
-    ]
-    return max(children) if isinstance(gate, Xor) else sum(children)
+def _most_of(mode: Mode, module: str, highest: Mapping[tuple[str, str, str], int]) -> int:
+    """Most points that the inputs of a mode can have together."""
+    return most_points(mode.needs, lambda _, path: highest.get((module, mode.name, path), 0))
 
 
 def _changes(placing: Placing, running: Placement | None) -> Level:

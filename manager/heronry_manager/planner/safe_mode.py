@@ -8,10 +8,9 @@ class E that feed what is critical would be kept for that reason; they stop, unl
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import assert_never
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import Leaf, with_leaves
 from heronry_dg.model import CRITICALITIES, Function, Mode, Module, Spec
 from heronry_dg.objective import Placement, score
 from heronry_dg.response_times import ResponseTimes
@@ -62,14 +61,8 @@ def _without_worth(modules: Mapping[str, Module]) -> dict[str, Module]:
 
 
 def _plain(mode: Mode) -> Mode:
-    return mode if mode.needs is None else replace(mode, needs=_worthless(mode.needs))
+    return mode if mode.needs is None else replace(mode, needs=with_leaves(mode.needs, _worthless))
 
 
-def _worthless(needs: Expression) -> Expression:
-    match needs:
-        case Leaf(worth=worth):
-            return replace(needs, worth=(0,) * len(worth))
-        case And(inputs) | Xor(inputs) | Or(_, inputs):
-            return replace(needs, inputs=tuple(map(_worthless, inputs)))
-        case _:
-            assert_never(needs)
+def _worthless(leaf: Leaf) -> Leaf:
+    return replace(leaf, worth=(0,) * len(leaf.worth))

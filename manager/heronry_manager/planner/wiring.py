@@ -14,13 +14,13 @@ Where modules could support each other in a circle, ranks make the support well-
 some module that it feeds. Ranks exist only inside circles (strongly connected parts of "could feed").
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import assert_never
+from collections.abc import Iterable, Iterator
 
 from ortools.sat.python.cp_model import CpModel, IntVar, LinearExpr
 
 from heronry_dg.configuration import Configuration
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_dg.cycles import components
+from heronry_dg.gates import Expression, Leaf, bounds, child_path
 from heronry_manager.planner.candidates import Candidates, Source
 from heronry_manager.planner.placing import Choice
 
@@ -55,30 +55,23 @@ class Wiring:
                     yield literal, wire is not None and (wire.producer, wire.version) == (source.module, source.version)
 
     def _require(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> None:
-        match gate:
-            case Leaf():
-                self._wire(gate, where, above)
-            case And(inputs):
-                self._require_all(inputs, where, above)
-            case Or(k, inputs):
-                self._require_some(k, inputs, where, above)
-            case Xor(inputs):
-                offers = [self._offer(child, _below(where, i), above) for i, child in enumerate(inputs)]
-                self._model.add(LinearExpr.sum([held for offer in offers for held in offer]) == above)
-            case _:
-                assert_never(gate)
-
-    def _require_all(self, inputs: Sequence[Expression], where: tuple[str, str, str], above: IntVar) -> None:
-        for index, child in enumerate(inputs):
-            self._require(child, _below(where, index), above)
-
-    def _require_some(self, k: int, inputs: Sequence[Expression], where: tuple[str, str, str], above: IntVar) -> None:
-        if k == len(inputs):
-            self._require_all(inputs, where, above)
+        if isinstance(gate, Leaf):
+            self._wire(gate, where, above)
             return
-        offers = [self._offer(child, _below(where, i), above) for i, child in enumerate(inputs)]
-        if k > 0:
-            self._model.add(LinearExpr.sum([held for offer in offers for held in offer]) >= k * above)
+        fewest, most = bounds(gate)
+        if fewest == len(gate.inputs):
+            for index, child in enumerate(gate.inputs):
+                self._require(child, _below(where, index), above)
+            return
+        offers = [self._offer(child, _below(where, i), above) for i, child in enumerate(gate.inputs)]
+        held = LinearExpr.sum([literal for offer in offers for literal in offer])
+        if fewest == most:
+            self._model.add(held == fewest * above)
+            return
+        if fewest > 0:
+            self._model.add(held >= fewest * above)
+        if most < len(gate.inputs):
+            self._model.add(held <= most * above)
 
     def _offer(self, gate: Expression, where: tuple[str, str, str], above: IntVar) -> list[IntVar]:
         if isinstance(gate, Leaf):
@@ -135,7 +128,9 @@ class Wiring:
         for (consumer, producer, _), literals in self.links.items():
             if consumer != producer:
                 feeds[producer].setdefault(consumer, []).extend(literals)
-        circles = _circles({name: [c for c in feeds[name] if c in idle] for name in idle})
+        rank = {name: number for number, name in enumerate(idle)}
+        circles = components({name: [c for c in feeds[name] if c in idle] for name in idle})
+        circles.sort(key=lambda circle: rank[circle[0]])
         ranks = {
             name: self._model.new_int_var(0, len(circle) - 1, f"rank of {name}")
             for circle in circles
@@ -162,23 +157,3 @@ class Wiring:
 
 def _below(where: tuple[str, str, str], index: int) -> tuple[str, str, str]:
     return where[0], where[1], child_path(where[2], index)
-
-
-def _circles(successors: dict[str, list[str]]) -> list[tuple[str, ...]]:
-    """Return the strongly connected parts of a graph, each in the order of its nodes."""
-    reached = {node: _reached(successors, node) for node in successors}
-    parts: dict[tuple[str, ...], None] = {}
-    for node in successors:
-        parts[tuple(n for n in successors if n == node or (n in reached[node] and node in reached[n]))] = None
-    return list(parts)
-
-
-def _reached(successors: dict[str, list[str]], start: str) -> set[str]:
-    found: set[str] = set()
-    frontier = [start]
-    while frontier:
-        for node in successors[frontier.pop()]:
-            if node not in found:
-                found.add(node)
-                frontier.append(node)
-    return found

@@ -38,7 +38,7 @@ from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.mastership import Reign
 from heronry_agent.core.nonces import Nonces
 from heronry_agent.core.passing_welcomes import PassingWelcomes
-from heronry_agent.core.reporting import PAGE_1_EVERY, Facts
+from heronry_agent.core.reporting import Facts
 from heronry_agent.core.state_seal import StateSeal
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
@@ -46,12 +46,13 @@ from heronry_wire.authentication import Key
 from heronry_wire.command_tags import CommandVerifier, Held, Refusal
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, Command, classify, management_id, state_id
-from heronry_wire.management import WELCOME_KIND, Control, Operation, StatePage2, StatePage3, is_welcome
+from heronry_wire.management import WELCOME_KIND, Control, Operation, control_node, is_welcome, tag_kind
+from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Received, Send
+from heronry_wire.state_frames import StatePage2, StatePage3
 
 LONGEST_UNLOCK_S = 60
 _NS_PER_S = 1_000_000_000
-_NODE_BYTE = 2  # of CONTROL
 
 Handler = Callable[[Received], None]
 
@@ -119,8 +120,8 @@ class Authenticity:
         data = event.frame.data
         if event.port != self._index.uplink:
             self._turn.count("command from beyond", event.frame.can_id)
-        elif command is Command.CONTROL and is_welcome(data) and data[_NODE_BYTE] != self._index.node:
-            self._passing.hand_on(data[_NODE_BYTE], event.frame)
+        elif command is Command.CONTROL and is_welcome(data) and control_node(data) != self._index.node:
+            self._passing.hand_on(control_node(data), event.frame)
         else:
             self._verifier.hold(manager, command, event, self._turn.arrived_ns)
 
@@ -142,7 +143,7 @@ class Authenticity:
         if event.port != self._index.uplink:
             turn.count("command from beyond", tag.can_id)
             return
-        may_pass = self._passing.wait() and _kind(tag) == WELCOME_KIND
+        may_pass = self._passing.wait() and tag_kind(tag.data) == WELCOME_KIND
         nonce = self._nonces.good(turn.now_ns)
         found = self._verifier.tagged(manager, tag.data, turn.arrived_ns, nonce, is_counted=not may_pass)
         if isinstance(found, Held):
@@ -191,7 +192,7 @@ class Authenticity:
         self._beats += 1
         if self._asked_ns is None:
             self._ask()
-        if self._beats % PAGE_1_EVERY == 0:
+        if self._beats % STATE_PAGE_1_EVERY == 0:
             self._tell()
 
     def _tell(self) -> None:
@@ -204,8 +205,3 @@ class Authenticity:
 
     def _say(self, page: StatePage2 | StatePage3) -> Send:
         return Send(self._index.uplink, Frame(state_id(self._index.node), page.encode()))
-
-
-def _kind(tag: Frame) -> int | None:
-    """Kind that a TAG names; None for one without a byte."""
-    return tag.data[0] >> 5 if tag.data else None

@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from heronry_agent.core.network_management import Heeded, NetworkManagement, NmtState
+from heronry_agent.core.network_management import Heeded, NetworkManagement
 from heronry_agent.core.node_services import NodeServices
 from heronry_agent.core.object_dictionary import Locked
 from heronry_agent.core.pe_objects import Parts, PeObjects
@@ -26,6 +26,7 @@ from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identification import REQUEST_ID
 from heronry_wire.identifiers import NMT_ID, sdo_request_id, sdo_response_id
 from heronry_wire.management import NO_EPOCH
+from heronry_wire.nmt import NmtState, code_of
 from heronry_wire.sansio import NEVER_NS, Received, Send
 from heronry_wire.sdo import MESSAGE_BYTES
 from heronry_wire.timing import worst_bits
@@ -111,7 +112,7 @@ class CanopenNode:
         elif heeded is Heeded.REFUSED:
             self._turn.count("NMT command while a manager counts on this PE", NMT_ID)
         elif heeded is not Heeded.NOT_MINE:
-            self._turn.note("nmt", f"NMT command {event.frame.data[0]} is obeyed: nothing runs here")
+            self._turn.note("nmt", f"NMT command {code_of(event.frame.data)} is obeyed: nothing runs here")
             if heeded is Heeded.RESET:
                 self._sdo.reset()
                 self._held.clear()

@@ -14,7 +14,8 @@ from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
-from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
+from heronry_wire.management import ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import CHANNEL_REPORT_NS
 from heronry_wire.sansio import NEVER_NS, Send
 
 _NO_ERROR, _COMMUNICATION_ERROR = 0x00, 0x11  # CiA 301 object 1001h: bit 0 generic, bit 4 communication

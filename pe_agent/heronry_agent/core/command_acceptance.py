@@ -28,9 +28,8 @@ from heronry_agent.core.turn import Turn
 from heronry_agent.core.without_manager import WithoutManager
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
-from heronry_wire.identifiers import FIRST_PE, MANAGER_NODES, Command, management_id
+from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import (
-    ALIVE,
     NO_EPOCH,
     Activate,
     Control,
@@ -39,13 +38,15 @@ from heronry_wire.management import (
     Operation,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
     Step,
     decode_command,
+    read_alive,
+    without_sequence,
 )
 from heronry_wire.sansio import Received, StandBack
+from heronry_wire.state_frames import Reason
 
 _BROADCAST = 0
 
@@ -120,13 +121,12 @@ class Obedience:
     def _alive(self, manager: int, event: Received) -> None:
         """ALIVE: whom the manager counts on (rule 6)."""
         frame = event.frame
-        fields = ALIVE.unpack(frame.data)
-        if fields is None:
+        read = read_alive(frame.data, self.index.node)
+        if read is None:
             self.turn.count("malformed command", frame.can_id)
-        elif self._counts(manager, fields[0], event):
-            is_named = bool(fields[3] >> self.index.node - FIRST_PE & 1)
-            self.permission.named(is_named, self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
-            meaning = frame.data[:2] + frame.data[3:]  # all but the sequence
+        elif self._counts(manager, read[0], event):
+            self.permission.named(read[1], self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
+            meaning = without_sequence(frame.data)
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 
     def _command(self, manager: int, command: Command, event: Received) -> None:

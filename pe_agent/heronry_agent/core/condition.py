@@ -18,7 +18,7 @@ from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.staging import Staging
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.core.turn import Turn
-from heronry_wire.management import PeFlags
+from heronry_wire.state_frames import PeFlags
 
 
 @dataclass

@@ -33,9 +33,8 @@ from heronry_wire.canaerospace import ErrorReport, encode_emergency_event
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id
 from heronry_wire.management import FORWARD_ONLY, REQUEST_NUMBERS, ElementKind, Emergency, FaultCode
+from heronry_wire.protocol_times import FAULT_QUIET_NS
 from heronry_wire.sansio import NEVER_NS
-
-QUIET_NS = 1_000_000_000
 
 _NO_ERROR = 0x00
 _ERROR_REGISTER = 0x81  # CiA 301 object 1001h: generic error, manufacturer specific
@@ -125,7 +124,7 @@ class Faults:
         """The manager has heard a fault of an element, a restart or a request; tells whether that was pending."""
         heard = [key for key, (_, emergency) in self._pending.items() if emergency.acknowledgement == (kind, number)]
         for key in heard:
-            self._quiet_until_ns[key] = now_ns + QUIET_NS
+            self._quiet_until_ns[key] = now_ns + FAULT_QUIET_NS
             if key[0] is not FaultCode.MODULE_RESTARTED and key[1:] in self._told:
                 self._told[key[1:]] = (self._told[key[1:]][0], now_ns)
         self._drop(heard)

@@ -22,6 +22,7 @@ one would.
 from collections.abc import Callable, Mapping
 
 from heronry_agent.core.table_index import TableIndex
+from heronry_wire.canaerospace import node_of
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
     GATEWAY_IDS,
@@ -32,6 +33,8 @@ from heronry_wire.identifiers import (
     heartbeat_id,
     state_id,
 )
+from heronry_wire.management import slice_node
+from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Send
 
 
@@ -71,7 +74,7 @@ class Gateway:
     def down(self, command: Command, meaning: bytes, frame: Frame, now_ns: int) -> list[Send]:
         """Forward a command that was obeyed; `meaning` are its bytes without those that always change."""
         if command is Command.SLICE:
-            return self.toward(frame.data[0], frame)
+            return self.toward(slice_node(frame.data), frame)
         if command not in (Command.LEASE, Command.ALIVE):
             return [Send(port, frame) for port in self._far]
         return [Send(port, frame) for port in self._far if self._is_due(port, command, meaning, now_ns)]
@@ -87,7 +90,7 @@ class Gateway:
     def data(self, port: int, frame: Frame, now_ns: int, exclusive_until_ns: Callable[[int], int | None]) -> list[Send]:
         """Forward a datum that the slice names; `exclusive_until_ns` tells until when exclusive ones may go up."""
         entry = self._data.get(frame.can_id)
-        if entry is None or not frame.data or frame.data[0] != entry[0]:
+        if entry is None or node_of(frame.data) != entry[0]:
             return []
         mask = entry[1] & ~(1 << port)
         if frame.can_id not in self.contested_ids:
@@ -105,7 +108,7 @@ class Gateway:
         """Tell whether to forward, once a period on the average: a beat that comes a little early is not skipped."""
         period_ns = self._ports[port].heartbeat_ns
         said, due_ns = self._last.get((port, command), (b"", now_ns))
-        if said == meaning and now_ns < due_ns - period_ns // 4:
+        if said == meaning and now_ns < due_ns - slack_ns(period_ns):
             return False
         follows = said == meaning and now_ns < due_ns + period_ns
         self._last[port, command] = (meaning, (due_ns if follows else now_ns) + period_ns)

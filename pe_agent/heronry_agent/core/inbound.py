@@ -23,13 +23,13 @@ from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Heard
 from heronry_wire.identifiers import PE_NODES, actuator_echo_id, emcy_id, emergency_event_id, heartbeat_id, state_id
 from heronry_wire.pe_table import PeTable
+from heronry_wire.protocol_times import slack_ns
 from heronry_wire.sansio import Received
+from heronry_wire.state_frames import STATE_BYTES, epoch_of, page_of
 
 Handler = Callable[[Received], None]
 
 _OWN = (emergency_event_id, state_id, emcy_id, heartbeat_id, actuator_echo_id)
-_STATE_BYTES = 8
-_PAGE_1 = 0x40  # the page is in the two highest bits of byte 0 of a state frame (management.STATE_0)
 
 
 class Inbound:
@@ -57,7 +57,9 @@ class Inbound:
         self._turn, self._index = turn, index
         self._permission, self._reconfiguration, self._modules = permission, reconfiguration, modules
         self._gateway, self._authenticity = gateway, authenticity
-        self.late_ns = index.table.ports[index.uplink].heartbeat_ns // 4  # a frame that is, was not taken when it came
+        self.late_ns = slack_ns(
+            index.table.ports[index.uplink].heartbeat_ns
+        )  # a frame that is, was not taken when it came
         self._clash_is_noted = False
         self._fixed = self._fixed_handlers(commands, services, followed)
         self.handlers = self._fixed  # by identifier; another object whenever they have changed
@@ -124,13 +126,13 @@ class Inbound:
     def _state(self, event: Received) -> None:
         """Another PE lives, and may show that we have been overtaken. Only the epoch of page 0 is read: this is hot."""
         data = event.frame.data
-        if len(data) != _STATE_BYTES:
+        if len(data) != STATE_BYTES:
             self._turn.count("malformed state", event.frame.can_id)
             return
-        if data[0] < _PAGE_1:
+        if page_of(data) == 0:
             if event.port == self._index.uplink:
                 self._permission.heard(self._turn.arrived_ns)
-            epoch, running = data[2] << 8 | data[3], self._reconfiguration.running.epoch
+            epoch, running = epoch_of(data), self._reconfiguration.running.epoch
             if epoch != running:
                 self._permission.saw_epoch(epoch, running)
         if event.port != self._index.uplink:

@@ -25,14 +25,15 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from heronry_wire.canaerospace import read_header
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import PER_MILLE
 from heronry_wire.identifiers import Use, classify
+from heronry_wire.protocol_times import RADIO_QUICK_PERIODS, RADIO_WINDOW_PERIODS
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import page_of, sequence_of
 from heronry_wire.timing import exact_bits
 
-WINDOW_PERIODS = 10
-QUICK_PERIODS = 2
 _QUICK_SHARE = 2  # the last periods count alone where they are worse than the window by this factor
 _FEWEST = 8  # frames that must have been due before a share of them means anything
 _NS_PER_S = 1_000_000_000
@@ -66,9 +67,9 @@ class LinkMeter:
         self._bitrate = bitrate
         self._patience_ns = misses * period_ns + period_ns // 8
         self._outage_ns, self._stuck_ns = 3 * period_ns // 2, period_ns // 2
-        self._window_ns = WINDOW_PERIODS * period_ns
+        self._window_ns = RADIO_WINDOW_PERIODS * period_ns
         self._heard_ns = now_ns
-        self._periods = deque((_Period(),), maxlen=WINDOW_PERIODS)
+        self._periods = deque((_Period(),), maxlen=RADIO_WINDOW_PERIODS)
         self._in_flight_bits: int | None = None  # heard while a frame of ours is in the controller; None: none is
         self._last: dict[tuple[int, int], _Numbered] = {}  # by identifier and sender
         self._outages = 0  # that are over
@@ -116,13 +117,13 @@ class LinkMeter:
 
     def usable(self) -> int:
         """What can be used, in thousandths of the bit rate."""
-        long = self._carried(WINDOW_PERIODS) * self._delivered(WINDOW_PERIODS) // PER_MILLE
-        quick = self._carried(QUICK_PERIODS + 1) * self._delivered(QUICK_PERIODS + 1) // PER_MILLE
+        long = self._carried(RADIO_WINDOW_PERIODS) * self._delivered(RADIO_WINDOW_PERIODS) // PER_MILLE
+        quick = self._carried(RADIO_QUICK_PERIODS + 1) * self._delivered(RADIO_QUICK_PERIODS + 1) // PER_MILLE
         return quick if quick * _QUICK_SHARE <= long else long
 
     def delivered_percent(self) -> int:
         """How much of what was sent beyond has come, in per cent."""
-        return self._delivered(WINDOW_PERIODS) // 10
+        return self._delivered(RADIO_WINDOW_PERIODS) // 10
 
     def _carried(self, periods: int) -> int:
         shares = [
@@ -140,9 +141,11 @@ class LinkMeter:
     def _number(self, frame: Frame, now_ns: int) -> None:
         """Count what is missing before a numbered frame."""
         use, data = classify(frame.can_id).use, frame.data
-        if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and data[0] >> 6):
+        if use not in _NUMBERED or len(data) < 5 or (use is Use.STATE and page_of(data)):
             return
-        key, sequence = (frame.can_id, 0 if use is Use.STATE else data[0]), data[4 if use is Use.STATE else 3]
+        node, _, _, message_code = read_header(data)
+        is_state = use is Use.STATE
+        key, sequence = (frame.can_id, 0 if is_state else node), sequence_of(data) if is_state else message_code
         last = self._last.get(key)
         self._last[key] = _Numbered(sequence, now_ns, self._outages)
         if last is None or now_ns - last.time_ns > self._window_ns:

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 
 from heronry_agent.core.table_index import TableIndex
 from heronry_agent.module import Datum, Value
-from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, unpack_status
+from heronry_wire.canaerospace import HEADER_BYTES, Status, Validity, decode_payload, read_header, unpack_status
 from heronry_wire.configuration_slice import Slice
 from heronry_wire.frame import Malformed
-
-FRESH_PERIODS = 3
+from heronry_wire.protocol_times import FRESH_PERIODS
 
 _STATUSES = tuple(unpack_status(code) for code in range(256))
 _TRUSTED = (Validity.NOT_STATED, Validity.VALID, Validity.DEGRADED)
@@ -45,9 +44,12 @@ class Mailbox:
 
     def put(self, data: bytes, now_ns: int) -> bool:
         """Take the bytes of a data frame; False when it is not what this mailbox is for."""
-        if len(data) != self._length or data[0] != self.node or data[1] != self._type_code:
+        if len(data) != self._length:
             return False
-        status = _STATUSES[data[2]]
+        node, type_code, service_code, _ = read_header(data)
+        if node != self.node or type_code != self._type_code:
+            return False
+        status = _STATUSES[service_code]
         if isinstance(status, Malformed):
             return False
         self._time_ns, self._data, self._status, self._value = now_ns, data, status, None

@@ -27,20 +27,21 @@ from enum import Enum, auto
 from heronry_wire.canopen_objects import HEARTBEAT_MS, SHORTEST_HEARTBEAT_MS
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import heartbeat_id
+from heronry_wire.nmt import (
+    ENTER_PRE_OPERATIONAL,
+    EVERYBODY,
+    RESET_COMMUNICATION,
+    RESET_NODE,
+    START,
+    STOP,
+    NmtState,
+    decode_command,
+    encode_heartbeat,
+)
 from heronry_wire.sansio import NEVER_NS, Send
 
 _NS_PER_MS = 1_000_000
-_EVERYBODY = 0
-_START, _STOP, _ENTER_PRE_OPERATIONAL, _RESETS = 1, 2, 128, (129, 130)
-
-
-class NmtState(Enum):
-    """States of CiA 301; the value is what the heartbeat says, boot-up first."""
-
-    INITIALISING = 0x00
-    STOPPED = 0x04
-    OPERATIONAL = 0x05
-    PRE_OPERATIONAL = 0x7F
+_RESETS = (RESET_NODE, RESET_COMMUNICATION)
 
 
 class Heeded(Enum):
@@ -54,9 +55,9 @@ class Heeded(Enum):
 
 
 _COMMANDED = {
-    _START: NmtState.OPERATIONAL,
-    _STOP: NmtState.STOPPED,
-    _ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+    START: NmtState.OPERATIONAL,
+    STOP: NmtState.STOPPED,
+    ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
 }
 
 
@@ -81,14 +82,15 @@ class NetworkManagement:
 
     def command(self, data: bytes, now_ns: int, *, configured: bool, led: bool) -> Heeded:
         """Take an NMT command."""
-        if len(data) != 2 or data[0] not in (*_COMMANDED, *_RESETS):
+        command = decode_command(data)
+        if command is None or command.code not in (*_COMMANDED, *_RESETS):
             return Heeded.MALFORMED
-        if data[1] not in (_EVERYBODY, self._node):
+        if command.node not in (EVERYBODY, self._node):
             return Heeded.NOT_MINE
         if configured or led:
             return Heeded.REFUSED
-        if data[0] in _COMMANDED:
-            self._commanded = _COMMANDED[data[0]]
+        if command.code in _COMMANDED:
+            self._commanded = _COMMANDED[command.code]
             return Heeded.OBEYED
         self._commanded, self.heartbeat_ms = NmtState.PRE_OPERATIONAL, HEARTBEAT_MS
         if self.booted:
@@ -115,4 +117,4 @@ class NetworkManagement:
             self.booted, self._booted_ns = True, now_ns
         period_ns = self.heartbeat_ms * _NS_PER_MS
         self.next_ns = now_ns - (now_ns - self.next_ns) % period_ns + period_ns if period_ns else NEVER_NS
-        return [Send(port, Frame(self._heartbeat_id, bytes((state.value,)))) for port in self._ports]
+        return [Send(port, Frame(self._heartbeat_id, encode_heartbeat(state))) for port in self._ports]

@@ -40,9 +40,8 @@ is what must be protected.
 
 from collections.abc import Callable
 
-from heronry_wire.management import LEASE_PERIODS, is_newer
-
-IDENTIFIER_PERIODS = 2  # of T_lease's five
+from heronry_wire.management import is_newer
+from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 
 
 class Permission:

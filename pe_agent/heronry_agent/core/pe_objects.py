@@ -41,8 +41,9 @@ from heronry_wire.canopen_objects import (
     TIME,
 )
 from heronry_wire.eds import eds_text
-from heronry_wire.management import NO_EPOCH, PeFlags
+from heronry_wire.management import NO_EPOCH
 from heronry_wire.sdo import Abort
+from heronry_wire.state_frames import PeFlags
 
 _NOT_WANTED, _RUNNING, _HELD, _FAILED, _NOT_STARTED = range(5)
 _PROGRAM_STARTED = 1  # CiA 302-3, object 1F51h

@@ -15,8 +15,10 @@ the longest frames (as plans count), so that a plan that fits its bus fits this 
 
 from dataclasses import dataclass
 
+from heronry_wire.canaerospace import type_and_service_of
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Command, Use, classify
+from heronry_wire.state_frames import page_of
 from heronry_wire.timing import worst_bits
 
 CAPACITY = 64  # frames
@@ -153,7 +155,8 @@ def _key(frame: Frame, use: Use, command: Command | None) -> _Key:
     if use in _LATEST_COUNTS or command in _LATEST_COMMANDS:
         return frame.can_id, b""
     if use is Use.STATE:
-        return frame.can_id, bytes((frame.data[0] >> 6,)) if frame.data else b""  # of each page
+        page = page_of(frame.data)
+        return frame.can_id, b"" if page is None else bytes((page,))  # of each page
     if use is Use.ACTUATOR_ECHO:
-        return frame.can_id, frame.data[1:3]  # of each device
+        return frame.can_id, type_and_service_of(frame.data)  # of each device
     return frame.can_id, frame.data

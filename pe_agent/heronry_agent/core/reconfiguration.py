@@ -26,8 +26,9 @@ from dataclasses import dataclass, field
 
 from heronry_agent.core.staging import UNCONFIGURED, Configured
 from heronry_agent.core.table_index import TableIndex
-from heronry_wire.management import NO_EPOCH, PeState, Step
+from heronry_wire.management import NO_EPOCH, Step
 from heronry_wire.sansio import require
+from heronry_wire.state_frames import PeState
 
 
 @dataclass(frozen=True, slots=True)

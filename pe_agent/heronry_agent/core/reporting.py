@@ -14,29 +14,28 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from heronry_agent.core.table_index import TableIndex
-from heronry_wire.authentication import BEAT_SPAN, joined_state, split_state
+from heronry_wire.authentication import BEAT_SPAN
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_PE, PE_NODES, state_id
-from heronry_wire.management import PeFlags, PeState, Reason, StatePage0, StatePage1
+from heronry_wire.protocol_times import STATE_PAGE_1_EVERY
 from heronry_wire.sansio import Send
-
-PAGE_1_EVERY = 10
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, joined_state, split_state
 
 # Number of a page 0, or None for a page 1; what it says beside the digest; that digest: the tag.
 Seal = Callable[[int | None, bytes, int], int]
 
 
 class Facts(NamedTuple):
-    """All that state frames tell, but incarnation and sequence."""
+    """All that state frames tell, but incarnation and sequence; where nothing is given, of a PE that runs nothing."""
 
-    state: PeState
-    flags: PeFlags
-    epoch: int
-    digest: int
-    staged_epoch: int
-    staged_digest: int
-    reason: Reason
-    load: int  # per cent
+    state: PeState = PeState.UNCONFIGURED
+    flags: PeFlags = PeFlags(0)
+    epoch: int = 0
+    digest: int = 0
+    staged_epoch: int = 0
+    staged_digest: int = 0
+    reason: Reason = Reason.NONE
+    load: int = 0  # per cent
 
 
 class Reporting:
@@ -62,7 +61,7 @@ class Reporting:
             if now_ns >= self._beat_ns[port]:
                 self._beat_ns[port] = self._next_beat(port, now_ns)
                 sends.append(self._page_0(port, facts))
-                if self._beats[port] % PAGE_1_EVERY == 0:
+                if self._beats[port] % STATE_PAGE_1_EVERY == 0:
                     sends.append(self._page_1(port, facts))
                 self._beats[port] += 1
         self.next_ns = min(self._beat_ns)

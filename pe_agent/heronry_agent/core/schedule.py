@@ -14,17 +14,18 @@ What a step has *spent* is the time it took without the time for which the proce
 starved, or stood still, accuses nobody. Somebody else must measure that; this file says when and what it means.
 
     overruns    OVERRUNS_IN_A_ROW steps, one after the other, have each spent more than a period: it will never keep up
-    hangs       one step has spent HUNG_PERIODS periods and at least HUNG_NS. `overdue` asks for the measurement
+    hangs       one step has spent FRESH_PERIODS periods, after which its output is not fresh any more, and at least
+                HUNG_NS. `overdue` asks for the measurement
 """
 
 from collections import Counter
 from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass
 
+from heronry_wire.protocol_times import FRESH_PERIODS
 from heronry_wire.sansio import NEVER_NS
 
 OVERRUNS_IN_A_ROW = 10
-HUNG_PERIODS = 3  # by then its output is not fresh any more
 HUNG_NS = 100_000_000
 
 NS_MHZ = 1_000_000_000_000
@@ -35,7 +36,7 @@ _PATIENCE = 4  # parts of a period: one of them is waited
 
 def hung_ns(rate_mhz: int) -> int:
     """What a step of a module of this rate has spent when it counts as one that hangs."""
-    return max(HUNG_NS, HUNG_PERIODS * NS_MHZ // rate_mhz)
+    return max(HUNG_NS, FRESH_PERIODS * NS_MHZ // rate_mhz)
 
 
 @dataclass(slots=True)

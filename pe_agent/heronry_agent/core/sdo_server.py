@@ -58,6 +58,7 @@ from heronry_wire.sdo import (
     DOWNLOAD,
     DOWNLOAD_ANSWER,
     EXPEDITED,
+    EXPEDITED_BYTES,
     LAST_SEGMENT,
     MESSAGE_BYTES,
     MOST_SEGMENTS,
@@ -73,11 +74,19 @@ from heronry_wire.sdo import (
     UPLOAD_ANSWER,
     Abort,
     abort_message,
+    block_acknowledged,
     block_checksum,
     block_end,
+    block_segment_data,
+    block_size,
+    command_of,
     crc,
+    expedited_length,
     read_head,
+    read_length,
     segment,
+    segment_data,
+    unused_in_block,
     with_data,
     with_number,
 )
@@ -85,8 +94,6 @@ from heronry_wire.sdo import (
 TIME_OUT_NS = 1_000_000_000
 BLOCK_PAUSE_NS = 150_000_000  # clients give up after 300 ms and more
 SEGMENTS_PER_BLOCK = 32
-
-_EXPEDITED_BYTES = 4
 
 
 class Objects(Protocol):
@@ -191,14 +198,14 @@ class SdoServer:
         """Take a request; gives the answer, if there is one."""
         if len(message) != MESSAGE_BYTES:
             return None
-        if message[0] == ABORT:
+        if command_of(message) == ABORT:
             self.reset()
             return None
         transfer = self._transfer
         self._await(now_ns)
         if isinstance(transfer, _BlockDownload) and not transfer.is_complete:
             return self._block_segment(transfer, message, now_ns)
-        answer = self._commands.get(message[0] & COMMAND_BITS, self._unknown)(message, now_ns)
+        answer = self._commands.get(command_of(message) & COMMAND_BITS, self._unknown)(message, now_ns)
         if self._transfer is None:
             self.reset()
         return answer
@@ -235,11 +242,10 @@ class SdoServer:
 
     def _download(self, message: bytes, _now_ns: int) -> bytes:
         self._transfer = None
-        command, (index, sub_index, rest) = message[0], read_head(message)
+        command, (index, sub_index, rest) = command_of(message), read_head(message)
         length = None
         if command & SIZE_GIVEN:
-            unused = command >> 2 & 3
-            length = _EXPEDITED_BYTES - unused if command & EXPEDITED else int.from_bytes(rest, "little")
+            length = expedited_length(command) if command & EXPEDITED else read_length(rest)
         room = self._objects.room(index, sub_index, length)
         if isinstance(room, Abort):
             return self._abort(index, sub_index, room)
@@ -258,12 +264,12 @@ class SdoServer:
         return with_data(answer, index, sub_index) if is_initiate else segment(answer, b"")
 
     def _download_segment(self, message: bytes, now_ns: int) -> bytes:
-        transfer, command = self._transfer, message[0]
+        transfer, command = self._transfer, command_of(message)
         if not isinstance(transfer, _Download):
             return self._unknown(message, now_ns)
         if command & TOGGLE != transfer.toggle:
             return self._abort(transfer.index, transfer.sub_index, Abort.TOGGLE)
-        transfer.data += message[1 : MESSAGE_BYTES - (command >> 1 & 7)]
+        transfer.data += segment_data(message)
         is_last = bool(command & LAST_SEGMENT)
         if not _fits(transfer, is_last=is_last):
             return self._abort(transfer.index, transfer.sub_index, Abort.LENGTH)
@@ -279,14 +285,14 @@ class SdoServer:
         data = self._objects.read(index, sub_index)
         if isinstance(data, Abort):
             return self._abort(index, sub_index, data)
-        if 0 < len(data) <= _EXPEDITED_BYTES:
-            unused = _EXPEDITED_BYTES - len(data)
+        if 0 < len(data) <= EXPEDITED_BYTES:
+            unused = EXPEDITED_BYTES - len(data)
             return with_data(UPLOAD_ANSWER | unused << 2 | EXPEDITED | SIZE_GIVEN, index, sub_index, data)
         self._transfer = _Upload(index, sub_index, data)
         return with_number(UPLOAD_ANSWER | SIZE_GIVEN, index, sub_index, len(data))
 
     def _upload_segment(self, message: bytes, now_ns: int) -> bytes:
-        transfer, command = self._transfer, message[0]
+        transfer, command = self._transfer, command_of(message)
         if not isinstance(transfer, _Upload):
             return self._unknown(message, now_ns)
         if command & TOGGLE != transfer.toggle:
@@ -303,11 +309,11 @@ class SdoServer:
     # Block download
 
     def _block_download(self, message: bytes, now_ns: int) -> bytes:
-        command, (index, sub_index, rest) = message[0], read_head(message)
+        command, (index, sub_index, rest) = command_of(message), read_head(message)
         if command & BLOCK_END:
             return self._block_download_end(message, now_ns)
         self._transfer = None
-        length = int.from_bytes(rest, "little") if command & BLOCK_SIZE_GIVEN else None
+        length = read_length(rest) if command & BLOCK_SIZE_GIVEN else None
         room = self._objects.room(index, sub_index, length)
         if isinstance(room, Abort):
             return self._abort(index, sub_index, room)
@@ -316,10 +322,10 @@ class SdoServer:
         return with_data(answer, index, sub_index, bytes((SEGMENTS_PER_BLOCK,)))
 
     def _block_segment(self, transfer: _BlockDownload, message: bytes, now_ns: int) -> bytes | None:
-        sequence, is_last = message[0] & SEQUENCE_BITS, bool(message[0] & BLOCK_LAST_SEGMENT)
+        sequence, is_last = command_of(message) & SEQUENCE_BITS, bool(command_of(message) & BLOCK_LAST_SEGMENT)
         if sequence == transfer.sequence + 1:
             transfer.sequence = sequence
-            transfer.data += message[1:]
+            transfer.data += block_segment_data(message)
             transfer.is_complete = is_last
             most = transfer.room if transfer.length is None else transfer.length
             if len(transfer.data) > most + SEGMENT_BYTES:
@@ -338,7 +344,7 @@ class SdoServer:
         transfer = self._transfer
         if not isinstance(transfer, _BlockDownload):
             return self._unknown(message, now_ns)
-        del transfer.data[len(transfer.data) - (message[0] >> 2 & 7) :]
+        del transfer.data[len(transfer.data) - unused_in_block(message) :]
         if not _fits(transfer, is_last=True):
             return self._abort(transfer.index, transfer.sub_index, Abort.LENGTH)
         if transfer.has_crc and crc(transfer.data) != block_checksum(message):
@@ -349,14 +355,14 @@ class SdoServer:
     # Block upload
 
     def _block_upload(self, message: bytes, now_ns: int) -> bytes | None:
-        part, transfer = message[0] & BLOCK_PART_BITS, self._transfer
+        part, transfer = command_of(message) & BLOCK_PART_BITS, self._transfer
         if part == BLOCK_INITIATE:
             return self._block_upload_initiate(message)
         if isinstance(transfer, _BlockUpload):
             if part == BLOCK_START and transfer.phase is _Phase.OPENED:
                 return self._send_segment(transfer, now_ns)
             if part == BLOCK_ACKNOWLEDGE and transfer.phase in (_Phase.SENDING, _Phase.WAITING):
-                return self._acknowledged(transfer, message[1], message[2], now_ns)
+                return self._acknowledged(transfer, *block_acknowledged(message), now_ns)
             if part == BLOCK_END and transfer.phase is _Phase.CLOSING:
                 self._transfer = None
                 return None
@@ -365,13 +371,13 @@ class SdoServer:
     def _block_upload_initiate(self, message: bytes) -> bytes:
         self._transfer = None
         index, sub_index, rest = read_head(message)
-        if not 0 < rest[0] <= MOST_SEGMENTS:
+        if not 0 < block_size(rest) <= MOST_SEGMENTS:
             return self._abort(index, sub_index, Abort.BLOCK_SIZE)
         data = self._objects.read(index, sub_index)
         if isinstance(data, Abort):
             return self._abort(index, sub_index, data)
-        self._transfer = _BlockUpload(index, sub_index, data, bool(message[0] & BLOCK_CRC), rest[0])
-        answer = BLOCK_UPLOAD_ANSWER | message[0] & BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
+        self._transfer = _BlockUpload(index, sub_index, data, bool(command_of(message) & BLOCK_CRC), block_size(rest))
+        answer = BLOCK_UPLOAD_ANSWER | command_of(message) & BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
         return with_number(answer, index, sub_index, len(data))
 
     def _send_segment(self, transfer: _BlockUpload, now_ns: int) -> bytes:

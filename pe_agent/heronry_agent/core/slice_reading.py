@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from heronry_agent.core.table_index import TableIndex
 from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice, slice_digest
 from heronry_wire.identifiers import PE_NODES
-from heronry_wire.management import Reason
+from heronry_wire.state_frames import Reason
 
 
 class SliceReader:

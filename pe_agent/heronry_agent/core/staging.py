@@ -21,16 +21,9 @@ from dataclasses import dataclass
 
 from heronry_agent.core.slice_reading import SliceReader
 from heronry_wire.configuration_slice import Slice
-from heronry_wire.management import (
-    NO_EPOCH,
-    SLICE_BYTES_PER_FRAME,
-    Prepare,
-    Reason,
-    SliceBody,
-    SliceHead,
-    is_newer,
-)
+from heronry_wire.management import NO_EPOCH, SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, is_newer
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import Reason
 
 MAX_SLICE_BYTES = 255 * SLICE_BYTES_PER_FRAME
 

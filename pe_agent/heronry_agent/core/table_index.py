@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from heronry_wire.canaerospace import DataType
 from heronry_wire.configuration_slice import SliceError, decode_slice
 from heronry_wire.identifiers import PE_NODES
-from heronry_wire.management import LEASE_PERIODS, ElementKind
+from heronry_wire.management import ElementKind
 from heronry_wire.pe_table import ModuleEntry, PeTable, Port, TableError
+from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.timing import WORST_BLOCKING_BITS
 
 _REMEDY = "write the table anew with 'heronry table'"
@@ -24,8 +25,8 @@ class TableIndex:
         self.node = table.node_id
         self.ports = range(len(table.ports))
         self.uplink = table.uplink
-        self.lease_ns = LEASE_PERIODS * table.ports[table.uplink].heartbeat_ns
-        self.leased_ns = max(self.lease_ns, LEASE_PERIODS * table.command_period_ns)  # for how long one LEASE is a sign
+        self.lease_ns = t_lease_ns(table.ports[table.uplink].heartbeat_ns)
+        self.leased_ns = max(self.lease_ns, t_lease_ns(table.command_period_ns))  # for how long one LEASE is a sign
         self.stand_back_ns = _stand_back_ns(table.ports[table.uplink])
         self.modules: dict[int, ModuleEntry] = {module.index: module for module in table.modules}
         self.leaf_counts = table.leaf_counts()

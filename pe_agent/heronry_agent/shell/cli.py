@@ -24,13 +24,14 @@ from heronry_agent.shell.incarnation import next_incarnation
 from heronry_agent.shell.partition_groups import open_groups
 from heronry_agent.shell.partition_host import PartitionHost
 from heronry_agent.shell.ports import bus_configs
-from heronry_agent.shell.table_waiting import HEARTBEAT_NS, MISSES, Waiting, WaitingCore
+from heronry_agent.shell.table_waiting import Waiting, WaitingCore
 from heronry_wire.authentication import Key
 from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus
 from heronry_wire.errors import HeronryError
 from heronry_wire.identifiers import PE_NODES
 from heronry_wire.key_file import read_key
 from heronry_wire.pe_table import PeTable, TableError
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink, ReplicatedLink, open_link
 from heronry_wire.service_manager import ServiceManager
 
@@ -164,7 +165,7 @@ def _wait_for_table(arguments: argparse.Namespace, tell: Callable[[Note], None],
     bitrate = flags.get("bitrate", _USUAL_BITRATE)
     core = WaitingCore(arguments.node, bitrate, time.monotonic_ns(), _secret(key))
     channels = channel_configs(flags, channels_named(flags), "the bus")
-    with closing(open_link(channels, HEARTBEAT_NS, MISSES)) as link:
+    with closing(open_link(channels, USUAL_HEARTBEAT_NS, USUAL_MISSES)) as link:
         if hears_own_id([link], arguments.node, _LISTEN_NS):
             raise _IdTakenError(arguments.node)
         waiting = Waiting(core, link, tell)

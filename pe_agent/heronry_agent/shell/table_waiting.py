@@ -37,25 +37,14 @@ from heronry_agent.core.turn import Turn
 from heronry_agent.core.vocabulary import Action, Note
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
-from heronry_wire.management import (
-    Control,
-    Lease,
-    Operation,
-    PeFlags,
-    PeState,
-    Reason,
-    SliceBody,
-    SliceHead,
-    decode_command,
-)
+from heronry_wire.management import Control, Lease, Operation, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import FORMAT, PeTable, Port, TableError
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS, USUAL_MISSES
 from heronry_wire.replicated_link import AnyLink
 from heronry_wire.sansio import NEVER_NS, Received, Send, Tick
 from heronry_wire.sdo import Abort
 
-HEARTBEAT_NS = 20_000_000  # of a bus, where a spec says nothing
-MISSES = 3
-_WAITING = Facts(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0, Reason.NONE, 0)
+_WAITING = Facts()
 _NS_PER_S = 1_000_000_000
 _LONGEST_WAIT_S = 0.1  # so that a signal is soon noticed
 
@@ -140,7 +129,7 @@ class WaitingCore:
 
 def _empty_table(node: int, bitrate: int) -> PeTable:
     """Table of a PE that can run nothing."""
-    port = Port("uplink", bitrate, HEARTBEAT_NS, MISSES, wireless=False, channels=1, nodes=())
+    port = Port("uplink", bitrate, USUAL_HEARTBEAT_NS, USUAL_MISSES, wireless=False, channels=1, nodes=())
     table = PeTable(
         format=FORMAT,
         spec="",

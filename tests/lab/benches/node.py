@@ -33,7 +33,7 @@ from heronry_tools.runtime.softbus.protocol import BusStatistics, ClientStatisti
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import PE_NODES, state_id
-from heronry_wire.management import PeFlags, PeState, StatePage0
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.benches.harness import Bench, Report, option, seconds_option
 from lab.benches.processes import busy, cpu_s, resident_mib
 from lab.benches.state_frames import forget_waiting, lateness_ms

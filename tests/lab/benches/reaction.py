@@ -41,7 +41,7 @@ from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
 from heronry_wire.identifiers import Use, classify
-from heronry_wire.management import PeState, StatePage0, decode_state
+from heronry_wire.state_frames import PeState, StatePage0, decode_state
 from lab.benches.harness import Bench, Report, counted, option
 
 PES = 8

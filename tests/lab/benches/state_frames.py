@@ -3,7 +3,7 @@
 import time
 
 from heronry_tools.runtime.softbus.client import SoftBus
-from heronry_wire.management import StatePage0, decode_state
+from heronry_wire.state_frames import StatePage0, decode_state
 
 
 def forget_waiting(observer: SoftBus) -> None:

@@ -7,7 +7,7 @@ from heronry_manager.core.vocabulary import ClearElement
 from heronry_wire.frame import Frame
 from heronry_wire.identification import IDENTIFICATION
 from heronry_wire.identifiers import LAST_MANAGER, Command, heartbeat_id, management_id
-from heronry_wire.management import Alive, Lease, PeState, Ping, Prepare, Step
+from heronry_wire.management import Alive, Lease, Ping, Prepare, Step
 from heronry_wire.node_services import (
     BROADCAST,
     Service,
@@ -18,6 +18,7 @@ from heronry_wire.node_services import (
     request,
     service_id,
 )
+from heronry_wire.state_frames import PeState
 from lab.conformance.manager_under_test import (
     LEASE_NS,
     PERIOD_NS,

@@ -12,15 +12,12 @@ from heronry_wire.management import (
     SLICE_BYTES_PER_FRAME,
     Activate,
     Alive,
-    PeFlags,
-    PeState,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage1,
     Step,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage1
 from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, example
 from lab.conformance.player import MS, demand, equal
 

@@ -21,19 +21,21 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
     SliceBody,
     SliceHead,
+    Step,
+    is_welcome,
+)
+from heronry_wire.state_frames import (
+    PeFlags,
+    PeState,
     StatePage0,
     StatePage1,
     StatePage2,
     StatePage3,
-    Step,
     decode_state,
-    is_welcome,
 )
 from lab.conformance.manager_under_test import LEASE_NS, PERIOD_NS, ManagerUnderTest, PlayedPe, example, remembering
 from lab.conformance.player import MS, demand, equal

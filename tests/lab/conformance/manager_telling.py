@@ -16,7 +16,8 @@ from heronry_wire.configuration_slice import Slice, decode_slice
 from heronry_wire.frame import Frame
 from heronry_wire.gateway_report import LinkReport, LinkState
 from heronry_wire.identifiers import GATEWAY_IDS
-from heronry_wire.management import Alive, ElementKind, FaultCode, PeState, Prepare, Step
+from heronry_wire.management import Alive, ElementKind, FaultCode, Prepare, Step
+from heronry_wire.state_frames import PeState
 from lab.conformance.manager_under_test import ManagerUnderTest, example
 from lab.conformance.player import MS, demand, equal
 

@@ -33,19 +33,15 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     ManagementMessage,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
     decode_command,
     is_newer,
 )
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.conformance.player import MS, Heard, Player, UnderTest, demand
 
 PERIOD_NS, LEASE_NS = 20 * MS, 100 * MS

@@ -2,16 +2,8 @@
 
 from dataclasses import replace
 
-from heronry_wire.management import (
-    RESTART_HEARD,
-    Control,
-    ElementKind,
-    Lease,
-    Operation,
-    PeFlags,
-    PeState,
-    Step,
-)
+from heronry_wire.management import RESTART_HEARD, Control, ElementKind, Lease, Operation, Step
+from heronry_wire.state_frames import PeFlags, PeState
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     EVERYTHING,

@@ -21,18 +21,14 @@ from heronry_wire.management import (
     Control,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
     Step,
 )
 from heronry_wire.pe_table import Port
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     DEMAND,

@@ -28,11 +28,10 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Step,
 )
 from heronry_wire.pe_table import PeTable
+from heronry_wire.state_frames import PeFlags, PeState
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     DEMAND,

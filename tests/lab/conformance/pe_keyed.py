@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session, split_state
+from heronry_wire.authentication import KEY_BYTES, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 from heronry_wire.canopen_objects import COUNTERS, HEARTBEAT_TIME
 from heronry_wire.command_tags import CommandSigner
 from heronry_wire.frame import Frame
@@ -23,14 +23,12 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
-    StatePage0,
     Step,
 )
 from heronry_wire.pe_table import Port
 from heronry_wire.sdo import DOWNLOAD, EXPEDITED, SIZE_GIVEN, with_data
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, split_state
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     EVERYTHING,

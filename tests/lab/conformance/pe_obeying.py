@@ -3,7 +3,8 @@
 from heronry_wire.canopen_objects import COUNTERS
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import LAST_MANAGER, Command, management_id
-from heronry_wire.management import Activate, Alive, Lease, PeFlags, PeState, Ping, Prepare, Reason, Step
+from heronry_wire.management import Activate, Alive, Lease, Ping, Prepare, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason
 from lab.conformance.pe_under_test import LEASE_NS, NODE, NOTHING, PeUnderTest
 from lab.conformance.player import MS, demand, equal
 from lab.peers import command_frame

@@ -4,20 +4,10 @@ from dataclasses import replace
 
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import NMT_ID, heartbeat_id, state_id
-from heronry_wire.management import (
-    NO_EPOCH,
-    Control,
-    Lease,
-    Operation,
-    PeFlags,
-    PeState,
-    Ping,
-    Reason,
-    StatePage0,
-    Step,
-)
+from heronry_wire.management import NO_EPOCH, Control, Lease, Operation, Ping, Step
 from heronry_wire.pe_table import Port
 from heronry_wire.sansio import NEVER_NS
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0
 from lab.conformance.pe_under_test import (
     FAR,
     INCARNATION,

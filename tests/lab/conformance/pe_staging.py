@@ -4,7 +4,8 @@ from dataclasses import replace
 
 from heronry_agent.core.vocabulary import ImagesMissing
 from heronry_wire.configuration_slice import ModuleSlice, Slice, slice_digest
-from heronry_wire.management import Lease, PeState, Prepare, Reason, SliceBody, SliceHead, Step
+from heronry_wire.management import Lease, Prepare, SliceBody, SliceHead, Step
+from heronry_wire.state_frames import PeState, Reason
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     DEMAND,

@@ -9,21 +9,8 @@ from heronry_wire.canopen_objects import MODULE_STATES
 from heronry_wire.configuration_slice import ModuleSlice, Slice
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import emcy_id, state_id
-from heronry_wire.management import (
-    Activate,
-    Alive,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    PeFlags,
-    PeState,
-    Ping,
-    Reason,
-    StatePage0,
-    StatePage1,
-    Step,
-)
+from heronry_wire.management import Activate, Alive, ElementKind, Emergency, FaultCode, Lease, Ping, Step
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     DEMAND,

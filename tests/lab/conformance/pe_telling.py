@@ -20,22 +20,10 @@ from heronry_wire.identifiers import (
     sdo_response_id,
     state_id,
 )
-from heronry_wire.management import (
-    Activate,
-    Alive,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
-    PeFlags,
-    PeState,
-    Ping,
-    Prepare,
-    StatePage0,
-    Step,
-)
+from heronry_wire.management import Activate, Alive, ElementKind, Emergency, FaultCode, Lease, Ping, Prepare, Step
 from heronry_wire.pe_table import Port
 from heronry_wire.sdo import UPLOAD, with_data
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 from lab.conformance import puppets
 from lab.conformance.pe_under_test import (
     DEMAND,

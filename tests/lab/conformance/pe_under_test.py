@@ -35,20 +35,12 @@ from heronry_wire.management import (
     Alive,
     Emergency,
     Lease,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
     Step,
     decode_emergency,
-    decode_state,
 )
 from heronry_wire.pe_table import (
     FORMAT,
@@ -63,6 +55,16 @@ from heronry_wire.pe_table import (
     VariableEntry,
 )
 from heronry_wire.sdo import UPLOAD, with_data
+from heronry_wire.state_frames import (
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    decode_state,
+)
 from lab.conformance import puppets
 from lab.conformance.player import MS, SOON_NS, Player, UnderTest, demand, equal
 from lab.peers import slice_messages

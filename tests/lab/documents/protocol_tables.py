@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from itertools import groupby
 
-from heronry_agent.core import faults, link_meter, mailboxes, radio_queue, reporting, staging
-from heronry_manager.core import beacon, health, numbering, planning, reconfiguration, settings
-from heronry_wire import canopen_objects, gateway_report, link, management, transmit_queue
+from heronry_agent.core import radio_queue, staging
+from heronry_manager.core import numbering
+from heronry_wire import canopen_objects, gateway_report, link, management, state_frames, transmit_queue
+from heronry_wire import protocol_times as promised
 from heronry_wire.canaerospace import HEADER_BYTES, DataType
 from heronry_wire.frame import STANDARD_MASK
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, Command, Meaning, Use, classify, management_id
@@ -42,7 +43,7 @@ _LAYOUTS = {
     Command.TAG: (management.TAG,),
 }
 _REPORTS = (
-    *(management.STATE_0, management.STATE_1, management.STATE_2, management.STATE_3),
+    *(state_frames.STATE_0, state_frames.STATE_1, state_frames.STATE_2, state_frames.STATE_3),
     *(management.EMCY, gateway_report.LINK),
 )
 
@@ -112,26 +113,34 @@ def times() -> str:
     """Every time and number of the protocol that a spec does not give."""
     periods = "heartbeat periods"
     rows = [
-        ("T_lease", f"{management.LEASE_PERIODS} {periods}", "how long one may drive what is exclusive unheard"),
-        ("listening", f"{management.LEASE_PERIODS} {periods}", "before a manager speaks for the first time"),
-        ("start-up window", _time(settings.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
-        ("hold-down", f"{health.HOLD_DOWN_PERIODS} {periods}", "without a gap, before a PE is counted on again"),
-        ("longest hold-down", _time(health.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
-        ("forgiveness", _time(health.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),
-        ("patience", f"{reconfiguration.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
-        ("planning again", _time(planning.PLAN_AGAIN_NS), "after the planner has failed"),
-        ("page 1", f"every {reporting.PAGE_1_EVERY}th page 0", "and on change"),
+        ("T_lease", f"{promised.LEASE_PERIODS} {periods}", "how long one may drive what is exclusive unheard"),
+        ("listening", f"{promised.LEASE_PERIODS} {periods}", "before a manager speaks for the first time"),
+        ("start-up window", _time(promised.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
+        (
+            "hold-down",
+            f"{promised.HOLD_DOWN_PERIODS} {periods}",
+            "without a gap, before a PE is counted on again",
+        ),
+        ("longest hold-down", _time(promised.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
+        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),
+        ("patience", f"{promised.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
+        ("planning again", _time(promised.PLAN_AGAIN_NS), "after the planner has failed"),
+        ("page 1", f"every {promised.STATE_PAGE_1_EVERY}th page 0", "and on change"),
         ("CANopen heartbeat", _time(canopen_objects.HEARTBEAT_MS * 1_000_000), "of a PE; object 1017h changes it"),
-        ("CANopen heartbeat", _time(beacon.CANOPEN_HEARTBEAT_NS), "of a manager"),
-        ("quiet", _time(faults.QUIET_NS), "an acknowledged fault that is found again is not told for so long"),
-        ("freshness", f"{mailboxes.FRESH_PERIODS} periods of the source", "when a step is asked for; else absent"),
+        ("CANopen heartbeat", _time(promised.CANOPEN_HEARTBEAT_NS), "of a manager"),
+        (
+            "quiet",
+            _time(promised.FAULT_QUIET_NS),
+            "an acknowledged fault that is found again is not told for so long",
+        ),
+        ("freshness", f"{promised.FRESH_PERIODS} periods of the source", "when a step is asked for; else absent"),
         ("echo", _time(link.ECHO_TIMEOUT_NS), "a frame without its echo is given up"),
         ("retry", _time(link.RETRY_NS), "after the controller's queue was full"),
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("radio queue", f"{radio_queue.CAPACITY} frames", "at a gateway; the least urgent is dropped"),
         (
             "measure of a radio",
-            f"{link_meter.WINDOW_PERIODS} {periods} of it",
+            f"{promised.RADIO_WINDOW_PERIODS} {periods} of it",
             "the last ones; the last two if far worse",
         ),
         ("slice", f"{staging.MAX_SLICE_BYTES} bytes", "of one PE, at most"),

@@ -63,26 +63,28 @@ from heronry_wire.management import (
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Ping,
     Prepare,
-    Reason,
     SliceBody,
     SliceHead,
-    StatePage0,
-    StatePage1,
-    StatePage2,
-    StatePage3,
     Step,
     decode_command,
     decode_emergency,
-    decode_state,
 )
 from heronry_wire.node_services import ServiceMessage, decode_service, read_identification
 from heronry_wire.packing import PackingError
 from heronry_wire.pe_table import PeTable, TableError
 from heronry_wire.sansio import Tick
+from heronry_wire.state_frames import (
+    PeFlags,
+    PeState,
+    Reason,
+    StatePage0,
+    StatePage1,
+    StatePage2,
+    StatePage3,
+    decode_state,
+)
 from lab.fuzz.target import Story, Target
 
 _T = TypeVar("_T")

@@ -41,24 +41,17 @@ from heronry_wire.identifiers import (
     management_id,
     state_id,
 )
-from heronry_wire.management import (
-    Control,
-    ElementKind,
-    Emergency,
-    FaultCode,
-    Lease,
+from heronry_wire.management import Control, ElementKind, Emergency, FaultCode, Lease, Prepare, Step, decode_command
+from heronry_wire.sansio import Received, Send, Tick
+from heronry_wire.state_frames import (
     PeFlags,
     PeState,
-    Prepare,
     Reason,
     StatePage0,
     StatePage1,
     StatePage2,
     StatePage3,
-    Step,
-    decode_command,
 )
-from heronry_wire.sansio import Received, Send, Tick
 from lab.fuzz.agent_stories import KEY, MOST_EVENTS
 from lab.fuzz.target import Story, Target
 from lab.peers import PlayedManager, ProvenStates, SteppedCore

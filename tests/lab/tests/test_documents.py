@@ -1,5 +1,6 @@
 """What docs/ say of the code is what the code says: tables, states, sub-rules, examples, links."""
 
+import inspect
 import re
 from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
@@ -12,15 +13,16 @@ from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.staging import Configured
 from heronry_agent.core.table_index import TableIndex
-from heronry_dg import schema, verify
+from heronry_dg import gates, schema, verify
 from heronry_dg.loader import load, loads
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import UnknownElementError, situation
 from heronry_manager.core.compilation import Compiler
 from heronry_wire.canaerospace import DataType, Validity
 from heronry_wire.configuration_slice import ModuleSlice, Slice
-from heronry_wire.management import FaultCode, PeFlags, PeState, Reason, Step
+from heronry_wire.management import FaultCode, Step
 from heronry_wire.standard_identifiers import standard_identifiers
+from heronry_wire.state_frames import PeFlags, PeState, Reason
 from lab.documents.__main__ import DIAGRAMS, TABLES, filled, main
 
 ROOT = Path(__file__).parents[3]
@@ -74,8 +76,8 @@ def test_a_table_that_says_something_else_is_written_anew(tmp_path: Path) -> Non
 
 
 def test_the_sub_rules_are_those_of_the_judge() -> None:
-    assert verify.__file__ is not None
-    named_by_judge = set(re.findall(r'"(\d\.[a-z_]+)"', Path(verify.__file__).read_text(encoding="utf-8")))
+    sources = [Path(inspect.getfile(module)).read_text(encoding="utf-8") for module in (verify, gates)]
+    named_by_judge = {rule for source in sources for rule in re.findall(r'"(\d\.[a-z_]+)"', source)}
     assert set(re.findall(r"`(\d\.[a-z_]+)`", SEMANTICS)) == named_by_judge
 
 

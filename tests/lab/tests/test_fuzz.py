@@ -10,7 +10,7 @@ import pytest
 
 from heronry_agent.core.agent import AgentCore
 from heronry_manager.core.turn import Turn
-from heronry_wire.management import PeState
+from heronry_wire.state_frames import PeState
 from lab.fuzz import __main__ as fuzz
 from lab.fuzz.mutation import inputs
 from lab.fuzz.target import Story, Target

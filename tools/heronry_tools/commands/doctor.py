@@ -12,6 +12,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from heronry_wire.protocol_times import USUAL_HEARTBEAT_NS
+
 if TYPE_CHECKING:
     import can
 
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 
 _ANSWER_WITHIN_S = 1.0
 _PAUSE_S = 0.5
-_USUAL_HEARTBEAT_NS = 20_000_000
 _DIGEST_SUB = 3  # of object SPEC
 _INSTALL_CANOPEN = 'pip install "heronry[doctor]"'
 _EPILOG = """\
@@ -151,7 +152,7 @@ def _listen(buses: dict[str, "Opened"], seconds: float, heartbeat_ns: int | None
     from heronry_wire.python_can import frame_of  # noqa: PLC0415
 
     heard, end_s = Hearing(on_channel={name: set() for name in buses}), time.monotonic() + seconds
-    merge = ChannelMerge(heartbeat_ns or _USUAL_HEARTBEAT_NS)
+    merge = ChannelMerge(heartbeat_ns or USUAL_HEARTBEAT_NS)
     is_quiet = False  # several frames may have come at once, and wait where no descriptor tells
     while (left_s := end_s - time.monotonic()) > 0:
         if is_quiet:

@@ -44,13 +44,10 @@ from heronry_wire.management import (
     PREPARE,
     SLICE_BODY,
     SLICE_HEAD,
-    STATE_0,
-    STATE_1,
-    STATE_2,
-    STATE_3,
     TAG,
     ElementKind,
 )
+from heronry_wire.state_frames import STATE_0, STATE_1, STATE_2, STATE_3
 
 _TYPE_NAMES = {data_type.value: data_type.name for data_type in DataType}
 _COMMANDS: Mapping[Command, Layout] = {

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 from heronry_dg.check.subject import Subject
 from heronry_dg.check.wire import lacks_identifiers
 from heronry_dg.findings import Findings, Place, listed
-from heronry_dg.gates import Xor
 from heronry_dg.model import Module, Spec
 from heronry_dg.situation import Situation
 from heronry_dg.why_not import feasible, why_not
@@ -93,7 +92,7 @@ def _redundancy(subject: Subject, findings: Findings) -> None:
         for mode in module.modes.values():
             for gate in dependence.alternatives(module, mode):
                 place = _gate_place(subject, module, mode.name, gate.path)
-                if isinstance(gate.gate, Xor):
+                if gate.is_choice:
                     _xor(dependence, findings, place, module, gate)
                 else:
                     _voter(dependence, findings, place, module, gate)

@@ -9,9 +9,8 @@ slowest rate of those givers. Sums of such bounds are bounds, because each varia
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import assert_never
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor
+from heronry_dg.gates import Expression, Leaf, bounds
 from heronry_dg.model import Spec
 from heronry_dg.traffic import frame_bits
 from heronry_manager.planner.candidates import Candidates
@@ -85,27 +84,19 @@ def _needed_by_all(possible: Candidates, readers: frozenset[str]) -> dict[str, _
 
 def _needed(needs: Expression | None) -> dict[str, _Versions]:
     """Variables without which an expression cannot hold, with the versions that come into question."""
-    match needs:
-        case None:
-            return {}
-        case Leaf(variable, best, worst):
-            return {variable: (best, worst)}
-        case And(inputs):
-            k = len(inputs)
-        case Or(k, inputs):
-            pass
-        case Xor(inputs):
-            k = 1
-        case _:
-            assert_never(needs)
-    each = [_needed(one) for one in inputs]
+    if needs is None:
+        return {}
+    if isinstance(needs, Leaf):
+        return {needs.variable: (needs.best, needs.worst)}
+    fewest, _ = bounds(needs)
+    each = [_needed(one) for one in needs.inputs]
     counts: dict[str, int] = {}
     for variable in (name for one in each for name in one):
         counts[variable] = counts.get(variable, 0) + 1
     return {
         variable: _hull([one[variable] for one in each if variable in one])
         for variable, count in counts.items()
-        if len(each) - count < k
+        if len(each) - count < fewest
     }
 
 

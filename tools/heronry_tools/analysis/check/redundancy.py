@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from heronry_dg.findings import listed
-from heronry_dg.gates import Expression, Leaf, Or, Xor, child_path
+from heronry_dg.gates import Expression, Gate, Leaf, bounds, child_path
 from heronry_dg.model import Demux, Mode, Module, Spec
 from heronry_dg.situation import Situation, elements
 from heronry_dg.why_not import Feasible, feasible
@@ -22,9 +22,14 @@ _NEVER_LOST = 10**9  # a round after all others
 class Alternatives:
     """A XOR or a voter of a mode, by the path of its gate, and on what each of its inputs depends."""
 
-    gate: Or | Xor
+    gate: Gate
     path: str
     inputs: Sequence[frozenset[str]]
+
+    @property
+    def is_choice(self) -> bool:
+        """Tell whether one input holds at a time, instead of several that vote."""
+        return bounds(self.gate)[1] == 1
 
 
 class Dependence:
@@ -49,8 +54,7 @@ class Dependence:
     def alternatives(self, module: Module, mode: Mode) -> Iterator[Alternatives]:
         """Every XOR and voter of a mode whose inputs could all hold with everything up."""
         for path, gate in _gates(mode.needs):
-            chooses = isinstance(gate, Xor) or 2 <= gate.k < len(gate.inputs)
-            if chooses and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
+            if _chooses(gate) and all(self._healthy.can_hold(one, _NEVER_LOST) for one in gate.inputs):
                 yield Alternatives(gate, path, [self._of(one, module) for one in gate.inputs])
 
     def shown(self, shared: frozenset[str]) -> str:
@@ -68,6 +72,12 @@ class Dependence:
 
     def _where(self, lost: Callable[[Feasible], bool]) -> frozenset[str]:
         return frozenset(element for element, found in self._without.items() if lost(found))
+
+
+def _chooses(gate: Gate) -> bool:
+    """Tell whether a gate has a XOR's choice, or lets several inputs vote of which not all have to hold."""
+    fewest, most = bounds(gate)
+    return 1 <= fewest < len(gate.inputs) and (most == 1 or fewest >= 2)
 
 
 def independent(inputs: Sequence[frozenset[str]]) -> int:
@@ -93,11 +103,10 @@ def shared_pair(inputs: Sequence[frozenset[str]]) -> tuple[int, int]:
     )
 
 
-def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Or | Xor]]:
-    """Every OR and XOR of an expression with its path."""
+def _gates(needs: Expression | None, path: str = "") -> Iterator[tuple[str, Gate]]:
+    """Every gate of an expression with its path."""
     if needs is None or isinstance(needs, Leaf):
         return
-    if isinstance(needs, Or | Xor):
-        yield path, needs
+    yield path, needs
     for index, child in enumerate(needs.inputs):
         yield from _gates(child, child_path(path, index))

@@ -11,7 +11,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Final, Literal
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, leaves
+from heronry_dg.gates import Expression, Leaf, leaves, words
 from heronry_dg.model import Mode, Module, Spec
 from heronry_tools.reports.render.build import accepted_versions
 
@@ -169,10 +169,4 @@ def expression_text(spec: Spec, needs: Expression) -> str:
     if isinstance(needs, Leaf):
         return f"{needs.demux or needs.variable}{accepted_versions(spec, needs)}"
     inputs = ", ".join(expression_text(spec, one) for one in needs.inputs)
-    match needs:
-        case And():
-            return f"and({inputs})"
-        case Or(k, _):
-            return f"{k} of ({inputs})"
-        case Xor():
-            return f"xor({inputs})"
+    return f"{words(needs).written}({inputs})"

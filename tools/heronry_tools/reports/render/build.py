@@ -7,9 +7,9 @@ out of the DEMUX. With a function given, the graph holds what may contribute to 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
+from heronry_dg.gates import Expression, Leaf, child_path, words
 from heronry_dg.model import Function, Mode, Module, Spec
-from heronry_tools.reports.render.graph import Cell, Edge, Graph, Kind, Node
+from heronry_tools.reports.render.graph import Cell, Edge, Graph, Node
 from heronry_tools.reports.render.marks import Marks
 
 
@@ -145,9 +145,9 @@ class _Builder:
             self.edges.append(Edge(source, target, accepted_versions(self.spec, needs), None, cell, dead, chosen))
             return
         key = f"gate:{module.name}/{mode.name}/{path}"
-        kind, label = _symbol(needs)
+        symbol = words(needs)
         chosen = self.marks.gate_chosen(module, mode, needs, path)
-        self._add(Node(key, kind, label, dead=self.marks.gate_dead(needs), chosen=chosen))
+        self._add(Node(key, symbol.outline, symbol.drawn, dead=self.marks.gate_dead(needs), chosen=chosen))
         for index, one in enumerate(needs.inputs):
             self._add_input(module, mode, one, child_path(path, index), target=key, cell=None)
         self.edges.append(Edge(key, target, "", None, cell, dead, chosen))
@@ -158,13 +158,3 @@ def accepted_versions(spec: Spec, leaf: Leaf) -> str:
     if (leaf.best, leaf.worst) == (1, spec.variables[leaf.variable].versions):
         return ""
     return f"@{leaf.best}" if leaf.best == leaf.worst else f"@<={leaf.worst}"
-
-
-def _symbol(gate: And | Or | Xor) -> tuple[Kind, str]:
-    match gate:
-        case And():
-            return "and", "AND"
-        case Or(k, inputs):
-            return "or", f"{k}/{len(inputs)}"
-        case Xor():
-            return "xor", "XOR"

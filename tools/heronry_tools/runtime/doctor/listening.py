@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 
 from heronry_tools.runtime.doctor.finding import Finding
 from heronry_wire.controller import ControllerState, read_error_frame
-from heronry_wire.frame import Frame, Malformed
+from heronry_wire.frame import Frame
 from heronry_wire.identifiers import MANAGER_NODES, PE_NODES, Command, management_id, state_id
-from heronry_wire.management import Lease, StatePage0, decode_command, decode_state
+from heronry_wire.management import Lease, decode_command
+from heronry_wire.state_frames import StatePage0, decode_state
 
 CLOCK_STEP_NS = 10_000_000
 _LEASES = {management_id(node, Command.LEASE): node for node in MANAGER_NODES}
 _STATES = {state_id(node): node for node in PE_NODES}
-_PAGE_1 = 0x40
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +58,9 @@ class Hearing:
             lease = decode_command(Command.LEASE, frame.data)
             if isinstance(lease, Lease):
                 self.terms[_LEASES[frame.can_id]] = lease.term
-        elif frame.can_id in _STATES and frame.data and frame.data[0] < _PAGE_1:
+        elif frame.can_id in _STATES:
             page = decode_state(frame.data)
-            if not isinstance(page, Malformed) and isinstance(page, StatePage0):
+            if isinstance(page, StatePage0):
                 seen = self.incarnations.setdefault(_STATES[frame.can_id], [])
                 if seen[-1:] != [page.incarnation]:
                     seen.append(page.incarnation)

@@ -42,7 +42,7 @@ _PACKAGES = (heronry_wire, heronry_dg, heronry_agent, heronry_manager, heronry_t
 # What a flight spends its time in; what is called once in a while stays Python, where a traceback tells more.
 _COMPILED = {
     "heronry_wire": "authentication canaerospace command_tags configuration_slice frame gateway_report "
-    "identifiers layout management packing sansio timing",
+    "identifiers layout management packing protocol_times sansio state_frames timing",
     "heronry_agent": "module",
     "heronry_agent.core": "agent authenticity canopen_node command_acceptance condition deadlines faults gateway "
     "inbound link_meter mailboxes mastership nonces output_authorization passing_welcomes phase_requests publishing "

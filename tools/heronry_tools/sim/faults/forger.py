@@ -43,16 +43,10 @@ from heronry_wire.management import (
     Lease,
     ManagementMessage,
     Operation,
-    PeFlags,
-    PeState,
-    Reason,
-    StatePage0,
-    StatePage1,
-    StatePage2,
     Step,
-    decode_state,
 )
 from heronry_wire.sansio import Received
+from heronry_wire.state_frames import PeFlags, PeState, Reason, StatePage0, StatePage1, StatePage2, decode_state
 
 _TAG_IDS = {management_id(manager, Command.TAG) for manager in (FIRST_MANAGER, LAST_MANAGER)}
 _COMMAND_IDS = {management_id(m, command) for m in (FIRST_MANAGER, LAST_MANAGER) for command in Command} - _TAG_IDS

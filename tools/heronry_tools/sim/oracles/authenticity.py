@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import command_period_ns, uplink_bus
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.proven_commands import Proven, ProvenCommands
 from heronry_tools.sim.oracles.violation import Violation
@@ -34,23 +35,17 @@ from heronry_wire.authentication import Key, Place
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, emcy_id, state_id
 from heronry_wire.management import (
-    LEASE_PERIODS,
     NO_EPOCH,
     Activate,
     Control,
     FaultCode,
     Lease,
     Operation,
-    PeFlags,
-    PeState,
     Prepare,
-    StatePage0,
-    StatePage1,
-    StatePage2,
     Step,
     decode_emergency,
-    decode_state,
 )
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, StatePage1, StatePage2, decode_state
 
 _LEAST_STEP = {PeState.BROKEN: Step.BREAK, PeState.PARTIAL: Step.GO, PeState.ACTIVE: Step.GO}
 _ON_ITS_WAY_LEASES = 2  # times T_lease: in the queue of the PE, and of a gateway

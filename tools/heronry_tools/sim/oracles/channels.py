@@ -12,13 +12,14 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from heronry_dg.model import Bus, Spec
+from heronry_tools.sim.oracles.limits import CHANNEL_REPORT_NS
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.first_copies import REMEMBERED_NS
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_wire.frame import Frame, Malformed, format_frame
-from heronry_wire.management import CHANNEL_REPORT_NS, ElementKind, Emergency, FaultCode
+from heronry_wire.management import ElementKind, Emergency, FaultCode
 
 _KEEPS_UP_PERIODS = 10  # before a channel is no longer reported
 

@@ -27,10 +27,10 @@ from heronry_wire.management import (
     Prepare,
     SliceBody,
     SliceHead,
-    StatePage1,
     Step,
 )
 from heronry_wire.pe_table import PeTable
+from heronry_wire.state_frames import StatePage1
 
 
 def elements_by_kind(spec: Spec) -> dict[ElementKind, list[str]]:

@@ -27,7 +27,7 @@ from heronry_tools.sim.oracles.epochs import LastState
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.planning import best_at_all
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import PeState
+from heronry_wire.state_frames import PeState
 
 _PATIENCE_BEATS = 3
 _NOTICED_WHEN_USED = ("device:", "module:")

@@ -14,7 +14,8 @@ from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.identifiers import state_id
-from heronry_wire.management import NO_EPOCH, StatePage0, StatePage1, decode_state, is_newer
+from heronry_wire.management import NO_EPOCH, is_newer
+from heronry_wire.state_frames import StatePage0, StatePage1, decode_state, without_sequence
 
 
 @dataclass(slots=True)
@@ -41,7 +42,7 @@ class EpochCheck(Oracle):
         """A state frame was sent; gives what it says where that is news."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data
-        meaning = data[:4] + data[5:]
+        meaning = without_sequence(data)
         before = self.last.get(key)
         if before is not None and before.meaning == meaning:
             before.t_ns = sent.end_ns

@@ -27,7 +27,8 @@ from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Driven, Moved
-from heronry_wire.management import LEASE_PERIODS, Activate, Lease, ManagementMessage, Step, is_newer
+from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
+from heronry_wire.protocol_times import LEASE_PERIODS
 
 _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]

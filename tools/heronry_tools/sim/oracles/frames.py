@@ -30,11 +30,10 @@ from heronry_wire.management import (
     ElementKind,
     Emergency,
     ManagementMessage,
-    PeState,
-    StatePage0,
     decode_command,
     decode_emergency,
 )
+from heronry_wire.state_frames import PeState, StatePage0
 
 _HEARD = (
     *("published", "state_sent", "ran", "said", "told", "emergency", "handed_on", "requested", "measured"),

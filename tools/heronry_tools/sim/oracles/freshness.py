@@ -23,7 +23,7 @@ from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Driven
-from heronry_wire.canaerospace import decode_data
+from heronry_wire.canaerospace import decode_data, node_of
 from heronry_wire.frame import Frame, Malformed
 
 _MORE = 8  # frames of one source, beyond those of three periods: some come early after some that were late
@@ -48,9 +48,10 @@ class FreshnessCheck(Oracle):
         """A data frame was sent."""
         frame = sent.frame
         most = self._remembered.get(frame.can_id)
-        if most is None or not frame.data:
+        node = node_of(frame.data)
+        if most is None or node is None:
             return
-        key = (sent.bus, frame.can_id, frame.data[0])
+        key = (sent.bus, frame.can_id, node)
         last = self._last.get(key)
         if last is None:
             last = self._last[key] = deque(maxlen=most)

@@ -3,6 +3,12 @@
 They are those of docs/protocol.md, "Times". Who changes one there has to change it here: a test compares them.
 """
 
+LEASE_PERIODS = 5
+"""T_lease, in heartbeat periods."""
+
+CHANNEL_REPORT_NS = 1_000_000_000
+"""So often is a lost channel told of again."""
+
 START_UP_WINDOW_NS = 5_000_000_000
 """For so long, at most, a reign waits for PEs that were never heard."""
 

@@ -16,7 +16,8 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.replicated_port import Copy
 from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.frame import Malformed
-from heronry_wire.management import Emergency, ManagementMessage, StatePage0
+from heronry_wire.management import Emergency, ManagementMessage
+from heronry_wire.state_frames import StatePage0
 
 
 class StateSaid(NamedTuple):

@@ -10,9 +10,10 @@ Once no manager has been on the bus for T_lease, and a little longer for that to
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import LEASE_PERIODS, PeFlags, PeState, StatePage0, decode_state
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0, decode_state
 
 _What = tuple[int, PeState, int, int]  # incarnation, state, epoch, digest
 _SLACK = 2  # heartbeats: one until it is told, one for clocks and waiting

@@ -22,7 +22,6 @@ from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
     FORWARD_ONLY,
-    LEASE_PERIODS,
     REQUEST_NUMBERS,
     Control,
     ElementKind,
@@ -30,6 +29,7 @@ from heronry_wire.management import (
     ManagementMessage,
     Operation,
 )
+from heronry_wire.protocol_times import LEASE_PERIODS
 
 
 class PhaseCheck(Oracle):

@@ -18,12 +18,12 @@ from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, management_id
 from heronry_wire.management import (
     NUMBER_SPAN,
-    TAG,
     WELCOME_KIND,
     ManagementMessage,
     SliceBody,
     SliceHead,
     decode_command,
+    decode_tag,
     is_welcome,
 )
 
@@ -61,7 +61,7 @@ class ProvenCommands:
                 self._waiting[command].append(sent.frame.data)
             return None
         manager = self._tags.get(sent.frame.can_id)
-        return None if manager is None else self._proven(manager, TAG.unpack(sent.frame.data))
+        return None if manager is None else self._proven(manager, decode_tag(sent.frame.data))
 
     def newest(self, manager: int) -> Place:
         """How far a manager has come."""

@@ -11,8 +11,9 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 
-from heronry_wire.authentication import PAGE_1_BEAT, Key, Session, split_state
-from heronry_wire.management import Control, Operation, StatePage1
+from heronry_wire.authentication import PAGE_1_BEAT, Key, Session
+from heronry_wire.management import Control, Operation
+from heronry_wire.state_frames import StatePage1, split_state
 
 _SESSIONS = 512  # of one PE: a forged nonce is answered every few milliseconds, for as long as an attack may last
 

@@ -20,7 +20,8 @@ from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
-from heronry_wire.management import LEASE_PERIODS, NO_EPOCH
+from heronry_wire.management import NO_EPOCH
+from heronry_wire.protocol_times import LEASE_PERIODS
 
 _Key = tuple[str, str]  # bus and sender
 

@@ -18,12 +18,11 @@ from fractions import Fraction
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import radios, uplink_bus
-from heronry_tools.sim.oracles.limits import PATIENCE_PERIODS
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS, PATIENCE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, LinkState, decode_link
-from heronry_wire.management import LEASE_PERIODS
 from heronry_wire.timing import worst_bits
 
 _SECOND_NS = 1_000_000_000

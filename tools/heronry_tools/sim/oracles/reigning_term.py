@@ -9,7 +9,7 @@ both it and the term before may be obeyed, and if no TAG comes the one before go
 """
 
 from heronry_dg.model import Spec
-from heronry_wire.management import LEASE_PERIODS
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 
 class ReigningTerm:

@@ -18,7 +18,8 @@ from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Driven
-from heronry_wire.management import LEASE_PERIODS, PeFlags
+from heronry_wire.protocol_times import LEASE_PERIODS
+from heronry_wire.state_frames import PeFlags
 
 
 def is_critical(spec: Spec, function: str) -> bool:

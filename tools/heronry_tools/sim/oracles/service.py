@@ -39,7 +39,8 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import critical_at_best
 from heronry_wire.frame import Malformed
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
-from heronry_wire.management import LEASE_PERIODS, Control, ElementKind, Emergency, ManagementMessage, Operation
+from heronry_wire.management import Control, ElementKind, Emergency, ManagementMessage, Operation
+from heronry_wire.protocol_times import LEASE_PERIODS
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame

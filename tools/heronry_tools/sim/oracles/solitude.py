@@ -6,7 +6,7 @@ Who was started anew knows nothing of what was before, and nobody knows who hear
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import uplink_bus
-from heronry_wire.management import LEASE_PERIODS
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 _SLOWER_PPM = 1_000  # clocks run apart, a PE's and ours: a silence that is as good as T_lease counts
 

@@ -23,16 +23,8 @@ from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import (
-    LEASE_PERIODS,
-    NO_EPOCH,
-    Lease,
-    ManagementMessage,
-    Prepare,
-    SliceBody,
-    SliceHead,
-    is_newer,
-)
+from heronry_wire.management import NO_EPOCH, Lease, ManagementMessage, Prepare, SliceBody, SliceHead, is_newer
+from heronry_wire.protocol_times import LEASE_PERIODS
 
 _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 

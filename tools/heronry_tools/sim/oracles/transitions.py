@@ -19,7 +19,8 @@ from heronry_dg.verify_transition import verify_transition
 from heronry_tools.sim.oracles.commanded import Epoch
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
-from heronry_wire.management import NO_EPOCH, Activate, Lease, ManagementMessage, PeState, StatePage0, Step
+from heronry_wire.management import NO_EPOCH, Activate, Lease, ManagementMessage, Step
+from heronry_wire.state_frames import PeState, StatePage0
 
 
 class TransitionCheck(Oracle):

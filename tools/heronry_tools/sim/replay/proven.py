@@ -21,18 +21,9 @@ from heronry_manager.core.turn import Turn
 from heronry_wire.authentication import Key
 from heronry_wire.frame import Frame, LoggedFrame, Malformed
 from heronry_wire.identifiers import FIRST_MANAGER, MANAGER_NODES, Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    ElementKind,
-    Emergency,
-    Lease,
-    Prepare,
-    StatePage0,
-    StatePage1,
-    decode_command,
-    decode_emergency,
-    decode_state,
-)
+from heronry_wire.management import ElementKind, Emergency, Lease, Prepare, decode_command, decode_emergency
 from heronry_wire.sansio import Received
+from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 _TAG_IDS = frozenset(management_id(manager, Command.TAG) for manager in MANAGER_NODES)
 

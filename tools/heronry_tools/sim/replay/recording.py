@@ -21,7 +21,8 @@ from heronry_tools.console.errors import UserError
 from heronry_wire.channel_merge import ChannelMerge
 from heronry_wire.frame import Frame, LoggedFrame, Malformed, parse_log_line
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id
-from heronry_wire.management import LEASE_PERIODS, Activate, Lease, Prepare, decode_command
+from heronry_wire.management import Activate, Lease, Prepare, decode_command
+from heronry_wire.protocol_times import t_lease_ns
 
 _COMMANDS = {management_id(node, command): (node, command) for node in MANAGER_NODES for command in Command}
 _SAID_BY = {identifier: node for identifier, (node, _) in _COMMANDS.items()}
@@ -99,7 +100,7 @@ def reigns(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Reign]:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
         if node is not None and command is not None and not logged.frame.extended:
             _follow(found, node, command, logged)
-    listening_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+    listening_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
     for reign in found:
         began_ns = reign.first_ns - listening_ns
         reign.heard = [

@@ -44,7 +44,8 @@ from heronry_tools.sim.oracles.commanded import Commanded
 from heronry_tools.sim.replay.recording import Decision, Reign, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
-from heronry_wire.management import LEASE_PERIODS, decode_command
+from heronry_wire.management import decode_command
+from heronry_wire.protocol_times import t_lease_ns
 from heronry_wire.sansio import Received, Send, Tick
 
 _EARLY_NS = 20_000_000  # the recorder's clock and the manager's loop: a PREPARE may be seen before it is asked for here
@@ -124,7 +125,7 @@ class Rerun:
         self._recorded = _configurations(planners, reign)
         self._answer: _Answer | None = None
         self._ended = False
-        began_ns = reign.first_ns - LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
+        began_ns = reign.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
         memory = Memory(term=reign.term - 1)  # the term that follows is the recorded one
         self._core = ManagerCore(spec, reign.node, memory, began_ns, on_board=planners.ahead.numbers)
 

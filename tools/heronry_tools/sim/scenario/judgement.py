@@ -18,7 +18,9 @@ from heronry_dg.model import Mode, Spec
 from heronry_manager.core.topology import uplink_bus
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import Expectation
-from heronry_wire.management import LEASE_PERIODS, NO_EPOCH, PeState
+from heronry_wire.management import NO_EPOCH
+from heronry_wire.protocol_times import heard_ns, t_lease_ns
+from heronry_wire.state_frames import PeState
 
 Mark = tuple[int, bool]
 """When a frame was heard, and whether it says what is expected."""
@@ -75,7 +77,7 @@ class Judgement:
                 told = [(s.t_ns, s.page.state is state) for s in heard.states if s.pe == name]
                 return told, self._missed_ns(name)
             case "manager":
-                return [(t, True) for t in heard.leases], LEASE_PERIODS * self._beat_ns()
+                return [(t, True) for t in heard.leases], t_lease_ns(self._beat_ns())
             case "epoch":
                 old = self._epoch_at(one.from_ns)
                 active = [s for s in heard.states if s.page.epoch != NO_EPOCH]
@@ -120,7 +122,7 @@ class Judgement:
 
     def _missed_ns(self, pe: str) -> int:
         bus = self._spec.buses[uplink_bus(self._spec, pe)]
-        return bus.heartbeat_ns * (bus.misses + 1)
+        return heard_ns(bus.heartbeat_ns, bus.misses)
 
     def _beat_ns(self) -> int:
         return self._spec.buses[self._spec.manager.bus].heartbeat_ns

@@ -12,13 +12,8 @@ from heronry_dg.traffic import identifiers
 from heronry_tools.runtime.witness import Output, Witness
 from heronry_wire.frame import Frame, Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, emcy_id, management_id, state_id
-from heronry_wire.management import (
-    ElementKind,
-    FaultCode,
-    StatePage0,
-    decode_emergency,
-    decode_state,
-)
+from heronry_wire.management import ElementKind, FaultCode, decode_emergency
+from heronry_wire.state_frames import StatePage0, decode_state
 
 _ACCUSES_NOBODY = (FaultCode.RESET, FaultCode.PHASE_REQUEST, FaultCode.MODULE_RESTARTED, FaultCode.CHANNEL_BACK)
 

@@ -18,6 +18,7 @@ from heronry_wire.sdo import (
     BLOCK_END,
     BLOCK_INITIATE,
     BLOCK_LAST_SEGMENT,
+    BLOCK_PART_BITS,
     BLOCK_SIZE_GIVEN,
     BLOCK_START,
     BLOCK_UPLOAD,
@@ -26,6 +27,7 @@ from heronry_wire.sdo import (
     DOWNLOAD,
     DOWNLOAD_ANSWER,
     EXPEDITED,
+    EXPEDITED_BYTES,
     LAST_SEGMENT,
     MESSAGE_BYTES,
     SEGMENT_BYTES,
@@ -39,11 +41,19 @@ from heronry_wire.sdo import (
     UPLOAD,
     UPLOAD_ANSWER,
     Abort,
+    block_acknowledged,
     block_checksum,
     block_end,
+    block_segment_data,
+    block_size,
+    command_of,
     crc,
+    expedited_length,
     read_head,
+    read_length,
     segment,
+    segment_data,
+    unused_in_block,
     with_data,
     with_number,
 )
@@ -55,7 +65,6 @@ Talk = Generator[Asked, bytes | None, T]
 
 PATIENCE_NS = 700_000_000
 _SILENCE_NS = 30_000_000
-_EXPEDITED_BYTES = 4
 
 
 class WrongAnswerError(Exception):
@@ -98,19 +107,23 @@ class SdoTalk:
         abort = _abort(answer, index, sub_index)
         if abort is not None:
             return abort
-        command, place = answer[0], read_head(answer)
+        command, place = command_of(answer), read_head(answer)
         _demand(command & COMMAND_BITS == UPLOAD_ANSWER and place[:2] == (index, sub_index), "it reads as %s", answer)
         if command & EXPEDITED:
-            return place[2][: _EXPEDITED_BYTES - (command >> 2 & 3 if command & SIZE_GIVEN else 0)]
+            return place[2][: expedited_length(command) if command & SIZE_GIVEN else None]
         _demand(bool(command & SIZE_GIVEN), "the length is not said: %s", answer)
-        length, data, toggle = int.from_bytes(place[2], "little"), b"", 0
+        length, data, toggle = read_length(place[2]), b"", 0
         while True:
             answer = yield from self.ask(segment(SEGMENT_UPLOAD | toggle, b""))
-            _demand(answer[0] & (COMMAND_BITS | TOGGLE) == SEGMENT_UPLOAD_ANSWER | toggle, "a segment is %s", answer)
-            data += answer[1 : MESSAGE_BYTES - (answer[0] >> 1 & 7)]
+            _demand(
+                command_of(answer) & (COMMAND_BITS | TOGGLE) == SEGMENT_UPLOAD_ANSWER | toggle,
+                "a segment is %s",
+                answer,
+            )
+            data += segment_data(answer)
             _demand(len(data) <= length, "%s bytes were said, and %s have come", length, len(data))
             toggle ^= TOGGLE
-            if answer[0] & LAST_SEGMENT:
+            if command_of(answer) & LAST_SEGMENT:
                 _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
                 return data
 
@@ -122,18 +135,22 @@ class SdoTalk:
         abort = _abort(answer, index, sub_index)
         if abort is not None:
             return abort
-        is_opened = answer[0] == BLOCK_UPLOAD_ANSWER | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
+        is_opened = command_of(answer) == BLOCK_UPLOAD_ANSWER | BLOCK_CRC | BLOCK_SIZE_GIVEN | BLOCK_INITIATE
         _demand(is_opened and read_head(answer)[:2] == (index, sub_index), "the block upload is opened with %s", answer)
-        length, data = int.from_bytes(read_head(answer)[2], "little"), b""
+        length, data = read_length(read_head(answer)[2]), b""
         answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_START, b""))
-        while answer[0] & COMMAND_BITS != BLOCK_UPLOAD_ANSWER or answer[0] & 3 != BLOCK_END or len(data) < length:
+        while (
+            command_of(answer) & COMMAND_BITS != BLOCK_UPLOAD_ANSWER
+            or command_of(answer) & 3 != BLOCK_END
+            or len(data) < length
+        ):
             block = yield from self._block(answer, size)
             kept = block[: len(block) - lost] if lost else block
             lost = 0
             data += b"".join(kept)
             _demand(len(data) < length + SEGMENT_BYTES, "%s bytes were said, and %s have come", length, len(data))
             answer = yield from self.ask(segment(BLOCK_UPLOAD | BLOCK_ACKNOWLEDGE, bytes((len(kept), size))))
-        data = data[: len(data) - (answer[0] >> 2 & 7)]
+        data = data[: len(data) - unused_in_block(answer)]
         _demand(len(data) == length, "%s bytes were said, and %s came", length, len(data))
         _demand(block_checksum(answer) == crc(data), "the checksum is wrong: %s", answer)
         yield from self.say(segment(BLOCK_UPLOAD | BLOCK_END, b""))
@@ -144,16 +161,18 @@ class SdoTalk:
         parts: list[bytes] = []
         answer = first
         while True:
-            _demand(answer[0] & SEQUENCE_BITS == len(parts) + 1, "a segment of a block out of turn: %s", answer)
-            parts.append(answer[1:])
-            if answer[0] & BLOCK_LAST_SEGMENT or len(parts) == size:
+            _demand(
+                command_of(answer) & SEQUENCE_BITS == len(parts) + 1, "a segment of a block out of turn: %s", answer
+            )
+            parts.append(block_segment_data(answer))
+            if command_of(answer) & BLOCK_LAST_SEGMENT or len(parts) == size:
                 return parts
             answer = yield from self.hear()
 
     def download(self, index: int, sub_index: int, data: bytes) -> Talk[Abort | None]:
         """Write an object, expedited where that is possible, or by segments."""
-        is_short = 0 < len(data) <= _EXPEDITED_BYTES
-        command = EXPEDITED | (_EXPEDITED_BYTES - len(data)) << 2 if is_short else 0
+        is_short = 0 < len(data) <= EXPEDITED_BYTES
+        command = EXPEDITED | (EXPEDITED_BYTES - len(data)) << 2 if is_short else 0
         content = data.ljust(4, b"\0") if is_short else len(data).to_bytes(4, "little")
         answer = yield from self.ask(with_data(DOWNLOAD | SIZE_GIVEN | command, index, sub_index, content))
         abort = _abort(answer, index, sub_index)
@@ -183,16 +202,21 @@ class SdoTalk:
         abort = _abort(answer, index, sub_index)
         if abort is not None:
             return abort
-        _demand(answer[0] == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE, "it is opened with %s", answer)
-        size, at = answer[4], 0
+        _demand(
+            command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_CRC | BLOCK_INITIATE, "it is opened with %s", answer
+        )
+        size, at = block_size(read_head(answer)[2]), 0
         while at < len(data):
             parts = [
                 data[i : i + SEGMENT_BYTES] for i in range(at, min(len(data), at + size * SEGMENT_BYTES), SEGMENT_BYTES)
             ]
             answer = yield from self._send_block(parts, loses, is_last=at + size * SEGMENT_BYTES >= len(data))
-            _demand(answer[0] == BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, "a block is answered with %s", answer)
-            _demand(answer[1] == (loses - 1 if loses else len(parts)), "so many have come in order: %s", answer)
-            at, size, loses = at + answer[1] * SEGMENT_BYTES, answer[2], 0
+            _demand(
+                command_of(answer) == BLOCK_DOWNLOAD_ANSWER | BLOCK_ACKNOWLEDGE, "a block is answered with %s", answer
+            )
+            received, size = block_acknowledged(answer)
+            _demand(received == (loses - 1 if loses else len(parts)), "so many have come in order: %s", answer)
+            at, loses = at + received * SEGMENT_BYTES, 0
         unused = -len(data) % SEGMENT_BYTES
         end = block_end(BLOCK_DOWNLOAD | unused << 2 | BLOCK_END, crc(data) if checksum is None else checksum)
         answer = yield from self.ask(end)
@@ -212,11 +236,15 @@ class SdoTalk:
 
 def _abort(answer: bytes, index: int, sub_index: int) -> Abort | None:
     """Reason of an abort of the transfer of this object; None where it is none."""
-    if answer[0] != ABORT:
+    if command_of(answer) != ABORT:
         return None
     *place, reason = read_head(answer)
     _demand(place == [index, sub_index], "an abort names another object: %s", answer)
-    return Abort(int.from_bytes(reason, "little"))
+    return Abort(read_length(reason))
+
+
+def _ends_block(command: int) -> bool:
+    return command & COMMAND_BITS == BLOCK_UPLOAD_ANSWER and command & BLOCK_PART_BITS == BLOCK_END
 
 
 def _demand(holds: bool, story: str, *told: bytes | int | None) -> None:

@@ -11,7 +11,7 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.stranger import Stranger
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import Use, classify, state_id
-from heronry_wire.management import PeFlags, PeState, StatePage0
+from heronry_wire.state_frames import PeFlags, PeState, StatePage0
 
 _DATA = frozenset((Use.STANDARD_DATA, Use.ALLOCATED_DATA))
 _COMMANDS = frozenset((Use.MANAGEMENT, Use.STATE))

@@ -23,9 +23,10 @@ from heronry_tools.sim.world.sdo_talk import Talk, WrongAnswerError
 from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id, sdo_response_id, state_id
-from heronry_wire.management import NO_EPOCH, Lease, StatePage0, StatePage1, decode_command, decode_state
+from heronry_wire.management import NO_EPOCH, Lease, decode_command
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received
+from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 
 class Technician:

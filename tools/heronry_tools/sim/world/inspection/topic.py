@@ -6,9 +6,10 @@ from itertools import pairwise
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.sdo_talk import SdoTalk, Talk, WrongAnswerError
 from heronry_wire.canopen_objects import HEARTBEAT_MS
-from heronry_wire.management import Lease, StatePage0, StatePage1
+from heronry_wire.management import Lease
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sdo import Abort
+from heronry_wire.state_frames import StatePage0, StatePage1
 
 MS = 1_000_000
 SHORT_MS, SLOW_MS = 100, 250  # heartbeat times that are tried

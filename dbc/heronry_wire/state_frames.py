@@ -1,0 +1,218 @@
+"""State frames: what a PE says of itself every heartbeat period, in four pages, and their bytes.
+
+    page 0   what it runs: every period, on each of its buses
+    page 1   what it has staged, or why not, and its load: on change and every tenth time
+    page 2   with a key: the nonce of a PE that asks for a fresh start
+    page 3   with a key: what was refused
+
+Every page begins with one byte (`_HEAD`): the number of the page, what the PE does with its epoch, and its flags. A new
+flag is a bit of that byte and a member of `PeFlags`; a new field of a page is a `Field` of its layout and one of its
+dataclass, in the same order.
+
+With a key, pages 0 and 1 carry a tag in the place of their digest (docs/protocol/authentication.md): `split_state` and
+`joined_state` take it out and put it in. Whoever needs a single field of a page in a hurry asks one of the readers
+below: nobody else counts bytes.
+
+Malformed bytes decode to `Malformed` with a reason; encoding a number that does not fit raises ValueError.
+
+Source: docs/protocol.md, rules 1, 8 and 11.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from heronry_wire.frame import Malformed
+from heronry_wire.layout import Field, Layout
+
+
+class PeState(IntEnum):
+    """What a PE does with the epoch that its state names."""
+
+    UNCONFIGURED = 0
+    BROKEN = 1
+    PARTIAL = 2
+    ACTIVE = 3
+
+
+class PeFlags(IntFlag):
+    """What else a PE says in every state frame."""
+
+    HEARS_LEASE = 1
+    FAULT_PENDING = 2
+    OUTPUT_HELD = 4
+
+
+class Reason(IntEnum):
+    """Why a PE has not staged, or what it last refused."""
+
+    NONE = 0
+    INCOMPLETE = 1  # frames of the slice are missing: send it again
+    DIGEST = 2  # the bytes do not have the digest announced, or the table is another spec's
+    UNKNOWN_INDEX = 3  # the slice names what the table does not have
+    IMAGE = 4  # an image cannot be loaded here
+    STALE_TERM = 5  # a higher term has been heard
+    STALE_EPOCH = 6  # this epoch, or a newer one, has been staged or abandoned before
+    NOT_ON_BOARD = 7  # the table has no such contingency under this number: send the slice
+
+
+_STATES = {state.value: state.name for state in PeState}
+_REASONS = {reason.value: reason.name for reason in Reason}
+
+_HEAD = Layout("STATE_HEAD", Field("page", 2), Field("state", 3, _STATES), Field("flags", 3))
+STATE_0 = Layout(
+    "STATE_0", *_HEAD.fields, Field("incarnation", 8), Field("epoch", 16), Field("sequence", 8), Field("digest", 24)
+)
+STATE_1 = Layout(
+    "STATE_1",
+    *_HEAD.fields,
+    Field("staged_epoch", 16),
+    Field("staged_digest", 24),
+    Field("reason", 8, _REASONS),
+    Field("load", 8, unit="%"),
+)
+STATE_2 = Layout("STATE_2", *_HEAD.fields, Field("nonce", 56))
+STATE_3 = Layout("STATE_3", *_HEAD.fields, Field("runs_digest", 24), Field("unproven", 16), Field("other", 16))
+
+STATE_BYTES = STATE_0.length
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage0:
+    """What a PE runs now."""
+
+    state: PeState
+    flags: PeFlags
+    incarnation: int
+    epoch: int
+    sequence: int
+    digest: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 0."""
+        return STATE_0.pack(0, self.state, self.flags, self.incarnation, self.epoch, self.sequence, self.digest)
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage1:
+    """The epoch last asked for, what is staged of it (digest 0: not yet) or why not, and the CPU load in per cent."""
+
+    state: PeState
+    flags: PeFlags
+    staged_epoch: int
+    staged_digest: int
+    reason: Reason
+    load: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 1."""
+        return STATE_1.pack(
+            1, self.state, self.flags, self.staged_epoch, self.staged_digest, self.reason, min(self.load, 255)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage2:
+    """A PE with a key asks for a fresh start: who holds the key answers its nonce with WELCOME (rule 11)."""
+
+    state: PeState
+    flags: PeFlags
+    nonce: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 2."""
+        return STATE_2.pack(2, self.state, self.flags, self.nonce)
+
+
+@dataclass(frozen=True, slots=True)
+class StatePage3:
+    """With a key: the digest of what runs, and how many commands were refused, modulo 2^16: no tag fitted, all else."""
+
+    state: PeState
+    flags: PeFlags
+    digest: int
+    unproven: int
+    other: int
+
+    def encode(self) -> bytes:
+        """Payload of a state frame, page 3."""
+        return STATE_3.pack(3, self.state, self.flags, self.digest, self.unproven, self.other)
+
+
+StatePage = StatePage0 | StatePage1 | StatePage2 | StatePage3
+
+
+def decode_state(data: bytes) -> StatePage | Malformed:
+    """Decode a state frame, any page."""
+    if len(data) != STATE_BYTES:
+        return _NO_STATE
+    page, state, flags = _HEADS[data[0]]
+    return _NO_STATE if state is None else _PAGES[page](state, flags, data)
+
+
+def page_of(data: bytes) -> int | None:
+    """Tell which page a state frame is, by its first byte alone; None where it has none."""
+    return _HEADS[data[0]][0] if data else None
+
+
+def epoch_of(page_0: bytes) -> int:
+    """Epoch that a page 0 names; it must have its length."""
+    return int.from_bytes(page_0[_EPOCH], "big")
+
+
+def sequence_of(page_0: bytes) -> int:
+    """Sequence of a page 0, which may be cut behind it."""
+    return page_0[_SEQUENCE_AT]
+
+
+def without_sequence(data: bytes) -> bytes:
+    """Give what a page 0 says but for its sequence; of any other page, all but the byte in that place."""
+    return data[: _SEQUENCE.start] + data[_SEQUENCE.stop :]
+
+
+def split_state(data: bytes) -> tuple[bytes, int]:
+    """Give what page 0 or 1 of a state says beside its digest, and what stands in the place of that: the tag."""
+    place = _tag_place(data)
+    return data[: place.start] + data[place.stop :], int.from_bytes(data[place], "big")
+
+
+def joined_state(said: bytes, tag: int) -> bytes:
+    """Put a page together again: the reverse of `split_state`."""
+    place = _tag_place(said)
+    return said[: place.start] + tag.to_bytes(place.stop - place.start, "big") + said[place.start :]
+
+
+def _tag_place(data: bytes) -> slice:
+    return _STAGED_DIGEST if page_of(data) else _DIGEST
+
+
+def _page_0(state: PeState, flags: PeFlags, data: bytes) -> StatePage0:
+    return StatePage0(state, flags, *STATE_0.fields_of(data)[3:])
+
+
+def _page_1(state: PeState, flags: PeFlags, data: bytes) -> StatePage1 | Malformed:
+    staged_epoch, staged_digest, reason, load = STATE_1.fields_of(data)[3:]
+    if reason not in _REASONS:
+        return Malformed("STATE page 1 has an unknown reason")
+    return StatePage1(state, flags, staged_epoch, staged_digest, Reason(reason), load)
+
+
+def _page_2(state: PeState, flags: PeFlags, data: bytes) -> StatePage2:
+    return StatePage2(state, flags, *STATE_2.fields_of(data)[3:])
+
+
+def _page_3(state: PeState, flags: PeFlags, data: bytes) -> StatePage3:
+    return StatePage3(state, flags, *STATE_3.fields_of(data)[3:])
+
+
+def _head(byte: int) -> tuple[int, PeState | None, PeFlags]:
+    page, state, flags = _HEAD.fields_of(bytes((byte,)))
+    return page, PeState(state) if state in _STATES else None, PeFlags(flags)
+
+
+_NO_STATE = Malformed("STATE has a wrong length or state")
+_HEADS = tuple(_head(byte) for byte in range(256))  # by the first byte: this is hot
+_PAGES: tuple[Callable[[PeState, PeFlags, bytes], StatePage | Malformed], ...] = (_page_0, _page_1, _page_2, _page_3)
+_EPOCH, _SEQUENCE = STATE_0.span("epoch"), STATE_0.span("sequence")
+_SEQUENCE_AT: int = _SEQUENCE.start
+_DIGEST, _STAGED_DIGEST = STATE_0.span("digest"), STATE_1.span("staged_digest")
