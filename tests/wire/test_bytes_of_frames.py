@@ -38,7 +38,8 @@ OTHER_BYTES = {
     "heronry_tools/runtime/vcan/streams.py": "what a process writes",
     "heronry_tools/runtime/softbus/protocol.py": "what the hub and its clients say to each other",
     "heronry_tools/sim/faults/forger.py": "a frame that is cut short, whatever it says",
-    "heronry_tools/sim/world/diagnostic_client.py": "the value of an object, which SDO carries",
+    "heronry_tools/sim/world/inspection/node_services.py": "the value of an object, which SDO carries",
+    "heronry_tools/sim/world/inspection/topic.py": "the value of an object, which SDO carries",
     "heronry_tools/sim/world/disk.py": "a file",
     "heronry_tools/sim/world/sdo_talk.py": "what a transfer carries",
 }

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import assert_never
 
 from heronry_dg.configuration import Wire
 from heronry_dg.gates import And, Expression, Leaf, Or, Xor, child_path
@@ -57,6 +58,8 @@ class _Numberer:
                 return (ALL if k == len(nodes) else SOME, k, nodes, nodes)
             case Xor():
                 return (ONE, 1, nodes, nodes)
+            case _:
+                assert_never(gate)
 
     def _leaf(self, mode: int, leaf: Leaf, path: str) -> int:
         """Number a leaf. A module feeds itself only in the one mode that it runs in."""

@@ -7,6 +7,7 @@ and decides nothing else.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from heronry_dg.gates import most_together
 from heronry_manager.planner.greedy.leaves import LEAF, ONE, SOME, Leaves, Node
 
 _PRICE_ROUNDS = 8  # as deep as prices look; deeper graphs are merely ordered less well
@@ -84,7 +85,7 @@ class _Order:
         if kind == LEAF:
             return max(self._worth[number].values(), default=0)
         points = [self.most_points(one) for one in inputs]
-        return max(points) if kind == ONE else sum(points)
+        return most_together(points, 1 if kind == ONE else len(points))
 
     def has_choice(self, node: Node) -> bool:
         """Tell whether inputs could be supplied in ways of unlike worth."""

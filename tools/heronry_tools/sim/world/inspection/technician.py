@@ -24,6 +24,7 @@ from heronry_tools.sim.world.stranger import STRANGER
 from heronry_wire.frame import Malformed
 from heronry_wire.identifiers import MANAGER_NODES, Command, heartbeat_id, management_id, sdo_response_id, state_id
 from heronry_wire.management import NO_EPOCH, Lease, decode_command
+from heronry_wire.nmt import decode_heartbeat
 from heronry_wire.pe_table import PeTable
 from heronry_wire.sansio import Received
 from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
@@ -92,7 +93,7 @@ class Technician:
     def _hear(self, event: Received) -> None:
         frame, now_ns = event.frame, self._clock.now_ns
         if frame.can_id == heartbeat_id(self._node):
-            self._heard.heartbeats.append((now_ns, frame.data[0]))
+            self._heard.heartbeats.append((now_ns, decode_heartbeat(frame.data)))
         elif frame.can_id == state_id(self._node):
             page = decode_state(frame.data)
             if isinstance(page, StatePage0):
