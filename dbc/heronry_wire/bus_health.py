@@ -30,13 +30,13 @@ class BusHealth:
         self.off_since_ns: int | None = None  # None: on the bus
         self.counts: Counter[str] = Counter()
         self.reason = ""  # why it is, or was, off
-        self._news: list[str] = []
+        self._link_events: list[str] = []
         self._told_ns: dict[str, int] = {}
 
-    def take_news(self) -> list[str]:
+    def take_link_events(self) -> list[str]:
         """Give what is new since the last call, in sentences."""
-        news, self._news = self._news, []
-        return news
+        link_events, self._link_events = self._link_events, []
+        return link_events
 
     def lost(self, now_ns: int, reason: str) -> None:
         """The bus cannot be used; also for every vain try to get it back."""
@@ -46,13 +46,13 @@ class BusHealth:
             self.reason = ""
         if reason != self.reason:
             self.reason = reason
-            self._news.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
+            self._link_events.append(f"{self.name} is lost: {reason}; it is tried again until it is back")
 
     def back(self, now_ns: int) -> None:
         """The bus can be used again."""
         if self.off_since_ns is not None:
             seconds = (now_ns - self.off_since_ns) / _NS_PER_S
-            self._news.append(f"{self.name} is back after {seconds:.1f} s")
+            self._link_events.append(f"{self.name} is back after {seconds:.1f} s")
             self.off_since_ns = None
 
     def reported(self, report: ControllerReport, now_ns: int) -> None:
@@ -76,4 +76,4 @@ class BusHealth:
     def _tell(self, what: str, now_ns: int) -> None:
         if now_ns - self._told_ns.get(what, -TELL_AGAIN_NS) >= TELL_AGAIN_NS:
             self._told_ns[what] = now_ns
-            self._news.append(f"{self.name} {what}")
+            self._link_events.append(f"{self.name} {what}")

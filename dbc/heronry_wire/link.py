@@ -116,9 +116,9 @@ class Link:
         """Since when nothing can be sent or heard; None while something can."""
         return self.health.off_since_ns
 
-    def take_news(self) -> list[str]:
+    def take_link_events(self) -> list[str]:
         """Give what has befallen the bus since the last call, in sentences."""
-        return self.health.take_news()
+        return self.health.take_link_events()
 
     @property
     def nothing_waits(self) -> bool:

@@ -89,9 +89,9 @@ class ReplicatedLink:
         """Tell whether everything that was sent is on some channel."""
         return any(link.all_left for link in self.links)
 
-    def take_news(self) -> list[str]:
+    def take_link_events(self) -> list[str]:
         """Give what has befallen the channels since the last call, in sentences."""
-        return [sentence for link in self.links for sentence in link.take_news()]
+        return [sentence for link in self.links for sentence in link.take_link_events()]
 
     def lost_channels(self, now_ns: int) -> frozenset[int]:
         """Channels, counted from 1, that carry nothing of what the other one carries."""

@@ -32,15 +32,15 @@ class Gates:
 def read_gates(draft: Draft, findings: Findings) -> Gates:
     """Read every expression and check it; what makes no sense is missing from the result, and there is a finding."""
     reader = ExpressionReader(draft, findings)
-    judge = _GateRules(draft, findings)
+    assess = _GateRules(draft, findings)
     for module in draft.modules.values():
-        judge.read_module(module, reader)
-    judge.check_branches()
-    judge.check_values()
-    judge.check_wiring_cycles()
-    needs = {name: reading.expression if reading else None for name, reading in judge.readings.items()}
-    places = {name: reading.places if reading else () for name, reading in judge.readings.items()}
-    branches = {name: tuple(modules) for name, modules in judge.branches.items()}
+        assess.read_module(module, reader)
+    assess.check_branches()
+    assess.check_values()
+    assess.check_wiring_cycles()
+    needs = {name: reading.expression if reading else None for name, reading in assess.readings.items()}
+    places = {name: reading.places if reading else () for name, reading in assess.readings.items()}
+    branches = {name: tuple(modules) for name, modules in assess.branches.items()}
     return Gates(reader.shorthands(), needs, branches, places)
 
 

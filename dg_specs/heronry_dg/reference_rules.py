@@ -29,16 +29,16 @@ F = TypeVar("F", bound=Form)
 
 def check_references(draft: Draft, findings: Findings) -> None:
     """Apply every rule of this file."""
-    judge = _ReferenceRules(draft, findings)
-    judge.buses()
-    judge.pes()
-    judge.manager()
-    judge.devices()
-    judge.variables()
-    judge.modules()
-    judge.functions()
-    judge.phases()
-    judge.placement()
+    assess = _ReferenceRules(draft, findings)
+    assess.buses()
+    assess.pes()
+    assess.manager()
+    assess.devices()
+    assess.variables()
+    assess.modules()
+    assess.functions()
+    assess.phases()
+    assess.placement()
 
 
 class _ReferenceRules:

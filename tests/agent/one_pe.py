@@ -200,7 +200,7 @@ class OnePe(SteppedCore[Event, Action]):
     def ask(self) -> tuple[StatePage0, StatePage1]:
         """PING, and both pages of the answer."""
         states = pages(
-            self.command(Ping(self.core.reign.term or 1, NODE, 0), manager=self.core.reign.manager or MANAGER)
+            self.command(Ping(self.core.mastership.term or 1, NODE, 0), manager=self.core.mastership.manager or MANAGER)
         )
         page_0, page_1 = states
         assert isinstance(page_0, StatePage0)

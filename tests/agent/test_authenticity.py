@@ -103,7 +103,7 @@ def test_an_unanswered_question_is_repeated_once_a_period_and_another_start_asks
 
 
 @given(st.lists(st.tuples(st.integers(200, 219), st.binary(max_size=8)), max_size=30))
-def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_nothing_is_obeyed(
+def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_nothing_is_accepted(
     said_so: list[tuple[int, bytes]],
 ) -> None:
     one = Keyed()
@@ -111,8 +111,8 @@ def test_whatever_comes_under_the_identifiers_of_managers_nothing_raises_and_not
     for identifier, data in said_so:
         one.pe.hear(Frame(identifier, data))
         one.pe.pass_time(MS)
-    assert (one.pe.core.reign.term, one.pe.core.reign.manager) == (1, MANAGER)  # who has welcomed it
-    assert not one.pe.core.reign.hears_lease(one.pe.now_ns)
+    assert (one.pe.core.mastership.term, one.pe.core.mastership.manager) == (1, MANAGER)  # who has welcomed it
+    assert not one.pe.core.mastership.hears_lease(one.pe.now_ns)
     assert one.pe.core.reconfiguration.state is PeState.UNCONFIGURED
 
 

@@ -113,7 +113,7 @@ def step_of(actions: list[Action], module: int) -> StepModule:
 # Failing
 
 
-def test_a_new_reign_is_told_who_has_stopped_and_who_was_cleared_begins_again_in_it() -> None:
+def test_a_new_mastership_is_told_who_has_stopped_and_who_was_cleared_begins_again_in_it() -> None:
     pe = flying(restarts=0)
     pe.raising.add(CONTROL)
     fly(pe, 100 * MS)

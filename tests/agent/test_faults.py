@@ -86,7 +86,7 @@ def test_a_step_in_time_forgives_those_before_it() -> None:
     assert [step(26 * MS) for _ in range(OVERRUNS_IN_A_ROW)] == [False] * (OVERRUNS_IN_A_ROW - 1) + [True]
 
 
-def test_a_new_reign_is_told_what_still_stands_also_of_what_runs_here_no_more() -> None:
+def test_a_new_mastership_is_told_what_still_stands_also_of_what_runs_here_no_more() -> None:
     pe = watching()
     pe.pass_time(BEAT_NS)
     pe.command(Control(1, NODE, Operation.ACKNOWLEDGE, *ABOUT_LEFT))

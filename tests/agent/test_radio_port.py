@@ -25,7 +25,7 @@ from heronry_wire.state_frames import StatePage0, decode_state
 UPLINK, RADIO = 0, 1
 LINK_ID = 291
 PERIOD_NS = 100 * MS
-AT_ONCE = 1
+IMMEDIATE = 1
 TABLE = replace(
     GATEWAY_TABLE, ports=(GATEWAY_TABLE.ports[0], replace(GATEWAY_TABLE.ports[1], link_id=LINK_ID, bitrate=112_500))
 )
@@ -35,7 +35,7 @@ FORWARDS = Slice(forward={RATE: (NEIGHBOUR, 0b10)})
 class Gateway(OnePe):
     """A gateway whose radio takes each frame after `frame_ns`; None: it takes none."""
 
-    def __init__(self, frame_ns: int | None = AT_ONCE) -> None:
+    def __init__(self, frame_ns: int | None = IMMEDIATE) -> None:
         super().__init__(TABLE)
         self.frame_ns = frame_ns
         self.by_radio: list[Send] = []
@@ -49,7 +49,7 @@ class Gateway(OnePe):
             assert self.leaves_ns is None, "the one before has not left"
             self.by_radio += radio
             self.leaves_ns = None if self.frame_ns is None else self.now_ns + self.frame_ns
-        if self.frame_ns == AT_ONCE and self.leaves_ns is not None:
+        if self.frame_ns == IMMEDIATE and self.leaves_ns is not None:
             self.leaves_ns = None
             actions = actions + self.give(Left(RADIO, self.frame_ns))
         return actions
@@ -118,7 +118,7 @@ def test_what_waits_of_a_producer_does_not_reach_the_radio_when_the_new_one_is_b
     pe.hear(rate_frame(1.0), port=UPLINK)
     pe.configure(Slice(forward={RATE: (FAR, 0b01)}), 8)
     handed = len(pe.by_radio)
-    pe.frame_ns = AT_ONCE
+    pe.frame_ns = IMMEDIATE
     pe.leaves_ns = pe.now_ns
     pe.wait(5 * PERIOD_NS)
     assert RATE_ID not in {one.frame.can_id for one in pe.by_radio[handed:]}

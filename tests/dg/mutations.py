@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from heronry_dg import yaml_source
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_dg.findings import Findings
 from heronry_dg.shipped import shipped_spec_names, shipped_spec_path
 from heronry_tools.analysis.check.registry import RULES, checks_of
@@ -187,9 +187,9 @@ class Tally:
     inside: Counter[str] = field(default_factory=Counter)
     outside: Counter[tuple[str, str]] = field(default_factory=Counter)
 
-    def judge(self, mutant: Mutant) -> None:
+    def assess(self, mutant: Mutant) -> None:
         """Judge one more; whatever it raises is a defect, and so is a finding without a hint."""
-        found = judge(mutant.text.encode("utf-8", "surrogatepass"), "x.dg.yaml", checks_of(fast=True), RULES).findings
+        found = assess(mutant.text.encode("utf-8", "surrogatepass"), "x.dg.yaml", checks_of(fast=True), RULES).findings
         if not all(finding.hint for finding in found):
             raise AssertionError(f"no hint: {found}")
         if not found:
@@ -199,7 +199,7 @@ class Tally:
         else:
             self.outside[mutant.kind, found[0].code] += 1
 
-    def judged(self) -> int:
+    def assessed(self) -> int:
         """How many there were."""
         return self.clean.total() + self.inside.total() + self.outside.total()
 
@@ -223,7 +223,7 @@ def tally(count: int, seed: int) -> Tally:
     """Judge so many mutants."""
     result = Tally()
     for _, mutant in zip(range(count), mutants(random.Random(seed)), strict=False):
-        result.judge(mutant)
+        result.assess(mutant)
     return result
 
 
@@ -233,7 +233,7 @@ def main() -> int:
     result = tally(count, seed)
     print(result.table())
     print(
-        f"\n{result.share_inside():.1%} of {result.judged() - result.clean.total()} with findings told in their block"
+        f"\n{result.share_inside():.1%} of {result.assessed() - result.clean.total()} with findings told in their block"
     )
     return int(result.share_inside() < 0.95)
 

@@ -2,16 +2,16 @@
 
 import pytest
 
+from heronry_dg.check.assess import Choice, assess
 from heronry_dg.check.examples import SOUND
-from heronry_dg.check.judge import Choice, judge
 from heronry_tools.analysis.check.registry import RULES, checks_of
 
 EVERYTHING = Choice()
 
 
 def told(text: str, choice: Choice = EVERYTHING) -> list[str]:
-    judged = judge(text.encode(), "x", checks_of(fast=True), RULES, choice)
-    return [f"{finding.place.line} {finding.code} {finding.severity}" for finding in judged.findings]
+    assessed = assess(text.encode(), "x", checks_of(fast=True), RULES, choice)
+    return [f"{finding.place.line} {finding.code} {finding.severity}" for finding in assessed.findings]
 
 
 def spec(variable: str, head: str = "") -> str:

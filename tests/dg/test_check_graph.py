@@ -1,8 +1,8 @@
 """Specs that load and still cannot be meant: what the graph's check sees, and what it leaves to others."""
 
 from dg.marked_spec import RUNS
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_tools.analysis.check.registry import RULES, checks_of
 
 TWO_SENSORS = (
@@ -12,8 +12,8 @@ TWO_SENSORS = (
 
 
 def told(fragment: str) -> list[str]:
-    judged = judge(whole_spec(fragment), "x", checks_of(fast=True), RULES)
-    return [f"{finding.code}: {finding.sentence}" for finding in judged.findings]
+    assessed = assess(whole_spec(fragment), "x", checks_of(fast=True), RULES)
+    return [f"{finding.code}: {finding.sentence}" for finding in assessed.findings]
 
 
 def display(needs: str, givers: str) -> str:

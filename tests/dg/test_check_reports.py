@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from junitparser import Failure, JUnitXml
 from pydantic_sarif.model import StaticAnalysisResultsFormatSarifVersion210JsonSchema as Sarif  # from the OASIS schema
 
+from heronry_dg.check.assess import Assessed, assess
 from heronry_dg.check.examples import SOUND
-from heronry_dg.check.judge import Judged, judge
 from heronry_dg.check.machine_reports import github_report, json_report, junit_report, sarif_report
 from heronry_dg.check.text_report import concise, full, span_end, summary
 from heronry_dg.findings import Finding, Place
@@ -26,12 +26,12 @@ WARNED = SOUND.replace("  speed: {type: FLOAT}\n", "  speed: {type: FLOAT}\n  sp
 NASTY = 'a "b" <c> & 100%: \x1b[31m,\n]]>\x00 é 高'
 
 
-def judged(text: str, file: str = "specs/my wing.dg.yaml") -> Judged:
-    return judge(text.encode(), file, checks_of(fast=True), RULES)
+def assessed(text: str, file: str = "specs/my wing.dg.yaml") -> Assessed:
+    return assess(text.encode(), file, checks_of(fast=True), RULES)
 
 
-FILES = [judged(WRONG), judged(WARNED, "b.dg.yaml"), judged(SOUND, "c.dg.yaml")]
-NASTY_FILE = Judged(
+FILES = [assessed(WRONG), assessed(WARNED, "b.dg.yaml"), assessed(SOUND, "c.dg.yaml")]
+NASTY_FILE = Assessed(
     NASTY.replace("\x00", "").replace("\n", ""),
     (Finding("f:,%\n", Place(9, 9), "DG201", Severity.ERROR, NASTY, NASTY),),
 )
@@ -69,7 +69,7 @@ def test_sarif_is_valid_and_shows_where() -> None:
 def test_sarif_of_nothing_and_of_nasty_text_is_valid_too() -> None:
     Sarif.model_validate_json(sarif_report([], RULES, "1"))
     Sarif.model_validate_json(sarif_report([NASTY_FILE], RULES, "1"))
-    absolute = json.loads(sarif_report([judged(WRONG, "/a b/c.dg.yaml")], RULES, "1"))
+    absolute = json.loads(sarif_report([assessed(WRONG, "/a b/c.dg.yaml")], RULES, "1"))
     place = absolute["runs"][0]["results"][0]["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"] == "file:///a%20b/c.dg.yaml"
 
@@ -145,7 +145,7 @@ def test_a_finding_ends_with_its_word(line: str, column: int, end: int) -> None:
 
 def caret(line: str, column: int) -> tuple[str, str]:
     found = Finding("f", Place(1, column), "DG201", Severity.ERROR, "no")
-    _, shown, mark, *_ = full([Judged("f", (found,), {1: line})]).split("\n")
+    _, shown, mark, *_ = full([Assessed("f", (found,), {1: line})]).split("\n")
     return shown.removeprefix("1 | "), mark.removeprefix("  | ")
 
 
@@ -165,7 +165,7 @@ def test_of_a_long_line_the_part_around_the_place_is_shown() -> None:
 def test_any_line_can_be_shown(line: str, column: int) -> None:
     text = line.replace("\n", "").replace("\r", "")
     found = Finding("f", Place(1, column), "DG201", Severity.ERROR, "no", "hint")
-    report = full([Judged("f", (found,), {1: text})])
+    report = full([Assessed("f", (found,), {1: text})])
     assert all(c.isprintable() or c == "\n" or not c.isspace() for c in report)
 
 

@@ -16,7 +16,7 @@ from jsonschema import Draft7Validator
 
 from agent.rig import Flight, best_modes
 from heronry_agent.module import Context, Inputs, Module, Value
-from heronry_dg.check.judge import judge
+from heronry_dg.check.assess import assess
 from heronry_dg.findings import SpecError
 from heronry_dg.loader import SUFFIX, load, loads
 from heronry_dg.model import Spec
@@ -95,7 +95,7 @@ def test_a_head_speaks_of_its_own_file_and_of_a_fault(file: Path) -> None:
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.name)
 def test_no_rule_finds_an_error_and_none_of_the_fast_ones_has_a_doubt(file: Path) -> None:
-    found = judge(file.read_bytes(), str(file), checks_of(fast=False), RULES).findings
+    found = assess(file.read_bytes(), str(file), checks_of(fast=False), RULES).findings
     assert [finding for finding in found if finding.severity is Severity.ERROR] == []
     assert [finding for finding in found if not finding.code.startswith("DG4")] == []
 

@@ -254,7 +254,7 @@ class TestWiringCycles:
         modules = f"{{refine: {{needs: altitude@3, gives: {{altitude: 1}}, {RUNS}}}}}"
         assert complaints(spec_text(modules=modules, functions="")) == []
 
-    def test_modes_are_counted_one_by_one(self) -> None:
+    def test_modes_are_availablee_by_one(self) -> None:
         """One mode reads what another mode of the same module gives: they never run together."""
         modes = f"{{reading: {{needs: command, {RUNS}}}, giving: {{gives: {{command: 1}}, {RUNS}}}}}"
         assert complaints(spec_text(modules=f"{{both: {{modes: {modes}}}}}", functions="")) == []

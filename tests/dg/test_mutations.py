@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dg.mutations import CHANGES, originals, tally
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import SOUND
-from heronry_dg.check.judge import judge
 from heronry_dg.check.text_report import full
 from heronry_dg.schema import SpecForm, field_names
 from heronry_tools.analysis.check.registry import RULES, checks_of
@@ -27,8 +27,8 @@ TREES = st.recursive(
 )
 
 
-def judged(data: bytes) -> list[str]:
-    found = judge(data, "x.dg.yaml", checks_of(fast=True), RULES)
+def assessed(data: bytes) -> list[str]:
+    found = assess(data, "x.dg.yaml", checks_of(fast=True), RULES)
     full([found])
     for finding in found.findings:
         assert finding.hint, str(finding)
@@ -38,29 +38,29 @@ def judged(data: bytes) -> list[str]:
 
 def test_mutated_specs_are_judged_and_the_mistake_is_where_the_first_finding_points() -> None:
     result = tally(300, seed=20260101)
-    assert result.judged() == 300
+    assert result.assessed() == 300
     assert result.clean.total() < 60
     assert result.share_inside() >= 0.92  # of 10 000 it is 0.954, and the script demands 0.95
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_judged(data: bytes) -> None:
-    assert judged(data)
+    assert assessed(data)
 
 
 @given(st.text(max_size=200))
 def test_any_text_behind_a_sound_spec_is_judged(text: str) -> None:
-    judged((SOUND + text).encode("utf-8", "surrogatepass"))
+    assessed((SOUND + text).encode("utf-8", "surrogatepass"))
 
 
 @given(st.integers(0, len(SOUND)), st.integers(0, 40), st.text(max_size=10))
 def test_any_hole_in_a_spec_and_anything_in_it_is_judged(start: int, length: int, text: str) -> None:
-    judged((SOUND[:start] + text + SOUND[start + length :]).encode("utf-8", "surrogatepass"))
+    assessed((SOUND[:start] + text + SOUND[start + length :]).encode("utf-8", "surrogatepass"))
 
 
 @given(st.dictionaries(WORDS, TREES, max_size=8))
 def test_any_tree_of_the_words_of_a_spec_is_judged(tree: dict[str, Any]) -> None:
-    judged(yaml.safe_dump(tree, allow_unicode=True).encode("utf-8", "surrogatepass"))
+    assessed(yaml.safe_dump(tree, allow_unicode=True).encode("utf-8", "surrogatepass"))
 
 
 @pytest.mark.parametrize("section", ["gates", "needs", "gives", "functions", "phases", "variables", "pes"])
@@ -73,9 +73,9 @@ def test_anything_may_stand_in_a_section(section: str, tree: Any) -> None:
         )
     else:
         spec = "".join(line for line in SOUND.splitlines(keepends=True) if not line.startswith(section)) + text
-    judged(spec.encode("utf-8", "surrogatepass"))
+    assessed(spec.encode("utf-8", "surrogatepass"))
 
 
 def test_what_is_mutated_is_sound_and_every_kind_of_mistake_is_made() -> None:
-    assert all(judged(text.encode()) == [] for text in originals())
+    assert all(assessed(text.encode()) == [] for text in originals())
     assert len(CHANGES) == 15

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_dg.findings import Findings
 from heronry_dg.loader import read_file
 from heronry_dg.rules import file
@@ -17,7 +17,7 @@ SHOWN = [rule for rule in RULES.values() if not rule.bad.startswith("(")]
 
 
 def codes_in(data: bytes) -> set[str]:
-    return {finding.code for finding in judge(data, "x.dg.yaml", checks_of(fast=False), RULES).findings}
+    return {finding.code for finding in assess(data, "x.dg.yaml", checks_of(fast=False), RULES).findings}
 
 
 @pytest.mark.parametrize("rule", SHOWN, ids=lambda rule: rule.code)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from heronry_dg.check.judge import judge
+from heronry_dg.check.assess import assess
 from heronry_dg.findings import Finding
 from heronry_dg.rules import file
 from heronry_dg.yaml_source import MOST_BYTES
@@ -21,8 +21,8 @@ TWINS = Path(__file__).parent / "twins"
 MADE_BELOW = {file.UNREADABLE.code, file.TOO_LARGE.code}  # no file can show them, or none that one would keep
 
 
-def judged(data: bytes) -> tuple[Finding, ...]:
-    return judge(data, "x.dg.yaml", checks_of(fast=False), RULES).findings
+def assessed(data: bytes) -> tuple[Finding, ...]:
+    return assess(data, "x.dg.yaml", checks_of(fast=False), RULES).findings
 
 
 def twins(code: str) -> tuple[bytes, bytes]:
@@ -44,10 +44,10 @@ def differences(lines: list[bytes], others: list[bytes]) -> list[tuple[int, int]
 @pytest.mark.parametrize("code", sorted(RULES.keys() - MADE_BELOW))
 def test_one_twin_earns_its_code_where_it_says_and_the_other_nothing(code: str) -> None:
     bad, good = twins(code)
-    found = judged(bad)
+    found = assessed(bad)
     assert {finding.code for finding in found} == {code}
     assert found[0].place.line in meant(bad, good, code)
-    assert judged(good) == ()
+    assert assessed(good) == ()
 
 
 @pytest.mark.parametrize("code", sorted(RULES.keys() - MADE_BELOW))
@@ -74,8 +74,8 @@ def test_a_file_that_is_not_there_and_its_twin_that_is(tmp_path: Path, capsys: p
 
 def test_a_file_beyond_the_limit_and_its_twin_at_the_limit() -> None:
     good = twins("DG006")[1].ljust(MOST_BYTES)
-    assert judged(good) == ()
-    assert [finding.code for finding in judged(good + b" ")] == [file.TOO_LARGE.code]
+    assert assessed(good) == ()
+    assert [finding.code for finding in assessed(good + b" ")] == [file.TOO_LARGE.code]
 
 
 @pytest.mark.parametrize("code", RULES)

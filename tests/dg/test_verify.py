@@ -318,7 +318,7 @@ plans = st.dictionaries(words, st.builds(Running, words, words, st.dictionaries(
 
 
 @given(plans)
-def test_whatever_a_plan_says_the_judge_answers_in_sentences(modules: Modules) -> None:
+def test_whatever_a_plan_says_the_verifier_answers_in_sentences(modules: Modules) -> None:
     spec = glider()
     for violation in verify(spec, situation(spec), Configuration(modules)):
         assert violation.where

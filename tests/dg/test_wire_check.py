@@ -2,8 +2,8 @@
 
 import pytest
 
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_dg.check.wire import check, lacks_identifiers
 from heronry_dg.findings import Finding
 from heronry_dg.loader import loads
@@ -15,7 +15,7 @@ from heronry_wire.frame import WireError
 
 
 def found_in(fragment: str) -> list[Finding]:
-    return list(judge(whole_spec(fragment), "x.dg.yaml", {FAMILY.prefix: check}, FAMILY.rules).findings)
+    return list(assess(whole_spec(fragment), "x.dg.yaml", {FAMILY.prefix: check}, FAMILY.rules).findings)
 
 
 def speed_in(unit: str, identifier: int) -> list[Finding]:
@@ -83,4 +83,4 @@ def test_data_that_would_wait_too_long_for_its_equals_alone_is_not_blamed_on_les
 @pytest.mark.parametrize("name", shipped_spec_names())
 def test_shipped_specs_say_what_canaerospace_says(name: str) -> None:
     data = shipped_spec_path(name).read_bytes()
-    assert judge(data, name, {FAMILY.prefix: check}, RULES).findings == ()
+    assert assess(data, name, {FAMILY.prefix: check}, RULES).findings == ()

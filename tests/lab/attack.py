@@ -76,10 +76,10 @@ class _Watch:
         assert core.authenticity is not None
         running, staged = core.reconfiguration.running, core.staging.staged
         return (
-            (core.reign.manager, core.reign.term, core.reign.hears_lease(0)),
+            (core.mastership.manager, core.mastership.term, core.mastership.hears_lease(0)),
             (running, core.reconfiguration.state, staged, core.staging.collecting()),
             core.authenticity.is_open,
-            (core.permission.allows(0), core.modules.faults.pending),
+            (core.output_authorization.allows(0), core.modules.faults.pending),
         )
 
 
@@ -142,7 +142,7 @@ class Attacked:
             asked = self._pe.nonces(_MS, self._node)
         self._pe.hear(*self._manager.welcome(self._node, asked[0]))
         self._lead()
-        assert self._core.reign.term == _TERM, "the true manager is not believed"
+        assert self._core.mastership.term == _TERM, "the true manager is not believed"
 
     def _lead(self) -> None:
         """A beat of the true manager, which must be believed."""

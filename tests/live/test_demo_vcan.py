@@ -134,12 +134,12 @@ def fly(folder: Path, patience: int) -> Flight:
     file = slow_spec("big_blue", folder, heartbeat_ms=HEARTBEAT_MS, rates_divided_by=40)
     assert main(["dbc", str(file), "-o", str(folder / "bus.dbc")]) == 0
     with candump(folder / "can0.log"):
-        acts = ["--kill", f"pe:{KILLED}@{KILL_S * patience}"]
+        faults = ["--kill", f"pe:{KILLED}@{KILL_S * patience}"]
         rest = ["--from", "300", "--for", str(SECONDS * patience), "--json", "--record", str(folder / "flight.log")]
         rest += ["--contingencies", "none"]  # so that slices are sent
         bus = ["-i", "socketcan", "-c", "vcan0"]
         done = subprocess.run(
-            [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *acts, *rest],
+            [sys.executable, "-m", "heronry_tools.cli", "demo", str(file), *bus, *faults, *rest],
             env={**os.environ, "TMPDIR": str(home)},
             capture_output=True,
             text=True,

@@ -198,7 +198,7 @@ def test_frames_that_the_kernel_had_to_drop_are_counted() -> None:
             taken += len(arrivals)
         assert taken + link.health.counts["frames not taken in time"] == 2000
         assert taken < 2000
-        assert "some are lost" in link.health.take_news()[0]
+        assert "some are lost" in link.health.take_link_events()[0]
 
 
 # An interface with a controller

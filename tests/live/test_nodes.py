@@ -156,7 +156,7 @@ class CanopenMaster:
     def __init__(self, aircraft: Aircraft) -> None:
         self.heartbeats: defaultdict[int, list[int]] = defaultdict(list)
         self.emergencies: defaultdict[int, list[canopen.emcy.EmcyError]] = defaultdict(list)
-        self._news, self._wake = os.pipe()
+        self._link_events, self._wake = os.pipe()
         self.network = canopen.Network()
         for pe in aircraft.spec.pes.values():
             node = self.network.add_node(pe.node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
@@ -168,15 +168,15 @@ class CanopenMaster:
         until_s = time.monotonic() + PATIENCE_S
         while not what():
             left_s = max(0.0, until_s - time.monotonic())
-            assert select.select([self._news], [], [], left_s)[0], "the CANopen master waits in vain"
-            os.read(self._news, 4096)
+            assert select.select([self._link_events], [], [], left_s)[0], "the CANopen master waits in vain"
+            os.read(self._link_events, 4096)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.network.disconnect()
-        os.close(self._news)
+        os.close(self._link_events)
         os.close(self._wake)
 
     def _noting(self, place: list[Any]) -> Callable[[Any], None]:

@@ -7,7 +7,7 @@ from lab.partition_kills.__main__ import main
 pytestmark = pytest.mark.live
 
 
-def test_what_is_struck_is_restarted_given_up_or_planned_around(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_injected_is_restarted_given_up_or_planned_around(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--kills", "3", "--rest", "0.1", "--heartbeat-ms", "200"]) == 0
     words = capsys.readouterr().out
     assert "FAILURE" not in words

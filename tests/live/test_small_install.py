@@ -285,7 +285,7 @@ def test_an_installed_wheel_works_without_the_checkout(installed: Path, tmp_path
     planned = run("-m", "heronry_tools.cli", "plan", "elevator_and_chute", "--json", env=hidden, cwd=tmp_path)
     assert planned.returncode == 0, planned.stderr
     (tmp_path / "plan.json").write_text(planned.stdout)
-    judged = run("-m", "heronry_tools.cli", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
-    assert (judged.returncode, judged.stdout) == (0, "legal: no rule is broken\n")
+    assessed = run("-m", "heronry_tools.cli", "verify", "elevator_and_chute", "plan.json", env=hidden, cwd=tmp_path)
+    assert (assessed.returncode, assessed.stdout) == (0, "legal: no rule is broken\n")
     nowhere = environment(tmp_path, _WITHOUT_CHECKOUT.format(folder=""))
     assert "No module named 'heronry_dg" in run("-P", "-c", find, env=nowhere, cwd=tmp_path).stderr

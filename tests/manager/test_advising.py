@@ -64,7 +64,7 @@ def test_it_says_what_it_would_do_and_nothing_on_the_bus(advisor: OneManager) ->
     assert advisor.of("epoch_prepared") == []
 
 
-def test_a_manager_that_reigns_beside_it_is_no_rival(advisor: OneManager) -> None:
+def test_a_manager_that_is_active_beside_it_is_no_rival(advisor: OneManager) -> None:
     lease = Lease(9, 0, Step.PREPARED, 0)
     advisor.hear(command_frame(lease, 127))
     advisor.start(fly=False)
@@ -131,7 +131,7 @@ class Beside:
     def status(self) -> dict[str, Any]:
         return self.one.core.status()
 
-    def obey(self, order: Order) -> Reply:
+    def accept(self, order: Order) -> Reply:
         (reply,) = (action for action in self.one.give(OperatorSaid(7, order)) if isinstance(action, Reply))
         return reply
 
@@ -199,14 +199,14 @@ def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Be
     beside.run(without(), 30)
     beside.fly(60)
     beside.one.answer()
-    replies = [beside.obey(FailElement("device:servo_left")), beside.obey(EnterPhase("land"))]
+    replies = [beside.accept(FailElement("device:servo_left")), beside.accept(EnterPhase("land"))]
     beside.fly(100)
     assert [one["element"] for one in beside.status()["latched"]] == ["device:servo_left"]
     assert beside.status()["phase"] == "land"
     beside.holds = [(ElementKind.PHASE, 1)]
     beside.fly(10)
     assert beside.status()["phase"] == "glide"
-    replies.append(beside.obey(ClearElement("device:servo_left")))
+    replies.append(beside.accept(ClearElement("device:servo_left")))
     assert beside.status()["latched"] == []
     only_advises = "; this manager only advises: say it to the one that reigns"
     assert [(one.done, one.sentence) for one in replies] == [
@@ -216,7 +216,7 @@ def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Be
     ]
 
 
-def test_a_request_for_a_phase_is_left_to_who_reigns_as_long_as_anybody_does(beside: Beside) -> None:
+def test_a_request_for_a_phase_is_left_to_the_active_manager_as_long_as_anybody_does(beside: Beside) -> None:
     beside.run(without(), 30)
     beside.fly(60)
     request = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, FORWARD_ONLY | 1)

@@ -55,7 +55,7 @@ def test_a_best_plan_that_is_no_better_where_it_counts_interrupts_nothing(manage
     made = as_good(manager)
     fly(manager, made)
     asked = manager.requests[-1]
-    assert asked.at_leisure
+    assert asked.in_background
     assert asked.running == placement(made.configuration)
     elsewhere = replace(made, objective=replace(made.objective, changes=0, bus_mbit_per_s=0, cpu_millis=0))
     actions = manager.give(PlanReady(asked.request, elsewhere))
@@ -86,19 +86,19 @@ def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
 def test_it_is_asked_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
     fly(manager, as_good(manager))
-    assert [asked.at_leisure for asked in manager.requests] == [False, True]
+    assert [asked.in_background for asked in manager.requests] == [False, True]
 
 
 def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
     late, answer = manager.requests[-1], best(manager)
     manager.report("left", LEFT_SERVO_FAILED)
-    assert not manager.requests[-1].at_leisure
+    assert not manager.requests[-1].in_background
     assert manager.last("plan_requested")["causes"] == ["device:servo_left failed, reported by left"]
     manager.give(PlanReady(late.request, answer))
     assert len(manager.of("epoch_prepared")) == 1
     fly(manager, as_good(manager))
-    assert manager.requests[-1].at_leisure
+    assert manager.requests[-1].in_background
 
 
 def test_no_answer_is_left_at_that(manager: OneManager) -> None:

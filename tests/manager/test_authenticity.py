@@ -205,7 +205,7 @@ def test_a_lost_channel_is_told_as_it_is_heard_since_no_plan_depends_on_it() -> 
     assert [event["channel"] for event in manager.events if event["event"] == "channel_lost"] == ["can0.2"]
 
 
-def test_what_an_older_reign_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:
+def test_what_an_older_mastership_commanded_is_known_by_what_page_3_names(manager: OneManager, pe: Pe) -> None:
     runs = StatePage0(PeState.ACTIVE, PeFlags(0), 1, 900, 0, 0xABCDEF)
     pe.say(runs)
     assert not pe.counts()
@@ -242,7 +242,7 @@ def lease_of(signer: CommandSigner, manager: int, term: int, epoch: int = 0, dig
 
 
 @pytest.mark.parametrize(("key", "stops"), [(KEY, 1), (FOREIGN, 0)])
-def test_another_manager_ends_a_reign_only_with_the_key(manager: OneManager, key: Key, stops: int) -> None:
+def test_another_manager_ends_a_mastership_only_with_the_key(manager: OneManager, key: Key, stops: int) -> None:
     for frame in lease_of(CommandSigner(key, 127, 9), 127, 9):
         assert manager.core.hears(frame.can_id)
         manager.hear(frame)
@@ -294,7 +294,7 @@ def test_an_older_one_that_is_said_again_takes_the_place_of_none(advisor: OneMan
     assert not pe.counts()
 
 
-def test_a_reigning_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> None:
+def test_a_active_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> None:
     for number in range(3):
         manager.hear(CommandSigner(KEY, 127, 4 + number).welcome(LEFT, 5)[0])
     pe.say()
@@ -304,16 +304,16 @@ def test_a_reigning_manager_does_not_follow_it(manager: OneManager, pe: Pe) -> N
 def test_a_standby_reads_states_by_the_digests_of_its_manager_and_tags_what_it_says_when_it_takes_over() -> None:
     one = OneManager(node=127, key=KEY)
     one.core = ManagerCore(one.spec, 127, NOTHING, one.now_ns, key=KEY, standby=True)
-    reigning = CommandSigner(KEY, NODE, 3)
+    active_manager = CommandSigner(KEY, NODE, 3)
     for epoch in range(1, 9):
-        for frame in lease_of(reigning, NODE, 3, epoch, 1000 + epoch):
+        for frame in lease_of(active_manager, NODE, 3, epoch, 1000 + epoch):
             one.hear(frame)
     pes = []
     for name, pe in one.spec.pes.items():
         one.hear(Frame(state_id(pe.node_id), StatePage2(PeState.UNCONFIGURED, PeFlags(0), 5).encode()))
-        for frame in reigning.welcome(pe.node_id, 5):
+        for frame in active_manager.welcome(pe.node_id, 5):
             one.hear(frame)
-        pes.append(Pe(one, name, session=Session(NODE, 3, reigning.number)))
+        pes.append(Pe(one, name, session=Session(NODE, 3, active_manager.number)))
     for epoch, runs in ((1, None), (8, 8)):
         for one_pe in pes:
             one_pe.say(StatePage0(PeState.ACTIVE, PeFlags(0), 1, epoch, 0, 1000 + epoch))

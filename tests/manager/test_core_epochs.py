@@ -113,7 +113,7 @@ def test_a_pe_that_joins_is_given_an_epoch_even_where_the_plan_stays_the_same(ma
     assert manager.last("epoch_prepared")["pes"] == ["left", "middle", "right"]
 
 
-def test_who_joins_with_the_epoch_of_an_older_reign_breaks_first() -> None:
+def test_who_joins_with_the_epoch_of_an_older_mastership_breaks_first() -> None:
     manager = OneManager(term=2)
     manager.live("left", PeState.ACTIVE, epoch=5, digest=5)
     manager.live("middle", PeState.ACTIVE, epoch=5, digest=5)

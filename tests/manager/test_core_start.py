@@ -57,7 +57,7 @@ def test_who_hears_its_double_says_what_is_wrong() -> None:
 
 
 @pytest.mark.parametrize(("own_losses", "remembered"), [(0, {}), (1, {}), (2, {"left": 2})])
-def test_what_a_deaf_manager_has_counted_is_not_remembered_against_anybody(
+def test_what_a_receive_failed_manager_has_counted_is_not_remembered_against_anybody(
     own_losses: int, remembered: dict[str, int]
 ) -> None:
     manager = OneManager()
@@ -76,7 +76,7 @@ def test_what_a_deaf_manager_has_counted_is_not_remembered_against_anybody(
     assert manager.memory.quarantined == remembered
 
 
-def test_who_hears_nobody_may_find_that_another_one_reigns() -> None:
+def test_who_hears_nobody_may_find_that_another_one_is_active() -> None:
     manager = OneManager()
     manager.start()
     for pe in list(manager.running):

@@ -34,7 +34,7 @@ def everybody_up(spec: Spec) -> Health:
     return health
 
 
-def test_a_new_reign_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them_out(spec: Spec) -> None:
+def test_a_new_mastership_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them_out(spec: Spec) -> None:
     health = everybody_up(spec)
     health.tick(25 * MS)
     health.tick(65 * MS)
@@ -49,7 +49,7 @@ def test_a_new_reign_waits_for_whom_it_is_told_to_unless_the_operator_keeps_them
     assert health.awaited_again() == []
 
 
-def test_a_new_reign_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
+def test_a_new_mastership_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
     health = everybody_up(spec)
     health.await_again(PES, 70 * MS, 1000 * MS)  # all are up: for nobody
     assert not health.starting()
@@ -61,7 +61,7 @@ def test_a_new_reign_waits_no_longer_for_who_has_begun_anew(spec: Spec) -> None:
     assert not health.starting()
 
 
-def test_a_new_reign_waits_no_longer_for_who_does_not_even_speak(spec: Spec) -> None:
+def test_a_new_mastership_waits_no_longer_for_who_does_not_even_speak(spec: Spec) -> None:
     health = everybody_up(spec)
     health.tick(25 * MS)
     health.tick(65 * MS)
@@ -85,7 +85,7 @@ def test_who_was_lost_before_the_others_fell_silent_has_lost_it_itself(spec: Spe
     health.tick(230 * MS)
     health.tick(300 * MS)
     assert health.hears_nobody(300 * MS)
-    assert health.take_back() == [*PES[1:]]
+    assert health.discount_losses() == [*PES[1:]]
     assert [health.losses(pe) for pe in PES] == [1, 0, 0]
 
 

@@ -133,7 +133,7 @@ def test_after_the_last_term_there_is_none() -> None:
         next_term(127, 4094)
 
 
-class _TwoReigns:
+class _TwoMasterships:
     """Two managers that reign at the same time, on two sides of a broken bus."""
 
     def __init__(self) -> None:
@@ -164,14 +164,14 @@ class _TwoReigns:
 @given(st.lists(st.tuples(st.sampled_from(MANAGER_NODES), st.sampled_from("grrsgggg")), max_size=120))
 @settings(max_examples=part_of(100))
 def test_no_epoch_number_is_given_twice_by_whomever_and_after_whatever_restart(steps: list[tuple[int, str]]) -> None:
-    reigns, given_by = _TwoReigns(), dict.fromkeys(MANAGER_NODES, 0)
+    is_active, given_by = _TwoMasterships(), dict.fromkeys(MANAGER_NODES, 0)
     numbers: set[int] = set()
     for node, what in steps:
         if what == "r":
-            reigns.restart(node)
+            is_active.restart(node)
             continue
         other = next(one for one in MANAGER_NODES if one != node)
-        epoch = reigns.give(node, given_by[other] if what == "s" else 0)
+        epoch = is_active.give(node, given_by[other] if what == "s" else 0)
         assert epoch not in numbers
         numbers.add(epoch)
         given_by[node] = epoch

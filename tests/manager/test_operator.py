@@ -123,7 +123,7 @@ def test_a_channel_that_an_older_journal_holds_is_cleared_and_no_pe_is_told() ->
 # Status, and when
 
 
-def test_orders_wait_until_the_manager_reigns_and_a_question_does_not() -> None:
+def test_orders_wait_until_the_manager_is_active_and_a_question_does_not() -> None:
     manager = OneManager()
     assert "try again" in say(manager, FailElement("pe:left")).sentence
     told = status(manager)
@@ -198,7 +198,7 @@ def test_a_request_counts_once_though_its_pe_was_lost_before_it_was_answered(man
     assert [one["phase"] for one in manager.of("phase_changed")] == ["land", "climb"]
 
 
-def test_a_restarted_manager_knows_which_request_was_obeyed(manager: OneManager) -> None:
+def test_a_restarted_manager_knows_which_request_was_accepted(manager: OneManager) -> None:
     manager.report("left", request(2, 1))
     say(manager, EnterPhase("climb"))
     again = OneManager(manager.spec, memory=manager.memory)

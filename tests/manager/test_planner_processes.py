@@ -41,7 +41,7 @@ class Flown:
         select.select(self.processes.readers(), [], [])
         return self.processes.poll()
 
-    def at_once(self, asked: RequestPlan) -> PlanReady:
+    def immediate(self, asked: RequestPlan) -> PlanReady:
         (answer,) = self.processes.take(asked)
         assert isinstance(answer, PlanReady)
         assert answer.request == asked.request
@@ -63,12 +63,12 @@ def flown() -> Iterator[Flown]:
         yield Flown(SPEC, planner, pre_planner)
 
 
-def test_what_was_not_foreseen_gets_a_plan_at_once_and_the_best_one_at_leisure(flown: Flown) -> None:
-    answer = flown.at_once(RequestPlan(1, TAIL_LOST, RUNNING))
+def test_what_was_not_foreseen_gets_a_plan_at_once_and_the_best_one_in_background(flown: Flown) -> None:
+    answer = flown.immediate(RequestPlan(1, TAIL_LOST, RUNNING))
     assert not answer.plan.optimal
     assert answer.plan.functions["parachute"].served
     runs_now = placement(answer.plan.configuration)
-    best = flown.later(RequestPlan(2, TAIL_LOST, runs_now, at_leisure=True))
+    best = flown.later(RequestPlan(2, TAIL_LOST, runs_now, in_background=True))
     assert best.plan.configuration == plan(SPEC, TAIL_LOST, runs_now).configuration
 
 
@@ -80,13 +80,13 @@ def test_every_single_loss_is_at_hand_once_a_configuration_runs(flown: Flown) ->
     flown.settle(Situation(), RUNNING)
     for number, pe in enumerate(SPEC.pes, start=1):
         lost = Situation(frozenset({f"pe:{pe}"}))
-        assert flown.at_once(RequestPlan(number, lost, RUNNING)).plan == plan(SPEC, lost, RUNNING)
+        assert flown.immediate(RequestPlan(number, lost, RUNNING)).plan == plan(SPEC, lost, RUNNING)
 
 
 def test_a_return_is_at_hand_too(flown: Flown) -> None:
     degraded = placement(plan(SPEC, TAIL_LOST, RUNNING).configuration)
     flown.settle(TAIL_LOST, degraded)
-    answer = flown.at_once(RequestPlan(7, Situation(), degraded))
+    answer = flown.immediate(RequestPlan(7, Situation(), degraded))
     assert answer.plan.optimal
     assert answer.plan.functions["elevator"].served
 
@@ -94,9 +94,9 @@ def test_a_return_is_at_hand_too(flown: Flown) -> None:
 def test_a_question_does_not_wait_for_those_ahead(flown: Flown) -> None:
     assert flown.processes.take(Settled(Situation(), RUNNING)) == []
     both = Situation(frozenset({"pe:tail_pe", "pe:sensor_pe"}))
-    flown.later(RequestPlan(1, both, RUNNING, at_leisure=True))
+    flown.later(RequestPlan(1, both, RUNNING, in_background=True))
     flown.settle(Situation(), RUNNING)
-    assert flown.at_once(RequestPlan(2, TAIL_LOST, RUNNING)).plan.optimal
+    assert flown.immediate(RequestPlan(2, TAIL_LOST, RUNNING)).plan.optimal
 
 
 def test_what_the_planner_cannot_answer_is_told(flown: Flown) -> None:
@@ -119,7 +119,7 @@ def test_the_next_phase_is_at_hand_too(tmp_path: Path) -> None:
         flown = Flown(spec, planner, pre_planner)
         flown.settle(Situation(phase="climb"), running)
         glide = Situation(phase="glide")
-        assert flown.at_once(RequestPlan(1, glide, running)).plan == plan(spec, glide, running)
+        assert flown.immediate(RequestPlan(1, glide, running)).plan == plan(spec, glide, running)
 
 
 def test_without_a_solver_nothing_is_started() -> None:

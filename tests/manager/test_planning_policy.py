@@ -93,15 +93,15 @@ def _planned(one: SweepQuestion) -> Outcome:
 
 
 class TestQuestions:
-    def test_an_immediate_one_is_answered_at_once_by_a_plan_that_the_judge_accepts(
+    def test_an_immediate_one_is_answered_at_once_by_a_plan_that_the_verifier_accepts(
         self, policy: PlanningPolicy
     ) -> None:
         (answer,) = policy.step(RequestPlan(7, TAIL_LOST, RUNNING))
         assert answer == Answer(PlanReady(7, GREEDY.plan(TAIL_LOST, RUNNING)), Source.IMMEDIATE)
 
-    @pytest.mark.parametrize("at_leisure", [False, True])
-    def test_one_in_the_background_is_for_the_planner(self, policy: PlanningPolicy, at_leisure: bool) -> None:
-        asked = RequestPlan(7, WELL, RUNNING if at_leisure else None, at_leisure)
+    @pytest.mark.parametrize("in_background", [False, True])
+    def test_one_in_the_background_is_for_the_planner(self, policy: PlanningPolicy, in_background: bool) -> None:
+        asked = RequestPlan(7, WELL, RUNNING if in_background else None, in_background)
         assert policy.step(asked) == [AskPlanner(asked)]
         ready = PlanReady(7, BEST)
         assert policy.step(PlannerAnswered(ready)) == [Answer(ready, Source.PLANNER)]
@@ -121,9 +121,9 @@ class TestQuestions:
     def test_a_lost_answer_holds_up_nothing(self, policy: PlanningPolicy) -> None:
         policy.step(RequestPlan(1, WELL, None))
         assert source(policy, RequestPlan(2, TAIL_LOST, RUNNING)) is Source.IMMEDIATE
-        assert source(policy, RequestPlan(3, TAIL_LOST, RUNNING, at_leisure=True)) is None
+        assert source(policy, RequestPlan(3, TAIL_LOST, RUNNING, in_background=True)) is None
 
-    @pytest.mark.parametrize("asked", [RequestPlan(1, WELL, None), RequestPlan(1, WELL, RUNNING, at_leisure=True)])
+    @pytest.mark.parametrize("asked", [RequestPlan(1, WELL, None), RequestPlan(1, WELL, RUNNING, in_background=True)])
     def test_without_a_solver_every_one_is_immediate(self, asked: RequestPlan) -> None:
         assert source(PlanningPolicy(SPEC, GREEDY, has_planner=False), asked) is Source.IMMEDIATE
 

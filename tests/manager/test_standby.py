@@ -118,7 +118,7 @@ def test_who_was_not_heard_here_alone_is_not_held_down_when_its_manager_dies(pai
     pair.standby.pass_time(MS)
     assert pair.standby.said(Alive)[0].nodes == {92, 93, 94}
     assert pair.standby.last("adopted")
-    assert pair.standby.requests[-1].at_leisure
+    assert pair.standby.requests[-1].in_background
 
 
 def test_what_runs_is_not_adopted_where_somebody_shows_a_newer_epoch(pair: Pair) -> None:
@@ -159,7 +159,7 @@ def test_who_died_with_the_manager_is_dealt_with_as_a_fault_of_what_was_adopted(
     assert pair.standby.last("adopted")
     assert pair.standby.requests[-1].now.down == {"pe:left"}
     assert pair.standby.requests[-1].running is not None
-    assert not pair.standby.requests[-1].at_leisure
+    assert not pair.standby.requests[-1].in_background
 
 
 def test_a_pe_that_restarted_in_between_is_given_what_runs(pair: Pair) -> None:
@@ -213,7 +213,7 @@ def test_what_names_nothing_in_the_spec_is_not_taken_down(pair: Pair) -> None:
     assert pair.standby.memory == before
 
 
-def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_reigns(pair: Pair) -> None:
+def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_is_active(pair: Pair) -> None:
     pair.standby.report("left", FAULT)
     assert pair.standby.frames == []
     assert pair.standby.memory.latched == {}
@@ -375,7 +375,7 @@ class TestOverheard:
         assert turn.memory.runs is None
 
 
-def test_what_it_has_heard_acknowledged_was_obeyed_and_the_operators_word_since_stands(pair: Pair) -> None:
+def test_what_it_has_heard_acknowledged_was_accepted_and_the_operators_word_since_stands(pair: Pair) -> None:
     wish = Emergency(FaultCode.PHASE_REQUEST, 0, ElementKind.PHASE, 1, 1)
     pair.primary.report("left", wish)
     pair.primary.give(OperatorSaid(1, EnterPhase("climb")))
@@ -416,7 +416,7 @@ def test_without_a_term_left_it_stops_and_says_so() -> None:
     assert manager.core.next_deadline_ns() is None
 
 
-def test_nor_does_one_begin_a_reign_that_has_listened() -> None:
+def test_nor_does_one_begin_a_mastership_that_has_listened() -> None:
     manager = OneManager(memory=Memory(term=4094))
     manager.start()
     manager.running.clear()
@@ -428,7 +428,7 @@ def test_nor_does_one_begin_a_reign_that_has_listened() -> None:
     assert "there is no term after 4095" in reason
 
 
-def test_a_reign_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) -> None:
+def test_a_mastership_is_not_refused_for_what_was_said_in_an_earlier_one(pair: Pair) -> None:
     pair.orphan(*PHASES.pes)
     manager = pair.standby
     manager.pass_time(3 * BEAT_NS)  # most say that they hear no LEASE, and have not said so for long

@@ -403,7 +403,7 @@ class Tally:
     wrong: list[str]
 
 
-def judge_mutants(rng: random.Random, tally: Tally, *, origins: int = 3) -> None:
+def mutants_of_verifier(rng: random.Random, tally: Tally, *, origins: int = 3) -> None:
     """Draw a case, and every kind of mutation of some of its legal configurations; raises TooManyError."""
     case = random_case(rng, modules=5)
     legal = [configuration for configuration, _, _ in Enumerator(case.spec, case.now).every(most=MOST)]
@@ -413,10 +413,10 @@ def judge_mutants(rng: random.Random, tally: Tally, *, origins: int = 3) -> None
         for kind, mutation in MUTATIONS.items():
             modules = mutation(Drawn(rng, case, configuration.modules))
             if modules is not None and modules != configuration.modules:
-                _judge(case, Configuration(modules), kind, known, tally)
+                _assess(case, Configuration(modules), kind, known, tally)
 
 
-def _judge(case: Case, mutant: Configuration, kind: str, known: set[Canonical], tally: Tally) -> None:
+def _assess(case: Case, mutant: Configuration, kind: str, known: set[Canonical], tally: Tally) -> None:
     violations = verify(case.spec, case.now, mutant)
     is_legal = canonical(mutant) in known
     tally.legal[kind] += is_legal
@@ -438,7 +438,7 @@ def main() -> int:
     for seed in range(arguments.first, arguments.end):
         before = len(tally.wrong)
         try:
-            judge_mutants(random.Random(seed), tally)
+            mutants_of_verifier(random.Random(seed), tally)
         except TooManyError:
             too_large += 1
         for wrong in tally.wrong[before:]:

@@ -38,4 +38,4 @@ def test_a_crowded_aircraft_is_served_as_well_as_can_be_with_little_effort(lost:
     planner, now = Planner(spec), situation(spec, [lost])
     search = planner.serve(now, effort=0.3)
     assert search.proven
-    assert search.objective.key() > planner.at_once(now).objective.key()
+    assert search.objective.key() > planner.immediate(now).objective.key()

@@ -181,7 +181,7 @@ def test_what_is_chosen_is_accepted_and_the_agents_exceed_nothing(rng: random.Ra
 
 @settings(max_examples=part_of(40), deadline=None)
 @given(st.randoms(use_true_random=False))
-def test_from_anything_that_a_user_says_runs_there_is_a_way_that_the_judge_accepts(rng: random.Random) -> None:
+def test_from_anything_that_a_user_says_runs_there_is_a_way_that_the_verifier_accepts(rng: random.Random) -> None:
     case = random_case(rng, modules=6)
     before, after = random_running(rng, case.spec) or {}, plan(case.spec, case.now, case.running).configuration
     way = transition(case.spec, before, after, case.now)
@@ -206,7 +206,7 @@ def test_waiting_for_fewer_would_not_do() -> None:
     assert min(seen.values()) > 8, seen
 
 
-def test_the_judge_accepts_the_same_where_it_can_play_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_verifier_accepts_the_same_where_it_can_play_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("heronry_dg.verify_transition.MOST_MIXTURES", 1)
     refused = 0
     for seed in range(60):
@@ -258,7 +258,7 @@ def test_who_is_not_needed_once_others_wait_is_not_waited_for() -> None:
     assert verify_transition(spec, before, after, situation(spec), way) == []
 
 
-def test_the_judge_looks_at_the_pes_and_at_the_steps_themselves() -> None:
+def test_the_verifier_looks_at_the_pes_and_at_the_steps_themselves() -> None:
     spec = load(shipped_spec_path("elevator_and_chute"))
     after, now = plan(spec, situation(spec)).configuration, situation(spec, [], ["pe:tail_pe=1%"])
     way = transition(spec, {}, after, now)
@@ -374,7 +374,7 @@ def test_a_silent_pe_keeps_its_demux_until_it_has_certainly_stopped() -> None:
     assert {v.rule for v in verify_transition(spec, before, after, now, rash)} == {"t.exclusive"}
 
 
-def test_what_moves_is_given_up_first_and_the_judge_says_so_too() -> None:
+def test_what_moves_is_given_up_first_and_the_verifier_says_so_too() -> None:
     spec = load(shipped_spec_path("elevator_and_chute"))
     after = plan(spec, situation(spec)).configuration
     mover = next(m for m in after.modules if spec.modules[m].device is None)
@@ -400,7 +400,7 @@ def test_from_nothing_to_something_takes_one_step() -> None:
     assert Transitions(spec).must_break({}, after, situation(spec), {"nav"}) == {"nav"}
 
 
-def test_where_there_are_too_many_mixtures_to_play_the_judge_takes_the_worst_of_each() -> None:
+def test_where_there_are_too_many_mixtures_to_play_the_verifier_takes_the_worst_of_each() -> None:
     lines = ["dg: 1", "name: many", "buses: {can0: {bitrate: 100000}}", "pes:"]
     lines += [f"  p{i}: {{node_id: {92 + i}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for i in range(15)]
     lines += ["variables:", *(f"  v{i}: {{type: FLOAT}}" for i in range(14)), "modules:"]

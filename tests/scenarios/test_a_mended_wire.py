@@ -12,7 +12,7 @@ ACTIVATE = management_id(FIRST_MANAGER, Command.ACTIVATE)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_who_was_replaced_while_mute_sends_nothing_more_of_what_it_had_waiting(seed: int) -> None:
+def test_who_was_replaced_while_transmit_failed_sends_nothing_more_of_what_it_had_waiting(seed: int) -> None:
     """The manager decides at once: no ALIVE has told this PE yet when its wire is mended, at the moment of GO_ALL."""
     index = TableIndex(prepared(big_blue(), None).tables["air"])
     identifiers = index.identifiers(index.movable)
@@ -22,10 +22,10 @@ def test_who_was_replaced_while_mute_sends_nothing_more_of_what_it_had_waiting(s
     air = simulation.fleet.running["air"]
     simulation.run_for(200 * MS)
     assert identifiers & {one.frame.can_id for one in sent if one.sender == "air"}
-    air.wire(mute=True)
+    air.wire(transmit_failed=True)
     sent.clear()
     while not any(one.frame.can_id == ACTIVATE for one in sent):
         simulation.run_for(MS // 10)
-    air.wire(mute=False)
+    air.wire(transmit_failed=False)
     simulation.run_for(100 * MS)
     assert not identifiers & {one.frame.can_id for one in sent if one.sender == "air"}

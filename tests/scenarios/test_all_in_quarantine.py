@@ -3,7 +3,7 @@
 from scenarios.flights import MS, flying, two_tails
 
 
-def test_a_reign_begins_while_everybody_is_held_down() -> None:
+def test_a_mastership_begins_while_everybody_is_held_down() -> None:
     simulation = flying(two_tails())
     for wait_ns in (1_200 * MS, 1_200 * MS, 1_200 * MS, 0):
         for pe in simulation.spec.pes:  # one after the other: who hears nobody at all says nothing

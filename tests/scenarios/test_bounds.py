@@ -13,9 +13,9 @@ from heronry_dg.objective import Placement
 from heronry_dg.situation import Situation
 from heronry_manager.bounds.fault_cases import fault_cases
 from heronry_manager.bounds.reconfiguration_bound import Bound, Bounds, FaultClass
-from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import DEFAULT_DECIDE_NS, Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.world.planning import best_plan
 from scenarios.flights import MS, big_blue, elevator_and_chute, flying, two_tails
 from scenarios.test_single_faults import with_a_twin_of_what_raises
@@ -109,38 +109,38 @@ STEP_MS, PERIOD_OF_STEPS_MS = 30, 25
 
 
 @pytest.mark.parametrize(
-    ("act", "fault", "more_ms"),
+    ("fault", "fault_class", "more_ms"),
     [
-        (Act(0, "mute", "pe:tail_pe", 1000), FaultClass.PE_LOST, 0),
-        (Act(0, "pause", "pe:tail_pe", 1000), FaultClass.PE_LOST, 0),
-        (Act(0, "bus_off", "pe:tail_pe"), FaultClass.PE_LOST, 0),
-        (Act(0, "deaf", "pe:tail_pe", 1000), FaultClass.PE_LOST, 2 * LEASE_MS + 2 * PERIOD_MS - SILENCE_MS),
-        (Act(0, "twin", "pe:sensor_pe", 60), FaultClass.PE_LOST, -SILENCE_MS),
+        (Fault(0, "mute", "pe:tail_pe", 1000), FaultClass.PE_LOST, 0),
+        (Fault(0, "pause", "pe:tail_pe", 1000), FaultClass.PE_LOST, 0),
+        (Fault(0, "bus_off", "pe:tail_pe"), FaultClass.PE_LOST, 0),
+        (Fault(0, "deaf", "pe:tail_pe", 1000), FaultClass.PE_LOST, 2 * LEASE_MS + 2 * PERIOD_MS - SILENCE_MS),
+        (Fault(0, "twin", "pe:sensor_pe", 60), FaultClass.PE_LOST, -SILENCE_MS),
         (
-            Act(0, "overrun", "module:servo_driver_1", 1000),
+            Fault(0, "overrun", "module:servo_driver_1", 1000),
             FaultClass.MODULE_REPORTED,
             PERIOD_OF_STEPS_MS + 10 * STEP_MS,
         ),
-        (Act(0, "raise", "module:servo_driver_1"), FaultClass.MODULE_REPORTED, 3 * PERIOD_OF_STEPS_MS + RESTARTS_MS),
+        (Fault(0, "raise", "module:servo_driver_1"), FaultClass.MODULE_REPORTED, 3 * PERIOD_OF_STEPS_MS + RESTARTS_MS),
         (
-            Act(0, "stuck", "pe:tail_pe", 1000),
+            Fault(0, "stuck", "pe:tail_pe", 1000),
             FaultClass.MODULE_REPORTED,
             3 * (PERIOD_OF_STEPS_MS + HUNG_NS // MS) + RESTARTS_MS,
         ),
     ],
-    ids=lambda value: value.kind if isinstance(value, Act) else "",
+    ids=lambda value: value.kind if isinstance(value, Fault) else "",
 )
-def test_a_fault_takes_no_longer_than_the_failure_modes_say(act: Act, fault: FaultClass, more_ms: int) -> None:
-    element = "module:servo_driver_1" if fault is FaultClass.MODULE_REPORTED else act.target
-    longest_ns = bound_ns("two_tails", fault, element) + more_ms * MS
+def test_a_fault_takes_no_longer_than_failure_modes_say(fault: Fault, fault_class: FaultClass, more_ms: int) -> None:
+    element = "module:servo_driver_1" if fault_class is FaultClass.MODULE_REPORTED else fault.target
+    longest_ns = bound_ns("two_tails", fault_class, element) + more_ms * MS
     took_ns = []
     for seed in range(2):
         simulation = flying(two_tails(), seed)
         simulation.run_for(seed * 7 * MS)
-        struck_ns = simulation.now_ns
-        Strikes(simulation, (act,), struck_ns)
+        injected_ns = simulation.now_ns
+        Injections(simulation, (fault,), injected_ns)
         simulation.run_for(longest_ns)
-        took_ns.append(taken_ns(simulation, struck_ns))
+        took_ns.append(taken_ns(simulation, injected_ns))
     assert all(took_ns)
     assert 2 * max(took_ns) > longest_ns
 

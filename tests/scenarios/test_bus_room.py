@@ -100,16 +100,16 @@ def test_the_left_view_has_gone_when_the_right_one_comes() -> None:
     assert simulation.settle() == []
 
 
-def deaf_from(frame: Sent, pe: str) -> Callable[[Simulation], None]:
+def receive_failed_from(frame: Sent, pe: str) -> Callable[[Simulation], None]:
     """Let a PE miss this frame, and all others for two heartbeat periods."""
-    return lambda flight: flight.at_end_of(frame, lambda: flight.fleet.deafen(pe, 100 * MS))
+    return lambda flight: flight.at_end_of(frame, lambda: flight.fleet.fail_receiver(pe, 100 * MS))
 
 
 @pytest.mark.parametrize("number", [0, 1], ids=["BREAK", "GO_ALL"])
 @pytest.mark.parametrize("pe", ["left", "right", "sink"])
 def test_whoever_misses_a_step_the_bus_never_carries_both(number: int, pe: str) -> None:
     frame, _ = activations(flown())[number]
-    simulation = flown(deaf_from(frame, pe))
+    simulation = flown(receive_failed_from(frame, pe))
     assert views(simulation, "look_left", "view_left")[-1] < views(simulation, "look_right", "view_right")[0]
     assert most_data_bits(simulation) <= MOST_BITS
     assert simulation.settle() == []
@@ -122,6 +122,6 @@ def test_without_a_look_at_the_buses_it_would_carry_both(monkeypatch: pytest.Mon
     (violation,) = flown().broken()
     assert violation.rule == "transition"
     assert violation.story.startswith("from epoch 1 to 2: rule t.bus, bus can0: up to 81000")
-    simulation = flown(deaf_from(frame, "left"))
+    simulation = flown(receive_failed_from(frame, "left"))
     assert views(simulation, "look_left", "view_left")[-1] > views(simulation, "look_right", "view_right")[10]
     assert most_data_bits(simulation) > MOST_BITS

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.fault import read_fault
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_wire.identifiers import emcy_id
 from scenarios.flights import MS, flying, twin_wires
 from thoroughness import mostly_soak
@@ -24,9 +24,9 @@ PULLED = [
 ]
 
 
-def flight(*acts: str) -> Simulation:
+def flight(*faults: str) -> Simulation:
     simulation = flying(twin_wires(), keep_trace=True)
-    Strikes(simulation, tuple(read_act(twin_wires(), act) for act in (LOSS, *acts)), simulation.now_ns)
+    Injections(simulation, tuple(read_fault(twin_wires(), fault) for fault in (LOSS, *faults)), simulation.now_ns)
     simulation.run_for(8_000 * MS)
     return simulation
 
@@ -79,7 +79,7 @@ def test_a_manager_that_is_new_knows_within_a_second_what_is_lost() -> None:
     assert manager.core.status()["channels"]["can0.2"] == ["the manager", "front", "rear", "tail"]
 
 
-def test_a_node_that_starts_on_one_channel_is_counted_on_and_tells() -> None:
+def test_a_node_that_starts_on_one_channel_is_available_and_tells() -> None:
     simulation = flying(twin_wires())
     simulation.break_channel("can0.1")
     simulation.fleet.kill("rear")

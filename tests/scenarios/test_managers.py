@@ -29,18 +29,18 @@ def test_without_a_manager_everything_goes_on_and_the_next_one_takes_it_over() -
 
 def test_a_second_manager_hears_the_first_and_does_not_start() -> None:
     simulation = flying(two_tails())
-    reigning = simulation.managers.foremost
+    active_manager = simulation.managers.foremost
     simulation.managers.start(127)
     assert simulation.settle() == []
     second = simulation.managers.running[127]
     assert second.stopped is not None
     assert "manager 126 already reigns" in second.stopped
-    assert reigning is not None
-    assert reigning.stopped is None
+    assert active_manager is not None
+    assert active_manager.stopped is None
 
 
 @pytest.mark.parametrize("pe", ["sensor_pe", "control_pe", "tail_pe"])
-def test_a_pe_that_was_cut_off_over_a_change_of_reign_is_taken_in(pe: str) -> None:
+def test_a_pe_that_was_cut_off_over_a_change_of_mastership_is_taken_in(pe: str) -> None:
     simulation = flying(two_tails())
     simulation.fleet.cut(pe)
     simulation.run_for(200 * MS)
@@ -80,7 +80,7 @@ def test_the_manager_dies_at_the_end_of_every_message() -> None:
     assert wrong == {}
 
 
-def test_big_blue_under_a_new_reign_while_a_processor_comes_back() -> None:
+def test_big_blue_under_a_new_mastership_while_a_processor_comes_back() -> None:
     simulation = flying(big_blue())
     simulation.fleet.kill("nav")
     simulation.run_for(90 * MS)

@@ -58,7 +58,7 @@ def servo_sticks(simulation: Simulation) -> None:
     simulation.fail_device("elevator_servo_1", "stuck")
 
 
-def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
+def test_who_has_to_let_go_is_receive_failed_from_any_message_on() -> None:
     recorded = flying(two_tails(), keep_trace=True, decide_ns=2 * MS)
     servo_sticks(recorded)
     recorded.run_for(10_000 * MS)
@@ -66,16 +66,16 @@ def test_who_has_to_let_go_is_deaf_from_any_message_on() -> None:
     known_ns = recorded.events_of("fault_reported")[-1]["t_ns"]
     for frame in sample(management_frames(recorded.trace, known_ns, recorded.events_of("reconfigured")[-1]["t_ns"])):
         simulation = flying(two_tails(), decide_ns=2 * MS)
-        simulation.at_end_of(frame, lambda flight=simulation: flight.fleet.deafen("tail_pe", 150 * MS))
+        simulation.at_end_of(frame, lambda flight=simulation: flight.fleet.fail_receiver("tail_pe", 150 * MS))
         servo_sticks(simulation)
         simulation.run_until(frame.end_ns + 150 * MS)
         assert simulation.settle() == [], frame
 
 
-def test_a_pe_that_stays_deaf_is_given_up_although_it_speaks() -> None:
+def test_a_pe_that_stays_receive_failed_is_given_up_although_it_speaks() -> None:
     simulation = flying(two_tails(), decide_ns=2 * MS)
     simulation.fleet.kill("sensor_pe")
-    simulation.fleet.deafen("tail_pe", 1_000 * MS)
+    simulation.fleet.fail_receiver("tail_pe", 1_000 * MS)
     simulation.run_for(1_000 * MS)
     assert simulation.events_of("pe_lost")[-1]["cause"] == "it hears no lease"
     assert simulation.settle() == []

@@ -101,7 +101,7 @@ def test_what_the_operator_turned_back_stays_until_the_rule_fires_anew() -> None
 
 
 @pytest.mark.parametrize("spec", [RISING, ASKING], ids=["by a rule", "by a module"])
-def test_another_reign_is_asked_again(spec: Spec) -> None:
+def test_another_mastership_is_asked_again(spec: Spec) -> None:
     simulation = flying(spec)
     simulation.run_for(3_000 * MS)
     assert simulation.checks.phase == "land"
@@ -157,7 +157,7 @@ def test_a_pe_that_the_operator_fails_lets_go_and_comes_back_when_it_is_cleared(
     assert simulation.broken() == []
 
 
-def test_a_reign_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
+def test_a_mastership_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
     simulation = flying(two_tails())
     simulation.fleet.kill("sensor_pe")
     assert simulation.settle() == []
@@ -172,16 +172,16 @@ def test_a_reign_that_begins_beside_a_dead_pe_does_not_wait_for_it() -> None:
 
 def test_an_advisor_beside_a_manager_says_nothing_and_thinks_the_same() -> None:
     simulation = flying(two_tails())
-    reigning = simulation.managers.foremost
+    active_manager = simulation.managers.foremost
     simulation.managers.start(127, advise=True)
     simulation.run_for(1500 * MS)
     assert simulation.events_of("adopted")[-1]["epoch"] == simulation.events_of("reconfigured")[-1]["epoch"]
     simulation.fleet.kill("tail_pe")
     assert simulation.settle() == []
-    assert reigning is not None
-    assert reigning.stopped is None
+    assert active_manager is not None
+    assert active_manager.stopped is None
     assert simulation.events_of("second_manager") == []
-    told, holds = simulation.managers.running[127].core.status(), reigning.core.status()
+    told, holds = simulation.managers.running[127].core.status(), active_manager.core.status()
     assert [told[one] for one in ("epoch", "stage", "functions")] == [
         holds[one] for one in ("epoch", "stage", "functions")
     ]

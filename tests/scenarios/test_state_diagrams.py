@@ -33,13 +33,13 @@ from heronry_manager.core.settings import ManagerSettings
 from heronry_manager.core.standing import Standing
 from heronry_manager.core.transitions import TransitionTable
 from heronry_manager.core.turn import Turn
-from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.scenario.in_simulator import fly
 from heronry_tools.sim.scenario.script import read_script
 from heronry_wire.channel_watch import ChannelWatch
 from heronry_wire.management import MAX_TERM, FaultCode
-from lab.conformance.drills import drilled
+from lab.conformance.conformance_tests import conforms
 from scenarios.flights import two_tails
 
 SEEDS = range(4)
@@ -49,7 +49,7 @@ SCENARIOS = (
     "one_pe_loses_its_wire_to_a_channel",
     "the_same_manager_is_started_twice",
 )
-DRILLS = (
+CONFORMANCE_TESTS = (
     "manager_counting.of_two_managers_the_lower_term_gives_way",
     "manager_counting.who_answers_in_time_stays",
     "manager_counting.who_comes_back_is_held_down",
@@ -194,7 +194,7 @@ def rare() -> None:
     for pe in (first, second):
         known.quarantine(pe, 2)
     known.heard(second, 1, 1)
-    assert [change.change for change in known.vouched_for([second], 1)] == [Change.JOINED]
+    assert [change.change for change in known.inherited([second], 1)] == [Change.JOINED]
     known.fail(second, "failed", 2)
     known.heard(second, 1, 2)
     for _ in range(2):
@@ -213,12 +213,12 @@ def test_what_happens_is_drawn_and_what_is_drawn_happens() -> None:
         for machine in MACHINES:
             stack.enter_context(watched(machine, seen[machine.states]))
         for seed in SEEDS:
-            scenario = Scenario(seed, 6.0, drawn_acts(two_tails(), seed, 6.0), drawn=True)
+            scenario = Scenario(seed, 6.0, drawn_faults(two_tails(), seed, 6.0), drawn=True)
             assert play(two_tails(), scenario).violations == ()
         for name in SCENARIOS:
             assert fly(read_script(Path(f"tests/scenarios/{name}.scenario"))).holds
-        for name in DRILLS:
-            assert drilled(name)[0] is None
+        for name in CONFORMANCE_TESTS:
+            assert conforms(name)[0] is None
         rare()
     for machine in MACHINES:
         drawn, happened = machine.drawn(), seen[machine.states]

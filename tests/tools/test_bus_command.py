@@ -50,11 +50,11 @@ def schedules_of(name: str, *down: str) -> tuple[list[BusSchedule], Configuratio
     return bus_schedules(spec, now, configuration), configuration
 
 
-def test_data_have_the_response_times_and_the_load_of_the_judge() -> None:
+def test_data_have_the_response_times_and_the_load_of_the_verifier() -> None:
     spec = load(shipped_spec_path("big_blue"))
     schedules, configuration = schedules_of("big_blue")
     published = hops(survivors(spec, situation(spec)), configuration)
-    judged = {
+    assessed = {
         (r.hop.bus, r.hop.variable, r.hop.producer): r.response_ns for r in ResponseTimes(spec).responses(published)
     }
     shown = {
@@ -63,7 +63,7 @@ def test_data_have_the_response_times_and_the_load_of_the_judge() -> None:
         for m in s.messages
         if m.kind == "data" and s.bus.kind == "wired"
     }
-    assert shown == judged
+    assert shown == assessed
     exact = bus_loads_mbit_per_s(spec, published)
     assert {s.bus.name: s.data * 1000 * s.bus.bitrate for s in schedules} == exact
 

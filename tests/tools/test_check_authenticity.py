@@ -157,7 +157,7 @@ def test_who_is_welcomed_before_its_first_page_0_may_have_heard_what_was_said_ju
     assert len(bus.stories) == 1
 
 
-def test_who_was_mute_when_it_started_may_have_heard_what_was_said_since_it_asked_for_its_welcome() -> None:
+def test_who_was_transmit_failed_when_it_started_may_have_heard_what_was_said_since_it_asked_for_its_welcome() -> None:
     bus = Bus()
     bus.say(Prepare(1, 1, 7))
     bus.now_ns += 500 * MS

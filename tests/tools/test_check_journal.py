@@ -52,7 +52,7 @@ def memory(*records: Record) -> Memory:
     return known
 
 
-def judged(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died: bool = False) -> list[str]:
+def assessed(*said: ManagementMessage, records: tuple[Record, ...] = WHOLE, died: bool = False) -> list[str]:
     """What is said of a manager that says this, with these records on its disk."""
     data = whole_journal(big_blue(), memory(*records))
     check = JournalCheck(big_blue(), lambda _: data)
@@ -77,20 +77,20 @@ def test_a_manager_that_says_what_it_has_written_is_well() -> None:
         Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 1),
         Control(3, 92, Operation.ACKNOWLEDGE, ElementKind.MODULE, 5),
     )
-    assert judged(*said, died=True) == []
-    assert judged(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0), records=(TermBegun(3),)) == []
+    assert assessed(*said, died=True) == []
+    assert assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 0), records=(TermBegun(3),)) == []
 
 
 def test_what_a_manager_has_adopted_it_may_prepare_for_who_is_late() -> None:
     adopted = (TermBegun(3), Reserved(EPOCHS, 48), Runs(60, 7, "00"))
     said = Lease(3, 60, Step.GO_ALL, 7), Prepare(3, 60, 7)
-    assert judged(*said, records=adopted) == []
+    assert assessed(*said, records=adopted) == []
     beyond = "manager 126 has prepared epoch 61, and has reserved 48"
-    assert judged(*said, Prepare(3, 61, 7), records=adopted) == [beyond]
+    assert assessed(*said, Prepare(3, 61, 7), records=adopted) == [beyond]
 
 
 def test_a_frame_that_waited_while_another_epoch_was_activated_is_no_contradiction() -> None:
-    assert judged(Lease(3, 32, Step.GO_ALL, 9)) == []
+    assert assessed(Lease(3, 32, Step.GO_ALL, 9)) == []
 
 
 def test_a_phase_that_changes_while_its_frame_waits_is_no_contradiction_until_it_is_said_again() -> None:
@@ -156,15 +156,15 @@ def test_a_phase_that_another_command_has_shown_to_be_over_may_wait_in_a_frame()
     ],
 )
 def test_what_is_said_and_not_written_is_seen(message: ManagementMessage, lacks: type, story: str) -> None:
-    assert judged(message) == []
-    (found,) = judged(message, records=tuple(record for record in WHOLE if not isinstance(record, lacks)))
+    assert assessed(message) == []
+    (found,) = assessed(message, records=tuple(record for record in WHOLE if not isinstance(record, lacks)))
     assert story in found
 
 
 def test_what_is_written_and_not_so_is_seen() -> None:
-    assert "its journal says Runs(epoch=33, digest=7" in judged(Lease(3, 33, Step.GO_ALL, 8))[0]
-    assert f"holds phase {PHASES[2]}" in judged(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
-    assert "says CLEAR of module:" in judged(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
+    assert "its journal says Runs(epoch=33, digest=7" in assessed(Lease(3, 33, Step.GO_ALL, 8))[0]
+    assert f"holds phase {PHASES[2]}" in assessed(Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2))[0]
+    assert "says CLEAR of module:" in assessed(Control(3, 0, Operation.CLEAR, ElementKind.MODULE, 2))[0]
 
 
 def test_numbers_that_are_gone_when_it_dies_are_seen_and_facts_may_go() -> None:

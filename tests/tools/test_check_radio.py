@@ -24,7 +24,7 @@ def report(t_ns: int, usable: int, state: LinkState = LinkState.UP) -> Sent:
     return Sent(t_ns, "can0", "comms", Frame(LINK_ID, LinkReport(93, state, 0, usable, 100, 0, 0).encode()))
 
 
-def judged(*frames: Sent, is_altered: bool = False) -> list[str]:
+def assessed(*frames: Sent, is_altered: bool = False) -> list[str]:
     check = RadioCheck(SPEC)
     if is_altered:
         check.altered()
@@ -49,39 +49,39 @@ def flood(share: float, from_ns: int, seconds: int) -> Iterator[Sent]:
 def test_a_datum_that_crosses_at_once_is_fine_and_one_that_waited_is_not() -> None:
     fresh = (datum(10 * MS, "can0", 1, "nav"), datum(15 * MS, "radio", 1, "comms"))
     old = (datum(20 * MS, "can0", 2, "nav"), datum(480 * MS, "radio", 2, "comms"))
-    assert judged(*fresh) == []
-    assert judged(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
+    assert assessed(*fresh) == []
+    assert assessed(*fresh, *old) == ["comms sent a datum 1536 by radio that had come 460 ms before"]
 
 
 def test_one_that_is_changed_past_the_crc_may_become_what_an_old_one_was() -> None:
     old, new = datum(20 * MS, "can0", 2, "nav"), datum(470 * MS, "can0", 3, "nav")
     passed_on = datum(480 * MS, "radio", 2, "comms")
-    assert len(judged(old, new, passed_on)) == 1
-    assert judged(old, new, passed_on, is_altered=True) == []
-    assert len(judged(old, passed_on, is_altered=True)) == 1
-    assert len(judged(old, datum(470 * MS, "can0", 0x0103, "nav"), passed_on, is_altered=True)) == 1
+    assert len(assessed(old, new, passed_on)) == 1
+    assert assessed(old, new, passed_on, is_altered=True) == []
+    assert len(assessed(old, passed_on, is_altered=True)) == 1
+    assert len(assessed(old, datum(470 * MS, "can0", 0x0103, "nav"), passed_on, is_altered=True)) == 1
 
 
 def test_what_was_made_beyond_or_by_the_gateway_has_no_age() -> None:
-    assert judged(datum(10 * MS, "radio", 1, "ground"), datum(900 * MS, "radio", 2, "comms")) == []
+    assert assessed(datum(10 * MS, "radio", 1, "ground"), datum(900 * MS, "radio", 2, "comms")) == []
 
 
 def test_no_more_than_can_be_used() -> None:
-    assert judged(*reports(1000, 0, 10 * S), *flood(1.0, 0, 10)) == []
-    assert judged(*reports(500, 0, 10 * S), *flood(0.5, 0, 10)) == []
-    assert judged(*reports(1000, 0, 10 * S), *flood(1.5, 0, 10)) != []
-    assert judged(*reports(500, 0, 10 * S), *flood(1.0, 0, 10)) != []
+    assert assessed(*reports(1000, 0, 10 * S), *flood(1.0, 0, 10)) == []
+    assert assessed(*reports(500, 0, 10 * S), *flood(0.5, 0, 10)) == []
+    assert assessed(*reports(1000, 0, 10 * S), *flood(1.5, 0, 10)) != []
+    assert assessed(*reports(500, 0, 10 * S), *flood(1.0, 0, 10)) != []
 
 
 def test_a_fall_may_take_as_long_as_patience_lasts() -> None:
     falls = (*reports(1000, 0, 2 * S), *reports(100, 2 * S, 20 * S))
-    assert judged(*falls, *flood(1.0, 0, 6)) == []
-    assert judged(*falls, *flood(1.0, 0, 12)) != []
+    assert assessed(*falls, *flood(1.0, 0, 6)) == []
+    assert assessed(*falls, *flood(1.0, 0, 12)) != []
 
 
 def test_a_radio_that_is_gone_or_of_which_nothing_is_said_is_not_judged() -> None:
-    assert judged(*flood(3.0, 0, 5)) == []
+    assert assessed(*flood(3.0, 0, 5)) == []
     malformed = Sent(S, "can0", "comms", Frame(LINK_ID, b"")), Sent(S, "can0", "nav", Frame(LINK_ID + 1, bytes(8)))
-    assert judged(*malformed, *flood(3.0, 0, 5)) == []
-    assert judged(*reports(0, 0, 5 * S, LinkState.GONE), *flood(3.0, 0, 5)) == []
-    assert judged(*reports(1000, 0, 1 * S), *flood(3.0, 5 * S, 5)) == []
+    assert assessed(*malformed, *flood(3.0, 0, 5)) == []
+    assert assessed(*reports(0, 0, 5 * S, LinkState.GONE), *flood(3.0, 0, 5)) == []
+    assert assessed(*reports(1000, 0, 1 * S), *flood(3.0, 5 * S, 5)) == []

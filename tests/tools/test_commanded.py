@@ -41,7 +41,7 @@ def test_what_a_higher_term_takes_over_before_anybody_has_activated_it_is_adopte
     """A deposed manager has activated 1; what runs by that, beyond a radio, is for whoever reigns next to adopt."""
     commanded = Commanded(load(shipped_spec_path("big_blue")))
     for message in (Prepare(1, 1, 5), Activate(1, 1, Step.GO_ALL, 5)):
-        commanded.take(0, message, reigns=False)
+        commanded.take(0, message, is_active=False)
     commanded.take(0, Prepare(3, 2, 6))
     commanded.take(0, Activate(3, 2, Step.GO_ALL, 6))
     commanded.take(0, Lease(4, 1, Step.GO_ALL, 5))

@@ -57,7 +57,7 @@ def test_a_file_is_made_and_told_of(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert list(tmp_path.iterdir()) == [made], "no journal is left, and no draft"
 
 
-def test_every_entry_passes_the_judge(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_entry_passes_the_verifier(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "--check", str(file), "elevator_and_chute", "--jobs", "1")
     assert code == 0
     assert out == "25 plans and 1 safe modes: every one is legal and worth what the file says\n"
@@ -110,7 +110,7 @@ def test_ctrl_c_tells_how_to_go_on(
     assert (code, err) == (130, f"heronry: stopped; the same command goes on from {file}.partial\n")
 
 
-def test_whoever_judges_needs_no_solver(file: Path) -> None:
+def test_whoever_oracles_needs_no_solver(file: Path) -> None:
     """On a node that flies on a table and the greedy planner, without ortools."""
     code = f"""
 import sys

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_dg.findings import Finding
 from heronry_dg.model import Spec
 from heronry_dg.objective import placement
@@ -29,12 +29,12 @@ RUNS = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 Lost = dict[str, set[Phase]]  # function -> phases
 
 
-def judged(data: bytes) -> list[Finding]:
-    return list(judge(data, "x.dg.yaml", {FAMILY.prefix: check}, RULES).findings)
+def assessed(data: bytes) -> list[Finding]:
+    return list(assess(data, "x.dg.yaml", {FAMILY.prefix: check}, RULES).findings)
 
 
 def found_in(fragment: str) -> list[Finding]:
-    return judged(whole_spec(fragment))
+    return assessed(whole_spec(fragment))
 
 
 def lost_by_planning_everything(spec: Spec) -> dict[str, Lost]:
@@ -131,7 +131,7 @@ def test_a_phase_that_does_not_fit_with_everything_up_is_not_asked_what_it_loses
 def test_big_blue_keeps_its_promise() -> None:
     """No single processor carries a class A function alone; what class A hangs on is the bus, and pieces of logic."""
     data = shipped_spec_path("big_blue").read_bytes()
-    told = judged(data)
+    told = assessed(data)
     class_a = [finding for finding in told if "(A" in finding.sentence]
     assert {finding.sentence.split("'")[1] for finding in class_a if finding.code == "DG401"} == {"can0"}
     assert {finding.sentence.split("'")[1] for finding in class_a if finding.code == "DG403"} == {
@@ -143,7 +143,7 @@ def test_big_blue_keeps_its_promise() -> None:
 
 
 def test_figure_3_has_its_two_servos_on_one_processor_and_its_altitudes_too() -> None:
-    told = judged(shipped_spec_path("elevator_and_chute").read_bytes())
+    told = assessed(shipped_spec_path("elevator_and_chute").read_bytes())
     shared = {finding.code: finding.sentence for finding in told if finding.code.startswith("DG41")}
     assert shared == {
         "DG410": "all branches of DEMUX 'elevator_out' are lost with pe 'tail_pe'",

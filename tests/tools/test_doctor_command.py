@@ -14,16 +14,16 @@ from heronry_dg.loader import load
 from heronry_tools.cli import main
 from heronry_tools.commands.doctor import _listen
 from heronry_tools.runtime.doctor import computer
-from heronry_tools.runtime.doctor.computer import judge_computer
+from heronry_tools.runtime.doctor.computer import assess_computer
 from heronry_tools.runtime.doctor.finding import Finding
-from heronry_tools.runtime.doctor.interface import judge_interface
+from heronry_tools.runtime.doctor.interface import assess_interface
 from heronry_tools.runtime.doctor.listening import (
     CLOCK_STEP_NS,
     Expected,
     Hearing,
-    judge_channels,
-    judge_digests,
-    judge_hearing,
+    assess_channels,
+    assess_digests,
+    assess_hearing,
 )
 from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
@@ -62,7 +62,7 @@ def wrong(findings: Iterator[Finding]) -> dict[str, str]:
 
 
 def test_a_good_interface_is_right_in_every_way() -> None:
-    findings = list(judge_interface("can0", GOOD, 1_000_000))
+    findings = list(assess_interface("can0", GOOD, 1_000_000))
     assert [finding.check for finding in findings] == ["interface", "queue", "bit rate", "restart", "errors"]
     assert all(finding.is_right for finding in findings)
 
@@ -71,7 +71,7 @@ def test_a_vcan_and_a_driver_that_tells_little_are_right() -> None:
     vcan = CanInterface("vcan0", "vcan", is_can=True, is_up=True, queue_length=1000)
     silent = replace(GOOD, bitrate=None, state=None, transmit_errors=None, receive_errors=None, bus_offs=None)
     for interface in (vcan, silent):
-        assert wrong(judge_interface(interface.name, interface, 1_000_000)) == {}
+        assert wrong(assess_interface(interface.name, interface, 1_000_000)) == {}
 
 
 @pytest.mark.parametrize(
@@ -96,17 +96,17 @@ def test_a_vcan_and_a_driver_that_tells_little_are_right() -> None:
 def test_whatever_is_wrong_with_an_interface_has_its_remedy(
     interface: CanInterface | None, check: str, remedy: str
 ) -> None:
-    found = wrong(judge_interface("can0", interface, 1_000_000))
+    found = wrong(assess_interface("can0", interface, 1_000_000))
     assert list(found) == [check]
     assert found[check].startswith(remedy)
 
 
 def test_a_vcan_that_is_missing_or_down_is_made_as_a_vcan_is() -> None:
-    assert wrong(judge_interface("vcan0", None, None)) == {
+    assert wrong(assess_interface("vcan0", None, None)) == {
         "interface": "ip link add vcan0 type vcan && ip link set vcan0 up"
     }
     down = CanInterface("vcan0", "vcan", is_can=True, is_up=False, queue_length=1000)
-    assert wrong(judge_interface("vcan0", down, None)) == {"interface": "ip link set vcan0 up"}
+    assert wrong(assess_interface("vcan0", down, None)) == {"interface": "ip link set vcan0 up"}
 
 
 # The bus
@@ -128,7 +128,7 @@ def heard(*frames: Frame) -> Hearing:
 
 
 def test_a_bus_with_its_nodes_and_one_manager_is_right() -> None:
-    findings = list(judge_hearing(heard(lease(126), state(92), state(93), state(93)), SPEC, 3))
+    findings = list(assess_hearing(heard(lease(126), state(92), state(93), state(93)), SPEC, 3))
     assert wrong(iter(findings)) == {}
     assert [finding.says for finding in findings if finding.check == "nodes"] == ["heard: nose, tail"]
 
@@ -147,7 +147,7 @@ def test_a_bus_with_its_nodes_and_one_manager_is_right() -> None:
     ],
 )
 def test_whatever_is_wrong_on_a_bus_is_found(frames: list[Frame], checks: set[str]) -> None:
-    assert set(wrong(judge_hearing(heard(*frames), SPEC, 3))) == checks
+    assert set(wrong(assess_hearing(heard(*frames), SPEC, 3))) == checks
 
 
 def test_what_is_no_word_of_ours_is_a_frame_and_nothing_more() -> None:
@@ -166,29 +166,29 @@ def test_a_clock_that_is_set_is_found_and_one_that_drifts_is_not() -> None:
     hearing = Hearing()
     for wall_ns, monotonic_ns in ((0, 0), (1_000_100, 1_000_000), (2_000_000, 2_000_000)):
         hearing.clocks(wall_ns, monotonic_ns)
-    assert "clock" not in wrong(judge_hearing(hearing, None, 3))
+    assert "clock" not in wrong(assess_hearing(hearing, None, 3))
     hearing.clocks(3_000_001 + CLOCK_STEP_NS, 3_000_000)
-    assert "clock" in wrong(judge_hearing(hearing, None, 3))
+    assert "clock" in wrong(assess_hearing(hearing, None, 3))
 
 
 def test_tables_of_two_specs_are_found_and_so_is_who_does_not_say() -> None:
     mine, other = SPEC.digest, "cd" * 32
-    assert wrong(judge_digests({92: mine, 93: mine}, SPEC)) == {}
-    assert wrong(judge_digests({92: other, 93: other}, None)) == {}
-    assert wrong(judge_digests({}, SPEC)) == {}
-    assert list(wrong(judge_digests({92: mine, 93: other}, None))) == ["tables"]
-    assert list(wrong(judge_digests({92: other}, SPEC))) == ["tables"]
-    assert list(wrong(judge_digests({92: None}, SPEC))) == ["tables"]
+    assert wrong(assess_digests({92: mine, 93: mine}, SPEC)) == {}
+    assert wrong(assess_digests({92: other, 93: other}, None)) == {}
+    assert wrong(assess_digests({}, SPEC)) == {}
+    assert list(wrong(assess_digests({92: mine, 93: other}, None))) == ["tables"]
+    assert list(wrong(assess_digests({92: other}, SPEC))) == ["tables"]
+    assert list(wrong(assess_digests({92: None}, SPEC))) == ["tables"]
 
 
 # The computer, and the command
 
 
 def test_a_kernel_without_can_and_a_package_that_is_missing_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert wrong(judge_computer(needs_can=False)) == {}
+    assert wrong(assess_computer(needs_can=False)) == {}
     monkeypatch.setattr(computer, "knows_can", lambda: False)
     monkeypatch.setattr(computer, "_NEEDED", ("heronry", "no-such-package"))
-    assert wrong(judge_computer(needs_can=True)).keys() == {"versions", "kernel"}
+    assert wrong(assess_computer(needs_can=True)).keys() == {"versions", "kernel"}
 
 
 @pytest.fixture
@@ -267,9 +267,9 @@ def test_a_replicated_bus_on_which_everybody_is_heard_twice_is_right() -> None:
         for frame in (lease(126), state(92), Frame(0x300, b"")):
             hearing.take_copy(channel, frame)
     hearing.take_copy("can1", state(93)._replace(extended=True))
-    assert judge_channels(hearing, SPEC).is_right
+    assert assess_channels(hearing, SPEC).is_right
     hearing.take_copy("can0", state(93))
-    assert judge_channels(hearing, SPEC).says == "not heard: tail on can1"
+    assert assess_channels(hearing, SPEC).says == "not heard: tail on can1"
 
 
 def test_a_time_that_makes_no_sense_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

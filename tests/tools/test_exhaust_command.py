@@ -20,7 +20,7 @@ PHASES = Path("dg_specs/examples/phases.dg.yaml")
 HOWS = ["--standby", "--keyed --foreseen 1", "--standby --keyed --foreseen 1"]
 
 
-def test_every_story_that_reconfigures_is_struck_in_every_way_by_everybody() -> None:
+def test_every_story_that_reconfigures_is_injected_in_every_way_by_everybody() -> None:
     spec = load(FILE)
     cases = {story: single_cases(spec, story) for story in stories(spec)}
     idle = {story for story, found in cases.items() if not found}
@@ -33,7 +33,7 @@ def test_every_story_that_reconfigures_is_struck_in_every_way_by_everybody() -> 
     assert sum(map(len, cases.values())) > 30_000
 
 
-def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_struck() -> None:
+def test_with_two_managers_a_takeover_is_a_story_and_either_of_them_is_injected() -> None:
     spec, two = load(FILE), Setup(standby=True)
     assert stories(spec, two) == [*stories(spec), "takeover"]
     blows = {(blow.kind, blow.victim) for case in single_cases(spec, "takeover", two) for blow in case.blows}
@@ -82,7 +82,7 @@ def test_phases_are_stories_too_by_the_operator_and_by_a_module() -> None:
         (PHASES, "request glide", {Operation.ACKNOWLEDGE, Operation.HOLDS}),
     ],
 )
-def test_what_is_told_of_faults_and_orders_is_struck_too(file: Path, story: str, told: set[Operation]) -> None:
+def test_what_is_told_of_faults_and_orders_is_injected_too(file: Path, story: str, told: set[Operation]) -> None:
     spec, heard = load(file), set[Operation]()
     simulation = PLAIN.take_off(spec)
     controls = {management_id(node, Command.CONTROL) for node in MANAGER_NODES}
@@ -143,7 +143,7 @@ def test_cases_are_flown_as_they_are_written_and_in_parallel_alike(capsys: pytes
     assert json.loads(capsys.readouterr().out) == alone
 
 
-def test_a_phase_that_is_entered_is_struck_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_phase_that_is_entered_is_injected_like_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     case = "phase glide: 2 late-2 everybody, 3 lost pe:flight"
     assert main(["exhaust", "dg_specs/examples/phases.dg.yaml", "--case", case]) == 0
     assert capsys.readouterr().out == "1 stories, 1 flights (1 late-2, 1 lost), 0 failed\n"
@@ -188,7 +188,7 @@ def test_a_failure_is_told_with_the_command_that_replays_it(tmp_path: Path, caps
         "0 doubled manager",  # which has sent it
     ],
 )
-def test_a_blow_that_somebody_names_and_that_strikes_nobody_fails(
+def test_a_blow_that_somebody_names_and_that_injects_nobody_fails(
     blows: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["exhaust", str(FILE), "--case", f"crash pe:tail_a: {blows}"]) == 1

@@ -37,7 +37,7 @@ def test_a_row_is_shown_by_scenarios_that_do_what_it_says() -> None:
         missing = [
             kind
             for kind in re.findall(r"`(\w+)`", row[0])
-            if not any({kind, VERBS.get(kind, kind)}.intersection(acts) for acts in done)
+            if not any({kind, VERBS.get(kind, kind)}.intersection(faults) for faults in done)
         ]
         assert missing == [], f"no scenario of this row does it: {row[0]}"
 

@@ -6,7 +6,7 @@ import pytest
 
 from heronry_manager.core.inbound import Inbound
 from heronry_tools.console.spec_argument import load_spec
-from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.faults.forger import Forger
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import MS, Simulation
@@ -14,14 +14,14 @@ from heronry_wire.authentication import Key
 from heronry_wire.management import decode_emergency
 
 SPEC = load_spec("elevator_and_chute")
-ACTS = ("0.1 attack bus:can0 for 3", "0.5 crash pe:tail_pe for 0.6", "1.5 manager_crash manager for 0.3")
+FAULTS = ("0.1 attack bus:can0 for 3", "0.5 crash pe:tail_pe for 0.6", "1.5 manager_crash manager for 0.3")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_whatever_a_forger_says_every_pe_does_what_its_managers_have_said(seed: int) -> None:
-    outcome = play(SPEC, Scenario(seed, 4.0, tuple(read_act(SPEC, act) for act in ACTS)))
+    outcome = play(SPEC, Scenario(seed, 4.0, tuple(read_fault(SPEC, fault) for fault in FAULTS)))
     assert outcome.violations == ()
-    assert outcome.hits.total() == len(ACTS)
+    assert outcome.hits.total() == len(FAULTS)
 
 
 def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,29 +29,29 @@ def test_a_manager_that_believes_slander_is_found_out(monkeypatch: pytest.Monkey
         self._reports.emergency(pe, decode_emergency(data))
 
     monkeypatch.setattr(Inbound, "_emergency", believe)
-    outcome = play(SPEC, Scenario(1, 2.0, (read_act(SPEC, ACTS[0]),)))
+    outcome = play(SPEC, Scenario(1, 2.0, (read_fault(SPEC, FAULTS[0]),)))
     assert outcome.violations
 
 
 def test_a_standby_with_the_key_takes_over_and_is_believed() -> None:
     simulation = Simulation(SPEC, 5, key=Key(bytes(32)), standby=True)
     simulation.run_for(3_000 * MS)
-    reigned = {pe.core.reign.manager for pe in simulation.fleet.running.values()}
+    had_mastership = {pe.core.mastership.manager for pe in simulation.fleet.running.values()}
     simulation.managers.kill()
     simulation.run_for(1_000 * MS)
-    assert {pe.core.reign.manager for pe in simulation.fleet.running.values()} == {126, 127} - reigned
+    assert {pe.core.mastership.manager for pe in simulation.fleet.running.values()} == {126, 127} - had_mastership
     assert simulation.settle() == []
     assert not simulation.events_of("pe_lost")
 
 
-@pytest.mark.parametrize(("key", "obeys"), [(Key(bytes(32)), False), (None, True)])
-def test_it_is_obeyed_only_where_there_is_no_key(key: Key | None, obeys: bool) -> None:
+@pytest.mark.parametrize(("key", "accepts"), [(Key(bytes(32)), False), (None, True)])
+def test_it_is_accepted_only_where_there_is_no_key(key: Key | None, accepts: bool) -> None:
     simulation = Simulation(SPEC, 3, key=key)
     simulation.run_for(2_000 * MS)
     forger = Forger(simulation.clock, simulation.wiring.buses["can0"], Random(1))
     simulation.run_for(1_000 * MS)
     forger.leave()
     assert forger.attacks > 200
-    assert any(pe.core.reign.term > 100 for pe in simulation.fleet.running.values()) is obeys
+    assert any(pe.core.mastership.term > 100 for pe in simulation.fleet.running.values()) is accepts
     refused = [pe.core.authenticity.refused.total() for pe in simulation.fleet.running.values() if pe.core.authenticity]
     assert all(count > 100 for count in refused)

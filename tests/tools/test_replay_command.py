@@ -14,11 +14,11 @@ from heronry_dg.plan import Plan, make_plan
 from heronry_manager.core.vocabulary import RequestPlan
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.fault import read_fault
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.replay.comparison import compared
-from heronry_tools.sim.replay.recording import on_the_managers_bus, read_recording, reigns
+from heronry_tools.sim.replay.recording import is_active, on_the_managers_bus, read_recording
 from heronry_tools.sim.replay.rerun import Planners, Rerun
 from heronry_tools.sim.world import planning
 from heronry_wire.authentication import KEY_BYTES
@@ -72,7 +72,7 @@ def test_a_recording_gives_the_same_decisions_with_their_reasons(capsys: pytest.
 
 def test_a_recording_in_which_nothing_is_decided_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     simulation = Simulation(elevator_and_chute(), keep_trace=True)
-    while not simulation.managers.foremost or not simulation.managers.foremost.core.reigns:
+    while not simulation.managers.foremost or not simulation.managers.foremost.core.is_active:
         simulation.run_for(MS)
     simulation.run_for(3 * MS)  # LEASE is out, and PREPARE comes later
     file = recorded(simulation, tmp_path / "start.log")
@@ -84,12 +84,12 @@ def test_what_a_greedy_manager_planned_is_known_for_that(capsys: pytest.CaptureF
     file = recorded(flight_with_a_loss(planning.Planners.GREEDY), tmp_path / "greedy.log")
     code, document = replayed(capsys, file)
     assert (code, document["reigns"][0]["differences"]) == (0, 0)
-    (reign,), page = document["reigns"], Path("docs/operator.md").read_text()
-    words = {*document, *reign, *(key for entry in reign["entries"] for key in entry)}
+    (mastership,), page = document["reigns"], Path("docs/operator.md").read_text()
+    words = {*document, *mastership, *(key for entry in mastership["entries"] for key in entry)}
     assert sorted(key for key in words if f"`{key}`" not in page) == []
 
 
-def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_second_mastership_is_replayed_by_itself(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     simulation = flying(elevator_and_chute(), keep_trace=True)
     simulation.managers.kill()
     simulation.run_for(300 * MS)
@@ -97,7 +97,7 @@ def test_a_second_reign_is_replayed_by_itself(capsys: pytest.CaptureFixture[str]
     simulation.run_for(1_500 * MS)
     code, document = replayed(capsys, recorded(simulation, tmp_path / "two.log"))
     assert code == 0
-    assert [reign["term"] for reign in document["reigns"]] == [1, 3]
+    assert [mastership["term"] for mastership in document["reigns"]] == [1, 3]
     second = document["reigns"][1]
     assert second["decisions"] == 0  # it adopted what ran
     assert any("adopted" in entry.get("remark", "") for entry in second["entries"])
@@ -150,10 +150,10 @@ def key_file(tmp_path: Path) -> Path:
     return file
 
 
-def keyed_flight(*acts: str) -> Simulation:
+def keyed_flight(*faults: str) -> Simulation:
     spec = elevator_and_chute()
     simulation = flying(spec, key=KEY, keep_trace=True)
-    Strikes(simulation, tuple(read_act(spec, act) for act in acts), simulation.now_ns)
+    Injections(simulation, tuple(read_fault(spec, fault) for fault in faults), simulation.now_ns)
     simulation.run_for(2_500 * MS)
     return simulation
 
@@ -167,21 +167,21 @@ def test_what_flew_with_a_key_is_replayed_by_what_the_key_proves(
     )
     code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
     assert code == 0
-    (reign,) = document["reigns"]
-    remarks = [entry.get("remark", "") for entry in reign["entries"]]
+    (mastership,) = document["reigns"]
+    remarks = [entry.get("remark", "") for entry in mastership["entries"]]
     assert [remark for remark in remarks if "fault reported" in remark] == [
         "fault reported module:servo_driver_1: tail_pe"
     ]
     assert any("pe lost tail_pe" in remark for remark in remarks)
-    assert reign["decisions"] > 4
+    assert mastership["decisions"] > 4
 
 
-def test_the_reigns_of_a_keyed_manager_that_was_restarted_are_replayed(
+def test_the_is_active_of_a_keyed_manager_that_was_restarted_are_replayed(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, key_file: Path
 ) -> None:
     simulation = keyed_flight("0.1 manager_crash manager for 0.3", "1.2 crash pe:tail_pe")
     code, document = replayed(capsys, recorded(simulation, tmp_path / "keyed.log"), "--key", str(key_file))
-    assert (code, [reign["term"] for reign in document["reigns"]]) == (0, [1, 3])
+    assert (code, [mastership["term"] for mastership in document["reigns"]]) == (0, [1, 3])
 
 
 def test_a_key_is_named_where_there_was_one_and_where_there_was_none_it_is_not(
@@ -207,14 +207,14 @@ class OnlyNothing(Planners):
 def test_a_plan_that_nobody_here_would_make_is_told_and_flown_on_with(log: Path) -> None:
     spec: Spec = elevator_and_chute()
     frames, _ = read_recording(log)
-    (reign,) = reigns(spec, on_the_managers_bus(spec, frames, None))
-    rerun = Rerun(OnlyNothing(spec), reign)
+    (mastership,) = is_active(spec, on_the_managers_bus(spec, frames, None))
+    rerun = Rerun(OnlyNothing(spec), mastership)
     rerun.run()
-    comparison = compared(reign, rerun)
+    comparison = compared(mastership, rerun)
     remarks = [remark for remark in rerun.remarks if remark.differs]
     assert len(remarks) == comparison.differences() == 3
     assert all("not worth the same" in remark.text for remark in remarks)
-    assert rerun.decisions == reign.decisions
+    assert rerun.decisions == mastership.decisions
 
 
 def test_repetitions_are_no_decisions_and_lines_that_are_no_frames_are_counted(

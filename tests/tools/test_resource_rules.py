@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from heronry_dg.check.assess import assess
 from heronry_dg.check.examples import whole_spec
-from heronry_dg.check.judge import judge
 from heronry_dg.findings import Finding
 from heronry_dg.loader import loads
 from heronry_dg.model import Spec
@@ -29,7 +29,7 @@ RUNS = "cpu: 0.1, ram: 1KiB, rate_hz: 10"
 
 
 def found_in(fragment: str) -> list[Finding]:
-    return list(judge(whole_spec(fragment), "x.dg.yaml", {FAMILY.prefix: check}, RULES).findings)
+    return list(assess(whole_spec(fragment), "x.dg.yaml", {FAMILY.prefix: check}, RULES).findings)
 
 
 def spec_of(fragment: str) -> Spec:
@@ -140,7 +140,7 @@ def test_the_reserve_counts_states_from_behind_gateways() -> None:
 @pytest.mark.parametrize("name", shipped_spec_names())
 def test_shipped_specs_have_room_for_all_that_is_critical(name: str) -> None:
     data = shipped_spec_path(name).read_bytes()
-    assert judge(data, name, {FAMILY.prefix: check}, RULES).findings == ()
+    assert assess(data, name, {FAMILY.prefix: check}, RULES).findings == ()
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -42,7 +42,7 @@ def test_what_serves_nothing_critical_is_marked_where_the_policy_is_safe_mode() 
 
 
 @pytest.mark.parametrize("phase", ["ascent", "glide", "landing"])
-def test_the_planner_s_side_and_the_judge_agree_on_what_is_expendable(phase: str) -> None:
+def test_the_planner_s_side_and_the_verifier_agree_on_what_is_expendable(phase: str) -> None:
     spec = load(shipped_spec_path("big_blue"))
     configuration = best_plan(spec, Situation(phase=phase), None).configuration
     found = expendable(spec, configuration)

@@ -12,7 +12,7 @@ from heronry_manager.core.manager import ManagerCore
 from heronry_tools.cli import main
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.bounds import read_share, written_share
-from heronry_tools.sim.scenario.judgement import holds_since
+from heronry_tools.sim.scenario.evaluation import holds_since
 from heronry_tools.sim.scenario.script import read_script
 from heronry_tools.sim.scenario.trace import golden_file
 from heronry_wire.sansio import InvariantError
@@ -361,7 +361,7 @@ def test_what_is_no_text_or_not_there_is_refused(tmp_path: Path, capsys: pytest.
         ("at 1s fail channel:can0.1\n", "no channel is named"),
     ],
 )
-def test_an_order_that_nobody_can_obey_is_refused(
+def test_an_order_that_nobody_can_accept_is_refused(
     deeds: str, sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["scenario", str(written(tmp_path, f"{deeds}expect epoch unchanged\nend 3s\n"))]) == 2

@@ -100,8 +100,8 @@ def test_a_manager_is_killed_as_it_is_told(capsys: pytest.CaptureFixture[str]) -
 def test_either_of_two_managers_is_killed(seat: str, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--standby", "--kill", f"{seat}@0.5", "--kill", "pe:tail_pe@0.7", "--seconds", "1", "--json"]
     assert main(["sim", "elevator_and_chute", *words]) == 0
-    acts = json.loads(capsys.readouterr().out)["acts"]
-    assert acts == [f"0.5 manager_crash {seat}", "0.7 crash pe:tail_pe"]
+    faults = json.loads(capsys.readouterr().out)["acts"]
+    assert faults == [f"0.5 manager_crash {seat}", "0.7 crash pe:tail_pe"]
 
 
 def test_a_file_without_acts_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -283,8 +283,8 @@ def test_a_failing_flight_is_shrunk_to_the_acts_that_matter(
     raising: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    acts = [f"{n / 10} doubled bus:can0 for 0.05 level 1" for n in range(4)]
-    words = ["sim", str(raising), "--seconds", "1", *(word for act in acts for word in ("--act", act))]
+    faults = [f"{n / 10} doubled bus:can0 for 0.05 level 1" for n in range(4)]
+    words = ["sim", str(raising), "--seconds", "1", *(word for fault in faults for word in ("--act", fault))]
     assert main([*words, "--shrink"]) == 1
     head = capsys.readouterr().out.splitlines()[0]
     assert head.count("doubled") == 1

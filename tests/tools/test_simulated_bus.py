@@ -157,9 +157,9 @@ def test_a_frame_cut_in_the_middle_is_sent_again_when_the_wire_is_mended() -> No
     assert nodes.heard["b"] == [LOW]
 
 
-def test_who_is_deaf_is_heard() -> None:
+def test_who_is_receive_failed_is_heard() -> None:
     nodes = Nodes(Faults(doubled=1.0))
-    nodes.bus.wire(nodes.a, deaf=True)
+    nodes.bus.wire(nodes.a, receive_failed=True)
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.b, HIGH)
     nodes.run()
@@ -214,14 +214,14 @@ def test_a_processor_that_stands_still_sends_what_its_controller_has_and_no_more
     assert [sent.frame for sent in nodes.sent] == [LOW, HIGH]
 
 
-def test_who_is_mute_hears_and_sends_later() -> None:
+def test_who_is_transmit_failed_hears_and_sends_later() -> None:
     nodes = Nodes()
-    nodes.bus.wire(nodes.a, mute=True)
+    nodes.bus.wire(nodes.a, transmit_failed=True)
     nodes.bus.offer(nodes.a, LOW)
     nodes.bus.offer(nodes.b, HIGH)
     nodes.run()
     assert (nodes.heard["a"], [sent.sender for sent in nodes.sent]) == ([HIGH], ["b"])
-    nodes.bus.wire(nodes.a, mute=False)
+    nodes.bus.wire(nodes.a, transmit_failed=False)
     nodes.run()
     assert [sent.sender for sent in nodes.sent] == ["b", "a"]
 

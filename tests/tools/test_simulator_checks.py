@@ -71,7 +71,7 @@ def commands(
     return [sent(frame, "whoever") for frame in frames]
 
 
-def judged(frames: list[Sent]) -> list[str]:
+def assessed(frames: list[Sent]) -> list[str]:
     checks = Checks(SPEC)
     for frame in frames:
         checks.see(frame)
@@ -82,7 +82,7 @@ BEST = best_plan(SPEC, WELL, None).configuration
 
 
 def test_the_best_plan_staged_by_everybody_is_in_order() -> None:
-    assert judged(commands(BEST)) == []
+    assert assessed(commands(BEST)) == []
 
 
 def test_a_configuration_that_breaks_a_rule_of_the_graph_is_seen() -> None:
@@ -90,24 +90,24 @@ def test_a_configuration_that_breaks_a_rule_of_the_graph_is_seen() -> None:
         name: replace(running, inputs={}) if name == "servo_driver_1" else running
         for name, running in BEST.modules.items()
     }
-    (story, *_) = judged(commands(Configuration(unwired)))
+    (story, *_) = assessed(commands(Configuration(unwired)))
     assert story.startswith("configuration: epoch 1: rule ")
 
 
 def test_nobody_is_activated_who_has_not_staged() -> None:
-    stories = judged(commands(BEST, unstaged=frozenset({"tail_pe"})))
+    stories = assessed(commands(BEST, unstaged=frozenset({"tail_pe"})))
     assert stories == ["configuration: epoch 1 is activated, and tail_pe has not staged it"]
 
 
 def test_what_could_be_served_is_not_dropped() -> None:
-    (story,) = judged(commands(Configuration({})))
+    (story,) = assessed(commands(Configuration({})))
     assert story.startswith("service: epoch 1 serves (0, 0, 0, 0) by criticality")
 
 
 def test_what_cannot_be_served_without_those_who_are_absent_may_be_dropped() -> None:
     left = best_plan(SPEC, Situation(frozenset({"pe:tail_pe"})), None).configuration
-    assert judged(commands(left, absent=frozenset({"tail_pe"}))) == []
-    assert any(story.startswith("service: ") for story in judged(commands(left)))
+    assert assessed(commands(left, absent=frozenset({"tail_pe"}))) == []
+    assert any(story.startswith("service: ") for story in assessed(commands(left)))
 
 
 def test_what_was_reported_and_acknowledged_counts_as_failed() -> None:
@@ -115,13 +115,13 @@ def test_what_was_reported_and_acknowledged_counts_as_failed() -> None:
     position = list(SPEC.modules).index("chute_driver")
     heard = Control(1, TAIL, Operation.ACKNOWLEDGE, ElementKind.MODULE, position)
     acknowledged = sent(command_frame(heard), "manager 126")
-    assert judged([acknowledged, *commands(left)]) == []
-    assert any(story.startswith("service: ") for story in judged(commands(left)))
+    assert assessed([acknowledged, *commands(left)]) == []
+    assert any(story.startswith("service: ") for story in assessed(commands(left)))
 
 
 def test_slices_that_were_not_sent_or_are_not_what_was_announced_are_seen() -> None:
-    assert "it was activated before the slice of node" in judged(commands(BEST, bodies=False))[0]
-    assert "are not those of the digest that was announced" in judged(commands(BEST, digest=77))[0]
+    assert "it was activated before the slice of node" in assessed(commands(BEST, bodies=False))[0]
+    assert "are not those of the digest that was announced" in assessed(commands(BEST, digest=77))[0]
 
 
 def driven_by_another_pe(simulation: Simulation, value: Value) -> Driven:
@@ -363,7 +363,7 @@ def test_pes_in_different_epochs_or_on_their_way_are_not_settled() -> None:
 
 
 # Words, and what follows from a spec; a disk is read as its manager reads it.
-JUDGES_KNOW = {
+ORACLES_KNOW = {
     "heronry_agent.module": {"freshness"},
     "heronry_manager.shell.journal": {"journal"},
     "heronry_manager.core.memory": {"journal"},
@@ -379,7 +379,7 @@ JUDGES_KNOW = {
 }
 
 
-def test_judges_share_no_more_with_what_they_judge_than_is_said_here() -> None:
+def test_oracles_share_no_more_with_what_they_verifier_than_is_said_here() -> None:
     import_of = defaultdict(set)
     for file in Path("tools/heronry_tools/sim/oracles").glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -388,4 +388,4 @@ def test_judges_share_no_more_with_what_they_judge_than_is_said_here() -> None:
             for name in names:
                 if name.startswith(("heronry_agent", "heronry_manager")):
                     import_of[name].add(file.stem)
-    assert import_of == JUDGES_KNOW
+    assert import_of == ORACLES_KNOW

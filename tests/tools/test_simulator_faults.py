@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from heronry_dg.model import Spec
 from heronry_manager.core.manager import ManagerCore
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.faults.drawing import drawn_acts
-from heronry_tools.sim.faults.fault import KINDS, LEVELS, Act, possible_targets, read_act
+from heronry_tools.sim.faults.drawing import drawn_faults
+from heronry_tools.sim.faults.fault import KINDS, LEVELS, Fault, possible_targets, read_fault
 from heronry_tools.sim.faults.protocol_state import STATES, ProtocolState
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.local_clock import LocalClock
@@ -26,30 +26,30 @@ from thoroughness import part_of
 Written = tuple[Callable[[], Spec], str, int | None]
 
 
-def struck(simulation: Simulation, *texts: str) -> Strikes:
+def injected(simulation: Simulation, *texts: str) -> Injections:
     """Acts done to a flight from now on."""
-    acts = tuple(read_act(simulation.spec, text) for text in texts)
-    return Strikes(simulation, acts, simulation.now_ns)
+    faults = tuple(read_fault(simulation.spec, text) for text in texts)
+    return Injections(simulation, faults, simulation.now_ns)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_fault_strikes_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
+def test_every_kind_of_fault_injects_ends_and_leaves_an_aircraft_that_comes_right_again(kind: str) -> None:
     specs = {"gateway": big_blue, "far_bus": big_blue, "phase": big_blue, "channel": twin_wires, "twin_pe": twin_wires}
-    spec = specs.get(KINDS[kind].strikes, two_tails)()
+    spec = specs.get(KINDS[kind].injections, two_tails)()
     target = possible_targets(spec, kind)[-1]
     lasts = f" for {min(KINDS[kind].lasts_ms[1], 400) / 1000:g}" if KINDS[kind].lasts_ms[1] else ""
     level = f" level {KINDS[kind].levels[-1]}" if KINDS[kind].levels != (0,) else ""
-    act = read_act(spec, f"0.1 {kind} {target}{lasts}{level}")
-    latched = (read_act(spec, "0.05 raise module:servo_driver_1 for 0.2"),) if kind == "order_clear" else ()
-    outcome = play(spec, Scenario(1, 1.0, (*latched, replace(act, at_ms=500) if latched else act)))
+    fault = read_fault(spec, f"0.1 {kind} {target}{lasts}{level}")
+    latched = (read_fault(spec, "0.05 raise module:servo_driver_1 for 0.2"),) if kind == "order_clear" else ()
+    outcome = play(spec, Scenario(1, 1.0, (*latched, replace(fault, at_ms=500) if latched else fault)))
     assert outcome.violations == ()
-    assert sum(count for (struck_by, _), count in outcome.hits.items() if struck_by == kind) == 1
+    assert sum(count for (injected_by, _), count in outcome.hits.items() if injected_by == kind) == 1
 
 
 def test_an_act_reads_as_it_writes() -> None:
     for seed in range(20):
-        for act in drawn_acts(big_blue(), seed, 30.0):
-            assert read_act(big_blue(), str(act)) == act
+        for fault in drawn_faults(big_blue(), seed, 30.0):
+            assert read_fault(big_blue(), str(fault)) == fault
 
 
 @st.composite
@@ -76,11 +76,11 @@ def test_an_act_of_any_kind_is_refused_or_reads_as_it_writes(written: Written) -
     lowest, highest = LEVELS.get(kind, (0, 0))
     if level is not None and not lowest <= level <= highest:
         with pytest.raises(UserError, match="has a level from" if highest else "has no level; leave it out"):
-            read_act(spec, text)
+            read_fault(spec, text)
         return
-    act = read_act(spec, text)
-    assert act.level == (KINDS[kind].levels[0] if level is None else level)
-    assert read_act(spec, str(act)) == act
+    fault = read_fault(spec, text)
+    assert fault.level == (KINDS[kind].levels[0] if level is None else level)
+    assert read_fault(spec, str(fault)) == fault
 
 
 def test_levels_that_are_drawn_can_be_written() -> None:
@@ -89,35 +89,35 @@ def test_levels_that_are_drawn_can_be_written() -> None:
         assert all(lowest <= level <= highest for level in kind.levels), name
 
 
-@pytest.mark.parametrize("act", ["babble bus:can0 for 0.1 level 0", "babble bus:can0 for 0.1 level 2047"])
-def test_a_stranger_may_have_any_identifier(act: str) -> None:
-    assert play(two_tails(), Scenario(1, 0.5, (read_act(two_tails(), f"0.1 {act}"),))).violations == ()
+@pytest.mark.parametrize("fault", ["babble bus:can0 for 0.1 level 0", "babble bus:can0 for 0.1 level 2047"])
+def test_a_stranger_may_have_any_identifier(fault: str) -> None:
+    assert play(two_tails(), Scenario(1, 0.5, (read_fault(two_tails(), f"0.1 {fault}"),))).violations == ()
 
 
 def test_an_act_late_in_a_long_flight_keeps_its_milliseconds() -> None:
-    act = read_act(big_blue(), "12345.678 pause pe:nav for 1234.567")
-    assert str(act) == "12345.678 pause pe:nav for 1234.567"
+    fault = read_fault(big_blue(), "12345.678 pause pe:nav for 1234.567")
+    assert str(fault) == "12345.678 pause pe:nav for 1234.567"
 
 
 def test_a_seed_draws_its_kinds_first_and_a_kind_that_was_asked_for_alone() -> None:
-    swarms = [{act.kind for act in drawn_acts(big_blue(), seed, 60.0)} for seed in range(10)]
+    swarms = [{fault.kind for fault in drawn_faults(big_blue(), seed, 60.0)} for seed in range(10)]
     assert len(set(map(frozenset, swarms))) == 10
     assert all(len(swarm) < len(KINDS) for swarm in swarms)
-    pauses = drawn_acts(big_blue(), 1, 60.0, ["pause"])
-    assert {act.kind for act in pauses} <= {"pause", "crash", "cut", "reboot", "manager_crash", "manager_pause"}
+    pauses = drawn_faults(big_blue(), 1, 60.0, ["pause"])
+    assert {fault.kind for fault in pauses} <= {"pause", "crash", "cut", "reboot", "manager_crash", "manager_pause"}
     assert "forge" not in set().union(*swarms)
 
 
 def test_the_same_acts_give_the_same_flight_and_one_act_less_leaves_the_others_as_they_are() -> None:
-    acts = tuple(
-        read_act(two_tails(), text) for text in ("0.1 loss bus:can0 for 0.2 level 100", "0.5 slow pe:tail_pe for 0.2")
+    faults = tuple(
+        read_fault(two_tails(), text) for text in ("0.1 loss bus:can0 for 0.2 level 100", "0.5 slow pe:tail_pe for 0.2")
     )
 
-    def digest(*some: Act) -> Outcome:
+    def digest(*some: Fault) -> Outcome:
         return play(two_tails(), Scenario(3, 1.0, some))
 
-    assert digest(*acts).digest == digest(*acts).digest
-    assert digest(*acts).digest != digest(acts[1]).digest
+    assert digest(*faults).digest == digest(*faults).digest
+    assert digest(*faults).digest != digest(faults[1]).digest
 
 
 def test_a_core_that_dies_of_something_is_a_violation_and_no_end_of_the_campaign(
@@ -134,7 +134,7 @@ def test_a_core_that_dies_of_something_is_a_violation_and_no_end_of_the_campaign
 def test_a_paused_pe_is_silent_but_for_its_mailbox_and_catches_up_with_what_it_missed() -> None:
     simulation = flying(two_tails(), keep_trace=True)
     begun_ns = simulation.now_ns
-    struck(simulation, "0 pause pe:tail_pe for 0.2")
+    injected(simulation, "0 pause pe:tail_pe for 0.2")
     simulation.run_for(190 * MS)
     said = [sent for sent in simulation.trace if sent.sender == "tail_pe" and sent.end_ns > begun_ns]
     assert len(said) <= 1
@@ -144,7 +144,7 @@ def test_a_paused_pe_is_silent_but_for_its_mailbox_and_catches_up_with_what_it_m
 
 def test_a_pause_within_a_longer_one_changes_nothing() -> None:
     simulation = flying(two_tails())
-    struck(simulation, "0 pause pe:tail_pe for 0.2", "0.05 pause pe:tail_pe for 0.01")
+    injected(simulation, "0 pause pe:tail_pe for 0.2", "0.05 pause pe:tail_pe for 0.01")
     simulation.run_for(150 * MS)
     assert not simulation.fleet.running["tail_pe"].is_awake
     simulation.run_for(60 * MS)
@@ -155,7 +155,7 @@ def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypa
     told: list[Driven] = []
     monkeypatch.setattr(Checks, "driven", lambda _, driven: told.append(driven))
     simulation = flying(elevator_and_chute())
-    struck(simulation, "0 slow pe:tail_pe for 2")
+    injected(simulation, "0 slow pe:tail_pe for 2")
     simulation.run_for(500 * MS)
     while simulation.fleet.running["tail_pe"].is_awake:  # until a step takes its time, with another one behind it
         simulation.run_for(MS)
@@ -167,7 +167,7 @@ def test_a_step_that_has_waited_for_longer_than_t_lease_is_not_computed(monkeypa
 
 def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:
     simulation = flying(elevator_and_chute())
-    struck(simulation, "0 stuck pe:tail_pe for 1.5")
+    injected(simulation, "0 stuck pe:tail_pe for 1.5")
     simulation.run_for(1_000 * MS)
     assert not simulation.witness.served("elevator", simulation.now_ns)
     assert simulation.events_of("pe_lost") == []
@@ -176,7 +176,7 @@ def test_modules_that_hang_are_silent_while_their_heart_beats() -> None:
 
 def test_a_manager_that_stands_still_blames_nobody_for_its_own_pause() -> None:
     simulation = flying(big_blue())
-    struck(simulation, "0 manager_pause manager for 0.5")
+    injected(simulation, "0 manager_pause manager for 0.5")
     assert simulation.settle() == []
     assert simulation.events_of("pe_lost") == []
     assert simulation.witness.outages(simulation.now_ns) == []
@@ -199,37 +199,39 @@ def test_a_clock_is_fast_or_slow_and_jumps() -> None:
 
 def test_an_act_waits_for_its_state_and_for_no_longer_than_three_seconds() -> None:
     simulation = flying(two_tails())
-    strikes = struck(
+    injections = injected(
         simulation, "0 pause pe:control_pe for 0.01 in planning", "0 doubled bus:can0 for 0.1 in preparing level 1"
     )
     simulation.run_for(1_000 * MS)
-    assert sum(strikes.hits.values()) == 0
+    assert sum(injections.hits.values()) == 0
     simulation.fleet.kill("sensor_pe")
     simulation.run_for(1_500 * MS)
-    assert strikes.hits == {("pause", "planning"): 1, ("doubled", "preparing"): 1}
-    late = struck(simulation, "0 pause pe:control_pe for 0.01 in activating")
+    assert injections.hits == {("pause", "planning"): 1, ("doubled", "preparing"): 1}
+    late = injected(simulation, "0 pause pe:control_pe for 0.01 in activating")
     simulation.run_for(3_000 * MS)
     assert late.hits == {("pause", "idle"): 1}
 
 
 def test_an_act_that_comes_too_late_for_its_state_waits_for_the_next_time() -> None:
     simulation = flying(two_tails(), 1)
-    strikes = struck(simulation, "0 doubled bus:can0 for 0.1 in going level 10")  # 2 ms after the first one has begun
+    injections = injected(
+        simulation, "0 doubled bus:can0 for 0.1 in going level 10"
+    )  # 2 ms after the first one has begun
     simulation.fleet.kill("sensor_pe")
     simulation.run_for(500 * MS)
-    assert (simulation.managers.protocol.entered["going"], sum(strikes.hits.values())) == (2, 0)
+    assert (simulation.managers.protocol.entered["going"], sum(injections.hits.values())) == (2, 0)
     simulation.fleet.restore("sensor_pe")
     simulation.run_for(1_000 * MS)
-    assert strikes.hits == {("doubled", "going"): 1}
+    assert injections.hits == {("doubled", "going"): 1}
 
 
-def test_what_is_dead_cannot_be_struck_and_what_is_healed_strikes_no_more() -> None:
+def test_what_is_dead_cannot_be_injected_and_what_is_healed_injects_no_more() -> None:
     simulation = flying(two_tails())
-    strikes = struck(simulation, "0 crash pe:tail_pe", "0.1 pause pe:tail_pe for 0.1", "0.5 crash pe:sensor_pe")
+    injections = injected(simulation, "0 crash pe:tail_pe", "0.1 pause pe:tail_pe for 0.1", "0.5 crash pe:sensor_pe")
     simulation.run_for(200 * MS)
-    strikes.heal()
+    injections.heal()
     simulation.run_for(500 * MS)
-    assert strikes.hits == {("crash", "idle"): 1}
+    assert injections.hits == {("crash", "idle"): 1}
     assert set(simulation.fleet.running) == {"sensor_pe", "control_pe"}
 
 
@@ -259,7 +261,7 @@ def test_the_state_of_the_protocol_follows_the_managers_events() -> None:
 
 def test_a_surface_that_no_branch_drives_excuses_whoever_doubts_its_sensor() -> None:
     simulation = flying(elevator_and_chute())
-    struck(simulation, "0.1 raise module:servo_driver_1 for 0.2", "0.5 overrun module:servo_driver_2 for 0.2")
+    injected(simulation, "0.1 raise module:servo_driver_1 for 0.2", "0.5 overrun module:servo_driver_2 for 0.2")
     simulation.run_for(200 * MS)
     assert simulation.truth.excusable == {"module:servo_driver_1", "device:elevator_servo_1"}
     simulation.run_for(600 * MS)

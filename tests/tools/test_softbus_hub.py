@@ -232,12 +232,12 @@ def test_a_client_that_offers_a_second_frame_too_early_is_removed(path: Path) ->
 
 
 def test_a_client_that_joined_and_set_no_filters_yet_hears_nothing(hub: HubProcess) -> None:
-    with RawClient(hub.path) as deaf:
-        deaf.join()
+    with RawClient(hub.path) as receive_failed:
+        receive_failed.join()
         assert_carries_frames(hub.path)
-        deaf.receive.setblocking(False)
+        receive_failed.receive.setblocking(False)
         with pytest.raises(BlockingIOError):
-            deaf.receive.recv(100)
+            receive_failed.receive.recv(100)
 
 
 def test_a_full_bus_refuses_one_more_client(hub: HubProcess) -> None:

@@ -21,11 +21,11 @@ from heronry_tools.console.errors import UserError
 from heronry_tools.reports.screen import screen
 from heronry_tools.reports.story import _SENTENCES, Line, Story
 from heronry_tools.runtime.demo.buses import BusChoice, choose, has_interface
-from heronry_tools.runtime.demo.script import Act, default_acts, read_script
-from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.runtime.demo.script import Fault, default_actions, read_script
+from heronry_tools.sim.faults.drawing import drawn_faults
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_wire.bus_arguments import BusArgumentError
 from scenarios.flights import twin_wires
 
@@ -270,12 +270,12 @@ def test_every_sentence_names_fields_that_its_event_has() -> None:
 
 
 def test_acts_are_played_in_order_of_time() -> None:
-    acts = read_script(BIG_BLUE, ["pe:nav@3", "pe:tail_a@3.01"], ["pe:nav@4.5", "pe:tail_a@3.5"])
-    assert acts == [
-        Act(3, "kill", "nav"),
-        Act(3.01, "kill", "tail_a"),
-        Act(3.5, "restore", "tail_a"),
-        Act(4.5, "restore", "nav"),
+    faults = read_script(BIG_BLUE, ["pe:nav@3", "pe:tail_a@3.01"], ["pe:nav@4.5", "pe:tail_a@3.5"])
+    assert faults == [
+        Fault(3, "kill", "nav"),
+        Fault(3.01, "kill", "tail_a"),
+        Fault(3.5, "restore", "tail_a"),
+        Fault(4.5, "restore", "nav"),
     ]
 
 
@@ -310,11 +310,11 @@ def test_a_bad_script_is_one_clear_sentence(
 
 
 def test_without_a_script_the_busiest_pe_is_killed_and_comes_back() -> None:
-    kill, restore = default_acts(plan_after(None).document())
+    kill, restore = default_actions(plan_after(None).document())
     assert (kill.what, restore.what) == ("kill", "restore")
     assert kill.pe == restore.pe == "tail_pe"
     assert kill.at_s < restore.at_s
-    assert default_acts({}) == []
+    assert default_actions({}) == []
 
 
 # Buses
@@ -390,7 +390,7 @@ from heronry_tools.reports.screen import screen
 from heronry_tools.sim.faults.drawing import drawn_acts
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
+from heronry_tools.sim.flight.injections import Strikes
 show = screen(load(Path("dg_specs/elevator_and_chute.dg.yaml")))
 show(event("pe_lost", 5, pe="tail_pe", cause="[silent] for 3 periods", last_heard_ns=0))
 """
@@ -432,11 +432,11 @@ def test_a_killed_manager_is_not_restored() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_whatever_two_managers_go_through_can_be_told(seed: int) -> None:
-    acts = drawn_acts(ELEVATOR, seed, 6.0, of_two=True)
+    faults = drawn_faults(ELEVATOR, seed, 6.0, of_two=True)
     simulation = Simulation(ELEVATOR, seed, standby=True, key=KEY)
-    strikes = Strikes(simulation, acts, start_ns=2_000 * MS)
+    injections = Injections(simulation, faults, start_ns=2_000 * MS)
     simulation.run_until(8_000 * MS)
-    strikes.heal()
+    injections.heal()
     assert simulation.settle() == []
     assert any("runs: 11 modules" in line.text for line in told(Story(ELEVATOR), simulation.events))
 

@@ -7,13 +7,13 @@ from random import Random
 import pytest
 
 from heronry_tools.cli import main
-from heronry_tools.sim.faults.drawing import drawn_acts
-from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_act
+from heronry_tools.sim.faults.drawing import drawn_faults
+from heronry_tools.sim.faults.fault import KINDS, MANAGER, read_fault
 from heronry_tools.sim.faults.protocol_state import ProtocolState
 from heronry_tools.sim.flight.campaign import Coverage
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import Outcome, Scenario, need_key, play
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.terms import TermCheck
 from heronry_tools.sim.world.bus import Faults, SimulatedBus
 from heronry_tools.sim.world.clock import Clock
@@ -29,8 +29,8 @@ OF_TWO = [name for name, kind in KINDS.items() if kind.of_two]
 
 def flight(*texts: str, seed: int = 1, seconds: float = 2.0) -> Outcome:
     """What becomes of two_tails with two managers."""
-    acts = tuple(read_act(two_tails(), text) for text in texts)
-    return play(two_tails(), Scenario(seed, seconds, acts, standby=True))
+    faults = tuple(read_fault(two_tails(), text) for text in texts)
+    return play(two_tails(), Scenario(seed, seconds, faults, standby=True))
 
 
 def flying(seed: int = 1, key: Key | None = None) -> Simulation:
@@ -44,7 +44,7 @@ def flying(seed: int = 1, key: Key | None = None) -> Simulation:
 
 
 @pytest.mark.parametrize("target", mostly_soak(["manager", "primary", "standby"], ["primary"]))
-@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.strikes == MANAGER])
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.injections == MANAGER])
 def test_every_fault_of_a_manager_leaves_an_aircraft_that_comes_right_again(kind: str, target: str) -> None:
     outcome = flight(f"0.1 {kind} {target} for 0.4")
     assert outcome.violations == ()
@@ -66,20 +66,22 @@ def test_every_other_fault_of_two_does(kind: str, level: str) -> None:
 
 def test_a_stale_table_runs_nothing_of_ours_until_the_right_one_is_back() -> None:
     simulation = flying()
-    strikes = Strikes(simulation, (read_act(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns)
+    injections = Injections(
+        simulation, (read_fault(two_tails(), "0 stale_table pe:tail_pe for 0.8"),), simulation.now_ns
+    )
     simulation.run_for(700 * MS)
     assert simulation.events_of("pe_refused")[-1]["reason"] == "DIGEST"
     assert "pe:tail_pe" in simulation.truth.situation.down
     simulation.run_for(200 * MS)
     assert simulation.truth.situation.down == frozenset()
-    strikes.heal()
+    injections.heal()
     assert simulation.settle() == []
 
 
 def test_a_stale_table_outlives_the_death_of_its_pe_and_starts_nobody_who_is_dead() -> None:
     simulation = flying()
-    acts = ("0 stale_table pe:tail_pe for 0.4", "0.1 crash pe:tail_pe for 0.1", "0.3 crash pe:tail_pe")
-    Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    faults = ("0 stale_table pe:tail_pe for 0.4", "0.1 crash pe:tail_pe for 0.1", "0.3 crash pe:tail_pe")
+    Injections(simulation, tuple(read_fault(two_tails(), fault) for fault in faults), simulation.now_ns)
     simulation.run_for(250 * MS)
     assert "pe:tail_pe" in simulation.truth.situation.down
     simulation.run_for(350 * MS)
@@ -91,24 +93,24 @@ def test_who_has_a_key_and_counts_again_is_taken_for_somebody_who_replays(
     disk: str, key: Key | None, *, is_promised: bool
 ) -> None:
     simulation = flying(key=key)
-    acts = ["0.1 crash pe:tail_pe for 0.1", "0.5 manager_crash primary for 0.1"]
-    acts += ["0 disk_full primary for 0.7"] if disk else []
-    Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    faults = ["0.1 crash pe:tail_pe for 0.1", "0.5 manager_crash primary for 0.1"]
+    faults += ["0 disk_full primary for 0.7"] if disk else []
+    Injections(simulation, tuple(read_fault(two_tails(), fault) for fault in faults), simulation.now_ns)
     simulation.run_for(600 * MS)
     assert simulation.waivers.cover("silence", simulation.now_ns) is not is_promised
 
 
 def test_a_manager_that_runs_twice_runs_once_more_at_most_and_is_gone_when_it_is_over() -> None:
     simulation = flying()
-    acts = (
+    faults = (
         "0 manager_double primary for 0.5",
         "0.1 manager_double primary for 0.5",
         "0.2 manager_crash primary for 0.1",
     )
-    strikes = Strikes(simulation, tuple(read_act(two_tails(), act) for act in acts), simulation.now_ns)
+    injections = Injections(simulation, tuple(read_fault(two_tails(), fault) for fault in faults), simulation.now_ns)
     simulation.run_for(150 * MS)
     assert sorted(simulation.managers.running) == [-126, 126, 127]
-    assert strikes.hits.total() == 1
+    assert injections.hits.total() == 1
     simulation.run_for(500 * MS)
     assert sorted(simulation.managers.running) == [126, 127]
     assert simulation.settle() == []
@@ -212,41 +214,41 @@ def test_a_term_that_nobody_names_any_more_deposes_nobody() -> None:
     check, lease_ns = TermCheck(two_tails()), LEASE_PERIODS * 20 * MS
     head = SliceHead(94, 3, 0, 0)
 
-    def reigns(t_ns: int, manager: int, term: int) -> bool:
+    def is_active(t_ns: int, manager: int, term: int) -> bool:
         named = check.judge_command(t_ns, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
         assert check.judge_command(t_ns, manager, head, f"manager {manager}") == named
         return named
 
-    assert reigns(1, 127, 6)
-    assert reigns(2, 126, 7)
-    assert not reigns(2 + lease_ns, 127, 6)
-    assert reigns(3 + lease_ns, 127, 6)
+    assert is_active(1, 127, 6)
+    assert is_active(2, 126, 7)
+    assert not is_active(2 + lease_ns, 127, 6)
+    assert is_active(3 + lease_ns, 127, 6)
     assert check.violations == []
 
 
 def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> None:
     check, head = TermCheck(two_tails(), has_key=True), SliceHead(94, 3, 0, 0)
 
-    def reigns(t_ms: int, manager: int, term: int) -> bool:
+    def is_active(t_ms: int, manager: int, term: int) -> bool:
         return check.judge_command(t_ms * MS, manager, Lease(term, 0, Step.PREPARED, 0), f"manager {manager}")
 
     check.tagged(0, "manager 126")  # of something that was not heard
-    assert reigns(1, 126, 1)
+    assert is_active(1, 126, 1)
     check.tagged(1 * MS, "manager 126")
     assert not check.judge_alive(2 * MS, "manager 126", 1)  # not yet to be believed by all
     check.tagged(21 * MS, "manager 126")
     assert check.judge_alive(22 * MS, "manager 126", 1)
-    assert reigns(30, 127, 2)
+    assert is_active(30, 127, 2)
     assert check.judge_command(30 * MS, 127, head, "manager 127")
-    assert reigns(40, 126, 1)
+    assert is_active(40, 126, 1)
     check.tagged(41 * MS, "manager 126")
     check.tagged(42 * MS, "manager 127")
     check.tagged(45 * MS, "manager 127")  # it answers
-    assert reigns(50, 126, 1)
-    assert reigns(52, 127, 2)
+    assert is_active(50, 126, 1)
+    assert is_active(52, 127, 2)
     check.tagged(52 * MS, "manager 127")
-    assert not reigns(53, 126, 1)
-    assert reigns(54, 127, 2)
+    assert not is_active(53, 126, 1)
+    assert is_active(54, 127, 2)
     assert check.violations == []
 
 
@@ -254,20 +256,20 @@ def test_with_a_key_a_term_deposes_nobody_before_everybody_can_believe_it() -> N
 
 
 def test_what_needs_two_managers_is_drawn_where_there_are_two_and_asked_for_anywhere() -> None:
-    one = {act.kind for seed in range(30) for act in drawn_acts(big_blue(), seed, 60.0)}
-    two = {act.kind for seed in range(30) for act in drawn_acts(big_blue(), seed, 60.0, of_two=True)}
+    one = {fault.kind for seed in range(30) for fault in drawn_faults(big_blue(), seed, 60.0)}
+    two = {fault.kind for seed in range(30) for fault in drawn_faults(big_blue(), seed, 60.0, of_two=True)}
     assert one.isdisjoint(OF_TWO)
     assert two >= set(OF_TWO)
     assert "forge" not in two
-    assert {act.kind for act in drawn_acts(big_blue(), 1, 60.0, ["disk_full"])} >= {"disk_full"}
+    assert {fault.kind for fault in drawn_faults(big_blue(), 1, 60.0, ["disk_full"])} >= {"disk_full"}
 
 
-def test_either_manager_is_struck_and_whichever_reigns_and_more_often_than_others() -> None:
-    acts = [act for seed in range(20) for act in drawn_acts(two_tails(), seed, 60.0, of_two=True)]
-    targets = [act.target for act in acts]
+def test_either_manager_is_injected_and_whichever_is_active_and_more_often_than_others() -> None:
+    faults = [fault for seed in range(20) for fault in drawn_faults(two_tails(), seed, 60.0, of_two=True)]
+    targets = [fault.target for fault in faults]
     assert {"manager", "primary", "standby"} <= set(targets)
-    assert all(read_act(two_tails(), str(act)) == act for act in acts)
-    assert "orphaned" in {act.during for act in acts}
+    assert all(read_fault(two_tails(), str(fault)) == fault for fault in faults)
+    assert "orphaned" in {fault.during for fault in faults}
 
 
 def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
@@ -278,20 +280,20 @@ def test_the_table_of_two_has_a_row_for_everything_that_is_drawn() -> None:
     assert ("disk_full", "orphaned") in table.cells()
 
 
-def test_the_state_of_the_protocol_knows_that_nobody_reigns() -> None:
+def test_the_state_of_the_protocol_knows_that_nobody_is_active() -> None:
     protocol = ProtocolState(Clock())
     protocol.take({"event": "plan_requested"})
-    protocol.reigned(by_somebody=False)
-    protocol.reigned(by_somebody=False)
+    protocol.had_mastership(by_somebody=False)
+    protocol.had_mastership(by_somebody=False)
     assert (protocol.now, protocol.entered["orphaned"]) == ("orphaned", 1)
-    protocol.reigned(by_somebody=True)
+    protocol.had_mastership(by_somebody=True)
     assert protocol.now == "planning"
     protocol.take({"event": "taken_over"})
     assert protocol.now == "idle"
 
 
 def test_a_flight_has_a_key_where_somebody_attacks() -> None:
-    attack = read_act(two_tails(), "0.1 attack bus:can0 for 0.1")
+    attack = read_fault(two_tails(), "0.1 attack bus:can0 for 0.1")
     assert need_key((attack,))
     assert not need_key(())
 

@@ -50,35 +50,35 @@ def test_what_flaps_is_counted_each_time_and_told_now_and_then() -> None:
     for now_ns in (0, 1, TELL_AGAIN_NS - 1):
         health.reported(passive, now_ns)
     assert health.counts == {"error-passive": 3, "bus error": 3}
-    (sentence,) = health.take_news()
+    (sentence,) = health.take_link_events()
     assert sentence.startswith("can0 sees mostly errors (error-passive)")
     health.reported(passive, TELL_AGAIN_NS)
-    assert health.take_news() == [sentence]
+    assert health.take_link_events() == [sentence]
 
 
 def test_an_outage_is_told_with_each_new_reason_and_its_length() -> None:
     health = BusHealth("can0")
     for now_ns, reason in ((10, "it is down"), (20, "it is down"), (30, "it is gone")):
         health.lost(now_ns, reason)
-    assert [sentence.split(";")[0] for sentence in health.take_news()] == [
+    assert [sentence.split(";")[0] for sentence in health.take_link_events()] == [
         "can0 is lost: it is down",
         "can0 is lost: it is gone",
     ]
     assert health.off_since_ns == 10
     health.back(1_500_000_010)
     health.back(1_500_000_011)
-    assert health.take_news() == ["can0 is back after 1.5 s"]
+    assert health.take_link_events() == ["can0 is back after 1.5 s"]
     assert (health.off_since_ns, health.counts["lost"]) == (None, 1)
 
 
 def test_frames_that_were_lost_here_are_counted() -> None:
     health = BusHealth("can0")
     health.overrun(0, 0)
-    assert health.take_news() == []
+    assert health.take_link_events() == []
     health.overrun(7, 0)
     health.overrun(3, 1)
     assert health.counts["frames not taken in time"] == 10
-    assert len(health.take_news()) == 1
+    assert len(health.take_link_events()) == 1
 
 
 def attribute(kind: int, value: bytes) -> bytes:
@@ -157,4 +157,4 @@ def test_what_the_controller_counts_without_a_state_is_counted_and_not_told() ->
     health = BusHealth("can0")
     health.reported(ControllerReport(None, ("bus error",)), 0)
     assert health.counts == {"bus error": 1}
-    assert health.take_news() == []
+    assert health.take_link_events() == []

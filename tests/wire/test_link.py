@@ -113,13 +113,13 @@ def test_a_hub_that_goes_is_told_once_and_its_return_as_well(tmp_path: Path) -> 
             assert turn(link) == []
         link.send(Frame(5, b"lost"), now_ns)
         link.pump(now_ns + REOPEN_NS)
-        (sentence,) = link.health.take_news()
+        (sentence,) = link.health.take_link_events()
         assert sentence.startswith(f"softbus {hub} is lost: ")
         assert link.health.counts["not sent while lost"] == 1
         with closing(start_hub(str(hub), 1_000_000)), closing(link_to(hub)) as other:
             link.pump(now_ns + 3 * REOPEN_NS)
             assert link.is_open
-            assert re.fullmatch(r".* is back after 0\.\d s", link.health.take_news()[-1])
+            assert re.fullmatch(r".* is back after 0\.\d s", link.health.take_link_events()[-1])
             link.send(Frame(700, b""), time.monotonic_ns())
             for can_id in (4, 5):
                 other.send(Frame(can_id, b"heard"), time.monotonic_ns())
@@ -203,7 +203,7 @@ def test_any_other_refusal_loses_the_bus_and_what_waits(stubborn: Link) -> None:
     bus.refusals = [can.CanOperationError("Network is down", errno.ENETDOWN)]
     stubborn.send(Frame(5, b""), 0)
     assert (stubborn.is_open, stubborn.health.off_since_ns) == (False, 0)
-    assert "x is lost: the interface is down" in stubborn.health.take_news()[0]
+    assert "x is lost: the interface is down" in stubborn.health.take_link_events()[0]
     stubborn.send(Frame(6, b""), 1)
     assert stubborn.receive(1) == []
     stubborn.pump(REOPEN_NS)
@@ -222,14 +222,14 @@ def test_a_back_end_that_raises_loses_the_bus_and_nothing_else(stubborn: Link, w
     else:
         stubborn.accept({5})
     assert not stubborn.is_open
-    assert "there is no such interface" in stubborn.health.take_news()[0]
+    assert "there is no such interface" in stubborn.health.take_link_events()[0]
 
 
 def test_whatever_a_back_end_raises_is_not_the_end_of_its_node(stubborn: Link) -> None:
     Stubborn.current.broken = RuntimeError("of a library")
     assert stubborn.receive(0) == []
     assert not stubborn.is_open
-    assert "of a library" in stubborn.health.take_news()[0]
+    assert "of a library" in stubborn.health.take_link_events()[0]
 
 
 @pytest.mark.parametrize("noise", [ValueError("invalid literal"), IndexError("string index out of range")])
@@ -275,7 +275,7 @@ def test_a_bus_that_takes_long_to_open_holds_nothing_up(modem: Link, monkeypatch
         assert not modem.is_open
     modem_answers.set()
     pump_until(modem, lambda: modem.is_open)
-    assert "is back after" in modem.health.take_news()[-1]
+    assert "is back after" in modem.health.take_link_events()[-1]
     modem.send(Frame(5, b""), 0)
     assert [message.arbitration_id for message in Stubborn.current.sent] == [5]
 
@@ -331,7 +331,7 @@ def test_a_controller_that_is_bus_off_is_off_the_bus(stubborn: Link) -> None:
     bus.arrived = [can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=False, data=bytes(8))]
     assert stubborn.receive(1) == []
     assert stubborn.health.off_since_ns == 1
-    assert "its controller is bus-off" in stubborn.health.take_news()[0]
+    assert "its controller is bus-off" in stubborn.health.take_link_events()[0]
     stubborn.pump(1 + REOPEN_NS)
     assert stubborn.is_open
 
@@ -340,7 +340,7 @@ def test_a_bus_on_which_nobody_acknowledges_is_told_once(stubborn: Link) -> None
     for can_id in range(25):
         stubborn.send(Frame(can_id, b""), can_id * ECHO_TIMEOUT_NS)
         stubborn.pump(can_id * ECHO_TIMEOUT_NS)
-    (sentence,) = stubborn.health.take_news()
+    (sentence,) = stubborn.health.take_link_events()
     assert "no other node acknowledges" in sentence
 
 

@@ -153,7 +153,7 @@ def test_a_channel_that_goes_costs_nothing_and_comes_back_by_itself(twin: Replic
     twin.receive(5)
     assert twin.off_since_ns is None
     assert [link.name for link in twin.readers] == [twin.links[0].name]
-    assert "b is lost: its controller is bus-off" in twin.take_news()[0]
+    assert "b is lost: its controller is bus-off" in twin.take_link_events()[0]
     twin.send(LEASE, 6)
     Channel.open["a"].echo()
     twin.receive(7)
@@ -163,7 +163,7 @@ def test_a_channel_that_goes_costs_nothing_and_comes_back_by_itself(twin: Replic
     assert twin.next_deadline_ns() == 5 + REOPEN_NS
     twin.pump(5 + REOPEN_NS)
     assert len(twin.readers) == 2
-    assert "b is back" in twin.take_news()[-1]
+    assert "b is back" in twin.take_link_events()[-1]
 
 
 def test_the_bus_is_lost_since_its_second_channel_went_and_back_with_either(twin: ReplicatedLink) -> None:
@@ -185,7 +185,7 @@ def test_at_the_start_one_channel_may_be_missing_and_not_both(
     twin.close()
     monkeypatch.setattr(Channel, "gone", {"a"})
     with closing(ReplicatedLink([{"channel": "a"}, {"channel": "b"}], BEAT_NS, 3)) as one:
-        assert "a is not there; it is tried again until it is back" in one.take_news()[0]
+        assert "a is not there; it is tried again until it is back" in one.take_link_events()[0]
     monkeypatch.setattr(Channel, "gone", {"a", "b"})
     with pytest.raises(LinkError, match=r"a cannot be opened: a is not there; .* b cannot be opened: b is not there"):
         ReplicatedLink([{"channel": "a"}, {"channel": "b"}], BEAT_NS, 3)

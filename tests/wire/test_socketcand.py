@@ -117,7 +117,7 @@ def test_a_server_that_goes_away_is_a_lost_bus_and_is_found_again(server: Server
         select.select([joined], [], [], PATIENCE_S)
         assert joined.receive(time.monotonic_ns()) == []
         assert not joined.is_open
-        assert "its server has closed the connection" in " ".join(joined.take_news())
+        assert "its server has closed the connection" in " ".join(joined.take_link_events())
         server.expect()
         until_s = time.monotonic() + PATIENCE_S
         while not joined.readers:
@@ -142,8 +142,8 @@ def test_a_server_that_is_not_there_is_one_sentence_at_once() -> None:
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # python-can leaves its socket open
 def test_a_server_that_says_nothing_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(socketcand, "SERVER_S", 0.2)
-    with closing(socket.create_server(("127.0.0.1", 0))) as mute:
-        channel = f"can0@127.0.0.1:{mute.getsockname()[1]}"
+    with closing(socket.create_server(("127.0.0.1", 0))) as transmit_failed:
+        channel = f"can0@127.0.0.1:{transmit_failed.getsockname()[1]}"
         with pytest.raises(LinkError, match="timed out"):
             open_bus({"interface": "socketcand", "channel": channel})
     gc.collect()

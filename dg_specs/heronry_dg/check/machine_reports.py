@@ -13,7 +13,7 @@ from typing import Any, Final
 from urllib.parse import quote
 from xml.sax.saxutils import escape, quoteattr
 
-from heronry_dg.check.judge import Judged
+from heronry_dg.check.assess import Assessed
 from heronry_dg.check.text_report import span_end
 from heronry_dg.findings import Finding
 from heronry_dg.rules.rule import Rule, Severity
@@ -21,39 +21,39 @@ from heronry_dg.rules.rule import Rule, Severity
 SARIF_SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 
 
-def json_report(files: Sequence[Judged], rules: Mapping[str, Rule]) -> str:
+def json_report(files: Sequence[Assessed], rules: Mapping[str, Rule]) -> str:
     """A list of findings, each an object."""
     found = [
         {
             "file": finding.file,
             "line": finding.place.line,
             "column": finding.place.column,
-            "end_column": _end(judged, finding),
+            "end_column": _end(assessed, finding),
             "code": finding.code,
             "name": rules[finding.code].name,
             "severity": str(finding.severity),
             "sentence": finding.sentence,
             "hint": finding.hint,
         }
-        for judged in files
-        for finding in judged.findings
+        for assessed in files
+        for finding in assessed.findings
     ]
     return json.dumps(found, indent=2, ensure_ascii=False) + "\n"
 
 
-def github_report(files: Sequence[Judged]) -> str:
+def github_report(files: Sequence[Assessed]) -> str:
     """One workflow command per finding, which GitHub shows beside the line."""
-    return "".join(_command(judged, finding) for judged in files for finding in judged.findings)
+    return "".join(_command(assessed, finding) for assessed in files for finding in assessed.findings)
 
 
-def _command(judged: Judged, finding: Finding) -> str:
+def _command(assessed: Assessed, finding: Finding) -> str:
     line, column = finding.place
     properties = {
         "file": finding.file,
         "line": line,
         "endLine": line,
         "col": column,
-        "endColumn": _end(judged, finding),
+        "endColumn": _end(assessed, finding),
         "title": f"heronry {finding.code}",
     }
     written = ",".join(f"{key}={_property(str(value))}" for key, value in properties.items())
@@ -69,7 +69,7 @@ def _property(text: str) -> str:
     return _data(text).replace(":", "%3A").replace(",", "%2C")
 
 
-def sarif_report(files: Sequence[Judged], rules: Mapping[str, Rule], version: str) -> str:
+def sarif_report(files: Sequence[Assessed], rules: Mapping[str, Rule], version: str) -> str:
     """One run of SARIF 2.1.0, with all rules and one result per finding."""
     order = {code: index for index, code in enumerate(rules)}
     run = {
@@ -81,9 +81,9 @@ def sarif_report(files: Sequence[Judged], rules: Mapping[str, Rule], version: st
             }
         },
         "columnKind": "unicodeCodePoints",
-        "artifacts": [{"location": {"uri": _uri(judged.file)}} for judged in files],
+        "artifacts": [{"location": {"uri": _uri(assessed.file)}} for assessed in files],
         "results": [
-            _sarif_result(judged, finding, order[finding.code]) for judged in files for finding in judged.findings
+            _sarif_result(assessed, finding, order[finding.code]) for assessed in files for finding in assessed.findings
         ],
     }
     return json.dumps({"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
@@ -100,9 +100,9 @@ def _sarif_rule(rule: Rule) -> dict[str, Any]:
     }
 
 
-def _sarif_result(judged: Judged, finding: Finding, index: int) -> dict[str, Any]:
+def _sarif_result(assessed: Assessed, finding: Finding, index: int) -> dict[str, Any]:
     line, column = finding.place
-    region = {"startLine": line, "startColumn": column, "endLine": line, "endColumn": _end(judged, finding)}
+    region = {"startLine": line, "startColumn": column, "endLine": line, "endColumn": _end(assessed, finding)}
     hint = f" ({finding.hint})" if finding.hint else ""
     return {
         "ruleId": finding.code,
@@ -118,20 +118,20 @@ def _uri(file: str) -> str:
     return path.as_uri() if path.is_absolute() else quote(path.as_posix())
 
 
-def junit_report(files: Sequence[Judged]) -> str:
+def junit_report(files: Sequence[Assessed]) -> str:
     """One suite per file: a failed case per error, one passed, with words, per warning, one for a clean file."""
-    suites = "".join(_suite(judged) for judged in files)
+    suites = "".join(_suite(assessed) for assessed in files)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="heronry check">\n{suites}</testsuites>\n'
 
 
-def _suite(judged: Judged) -> str:
-    failures = sum(finding.severity is Severity.ERROR for finding in judged.findings)
+def _suite(assessed: Assessed) -> str:
+    failures = sum(finding.severity is Severity.ERROR for finding in assessed.findings)
     cases = (
-        "".join(map(_case, judged.findings))
-        or f"    <testcase name={_attribute('all rules')} classname={_attribute(judged.file)}/>\n"
+        "".join(map(_case, assessed.findings))
+        or f"    <testcase name={_attribute('all rules')} classname={_attribute(assessed.file)}/>\n"
     )
-    count = max(1, len(judged.findings))
-    head = f'name={_attribute(judged.file)} tests="{count}" failures="{failures}" errors="0" skipped="0"'
+    count = max(1, len(assessed.findings))
+    head = f'name={_attribute(assessed.file)} tests="{count}" failures="{failures}" errors="0" skipped="0"'
     return f"  <testsuite {head}>\n{cases}  </testsuite>\n"
 
 
@@ -157,5 +157,5 @@ def _xml(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\t\n" else "\ufffd" for c in text)
 
 
-def _end(judged: Judged, finding: Finding) -> int:
-    return span_end(judged.line(finding.place.line), finding.place.column)
+def _end(assessed: Assessed, finding: Finding) -> int:
+    return span_end(assessed.line(finding.place.line), finding.place.column)

@@ -5,7 +5,7 @@ import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from heronry_dg.check.judge import Judged
+from heronry_dg.check.assess import Assessed
 from heronry_dg.findings import Finding
 from heronry_dg.rules.rule import Severity
 
@@ -27,20 +27,20 @@ def span_end(line: str, column: int) -> int:
     return match.end() + 1 if match else column
 
 
-def concise(files: Sequence[Judged]) -> str:
+def concise(files: Sequence[Assessed]) -> str:
     """One line per finding, as `file:line:col: CODE severity: sentence (hint)`."""
-    return "".join(f"{finding}\n" for judged in files for finding in judged.findings)
+    return "".join(f"{finding}\n" for assessed in files for finding in assessed.findings)
 
 
-def full(files: Sequence[Judged], *, colour: bool = False) -> str:
+def full(files: Sequence[Assessed], *, colour: bool = False) -> str:
     """Each finding with its source line, a caret and its hint."""
     paint = _painted if colour else _plain
-    return "".join(f"{_one(judged, finding, paint)}\n" for judged in files for finding in judged.findings)
+    return "".join(f"{_one(assessed, finding, paint)}\n" for assessed in files for finding in assessed.findings)
 
 
-def summary(files: Sequence[Judged]) -> str:
+def summary(files: Sequence[Assessed]) -> str:
     """Say how much was found in how many files; the last line of a report for people."""
-    findings = [finding for judged in files for finding in judged.findings]
+    findings = [finding for assessed in files for finding in assessed.findings]
     errors = sum(finding.severity is Severity.ERROR for finding in findings)
     counts = [(errors, "error"), (len(findings) - errors, "warning")]
     said = " and ".join(_counted(count, noun) for count, noun in counts if count) or "nothing wrong"
@@ -59,11 +59,11 @@ def _painted(text: str, style: str) -> str:
     return f"{_STYLES[style]}{text}\x1b[0m"
 
 
-def _one(judged: Judged, finding: Finding, paint: _Paint) -> str:
+def _one(assessed: Assessed, finding: Finding, paint: _Paint) -> str:
     place = f"{finding.file}:{finding.place.line}:{finding.place.column}:"
     said = paint(f"{finding.code} {finding.severity}:", finding.severity)
     lines = [f"{paint(place, 'place')} {said} {finding.sentence}"]
-    source = judged.line(finding.place.line)
+    source = assessed.line(finding.place.line)
     if source.strip():
         number = str(finding.place.line)
         margin = " " * len(number)

@@ -57,10 +57,10 @@ class Activation:
 
     def _must_break(self, epoch: Reconfiguration, current: Reconfiguration | None) -> set[str]:
         """PEs that must be BROKEN before any goes on."""
-        counted_on = self._health.counted_on()
-        may_run = {pe: self._may_run(pe, current) for pe in counted_on}
+        available = self._health.available()
+        may_run = {pe: self._may_run(pe, current) for pe in available}
         strangers = {pe for pe, known in may_run.items() if known is None and pe in self._epochs.wired}
-        exclusive = self._exclusion.must_break(epoch.placed, counted_on) | strangers
+        exclusive = self._exclusion.must_break(epoch.placed, available) | strangers
         known = {pe: configurations or () for pe, configurations in may_run.items()}
         return set(self._transitions.must_break(known, epoch.configuration, epoch.plan.now, exclusive))
 
@@ -79,9 +79,9 @@ class Activation:
         """Work out how long what this epoch needs may still be held by PEs that are not counted on."""
         if epoch.stage in (Stage.DONE, Stage.GOING):
             return
-        counted_on, now_ns = self._health.counted_on(), self._turn.now_ns
-        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, counted_on, now_ns)
-        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, counted_on, now_ns)
+        available, now_ns = self._health.available(), self._turn.now_ns
+        epoch.identifiers_free_ns = self._exclusion.identifiers_free_ns(epoch.placed, available, now_ns)
+        epoch.demux_free_ns = self._exclusion.demux_free_ns(epoch.placed, available, now_ns)
 
     def _emit_step(self, epoch: Reconfiguration) -> None:
         waiting = sorted(epoch.must_break) if epoch.stage is Stage.BREAKING else []

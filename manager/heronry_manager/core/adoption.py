@@ -36,7 +36,7 @@ class Adoption:
     def of_plan(self, plan: Plan) -> Reconfiguration | None:
         """Give the epoch that runs if it is exactly this plan, everywhere; else None."""
         compiled = self._epochs.compiled(plan.configuration)
-        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
+        seen = [self._observed.of[pe] for pe in self._health.available()]
         clean = all(one.digest == compiled.digest and one.state is PeState.ACTIVE for one in seen)
         runs, newest = self._turn.memory.runs, self._observed.newest_epoch()
         if runs is not None and is_newer(runs.epoch, newest):
@@ -55,7 +55,7 @@ class Adoption:
             return None
         configuration = self._epochs.decoded(runs)
         compiled = self._epochs.compiled(configuration)
-        seen = [self._observed.of[pe] for pe in self._health.counted_on()]
+        seen = [self._observed.of[pe] for pe in self._health.available()]
         inside = [one for one in seen if one.state is PeState.ACTIVE and one.epoch == runs.epoch]
         clean = all(one.digest == compiled.digest == runs.digest for one in inside)
         if not inside or not clean or any(one.state is not PeState.UNCONFIGURED and one not in inside for one in seen):
@@ -71,7 +71,7 @@ class Adoption:
         adopted = self._epochs.running(epoch, plan, compiled)
         self._epochs.remember(adopted)
         self._exclusion.activated(adopted.placed)  # a PE that is missing may still hold what it was given
-        for pe in self._health.counted_on():
+        for pe in self._health.available():
             self._exclusion.unknown(pe)  # before it hears this term it may take up what another manager gave it
             if self._observed.of[pe].state is PeState.UNCONFIGURED:
                 continue

@@ -49,7 +49,7 @@ class Advice:
         That is what was advised or overheard; as long as it is anything else, nothing is known to run.
         """
         deployment = self._deployment
-        observed = (deployment.observed.of[pe] for pe in self._health.counted_on())
+        observed = (deployment.observed.of[pe] for pe in self._health.available())
         seen = {(one.epoch, one.digest) for one in observed}
         current = deployment.current
         if current is not None:

@@ -44,13 +44,13 @@ class Beat:
         """LEASE, ALIVE, PING for each suspect, and a fact."""
         known, now_ns = self._known, self._turn.now_ns
         known.situation.channels.beat()
-        suspects = [pe for pe in known.health.counted_on() if known.health.standing(pe) is Standing.SUSPECT]
+        suspects = [pe for pe in known.health.available() if known.health.standing(pe) is Standing.SUSPECT]
         lease = known.deployment.lease()
         self._turn.ask(*self.beacon.beat(now_ns, lease, self._named(), self._nodes(suspects)))
         fact = self._announcer.next()
         self._tell_held(fact)
         if fact is not None and fact[0] is ElementKind.PHASE:
-            self._tell_obeyed()
+            self._tell_accepted()
 
     def ping(self, pe: str) -> None:
         """Ask a PE for its state."""
@@ -84,7 +84,7 @@ class Beat:
 
     def _named(self) -> frozenset[int]:
         """Nodes that an ALIVE names which goes out now."""
-        named = [*self._known.health.counted_on(), *self._known.health.awaited_again()]
+        named = [*self._known.health.available(), *self._known.health.awaited_again()]
         self._known.exclusion.named(named, self._turn.now_ns)
         self._has_to_leave_out = False
         return self._nodes(named)
@@ -93,13 +93,13 @@ class Beat:
         if fact is not None:
             self._turn.send(Command.CONTROL, Control(self._turn.term, _EVERYBODY, Operation.HOLDS, *fact))
 
-    def _tell_obeyed(self) -> None:
+    def _tell_accepted(self) -> None:
         """Say once more which requests for a phase have been obeyed: a standby may have missed that, or been away."""
         for pe, asked in self._turn.memory.asked.items():
             if self._known.health.said_incarnation(pe, self._turn.now_ns) == asked.incarnation:
-                obeyed = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
+                accepted = Operation.ACKNOWLEDGE, ElementKind.PHASE, asked.number
                 node = self._settings.spec.pes[pe].node_id
-                self._turn.send(Command.CONTROL, Control(self._turn.term, node, *obeyed))
+                self._turn.send(Command.CONTROL, Control(self._turn.term, node, *accepted))
 
     def _nodes(self, pes: Iterable[str]) -> frozenset[int]:
         return frozenset(self._settings.spec.pes[pe].node_id for pe in pes)

@@ -137,7 +137,7 @@ class Deployment:
         A late one tells nothing: what the PE has begun to drive since, it still drives.
         """
         seen = self.observed.take(pe, page)
-        if seen is None or not self._health.is_counted_on(pe):
+        if seen is None or not self._health.is_available(pe):
             return None
         if page.state is PeState.UNCONFIGURED:
             return self._runs_nothing(pe, seen)
@@ -204,7 +204,7 @@ class Deployment:
         current = self.current
         if current is None or self._stopped & current.configuration.modules.keys():
             return False
-        return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.counted_on())
+        return all(self.observed.of[pe].epoch == current.epoch for pe in self._health.available())
 
     def runs(self, plan: Plan) -> bool:
         """Tell whether what runs is this already, and take the plan for that of the current epoch.
@@ -218,7 +218,7 @@ class Deployment:
             return False
         if is_newer(self.observed.newest_epoch(), current.epoch):
             return False
-        late = [pe for pe in self._health.counted_on() if self.observed.of[pe].epoch != current.epoch]
+        late = [pe for pe in self._health.available() if self.observed.of[pe].epoch != current.epoch]
         if any(self._needs_new(pe, current) for pe in late):
             return False
         for who in self.epochs.participants(late, plan, current.contingency):
@@ -257,7 +257,7 @@ class Deployment:
             epoch=self.next.epoch,
             digest=f"{self.next.compiled.digest:06X}",
             contingency=self.next.contingency,
-            pes=self._health.counted_on(),
+            pes=self._health.available(),
             bytes=sum(len(body) for body in self.next.compiled.slices.values()),
         )
 

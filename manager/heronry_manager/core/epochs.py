@@ -97,7 +97,7 @@ class Epochs:
             plan=plan,
             compiled=compiled,
             placed=self._exclusion.tokens(plan.configuration),
-            participants=self.participants(self._health.counted_on(), plan, number),
+            participants=self.participants(self._health.available(), plan, number),
             bitrate=self.bitrate,
             started_ns=self._turn.now_ns,
             causes=causes,
@@ -108,7 +108,7 @@ class Epochs:
     def participants(self, pes: Iterable[str], plan: Plan, contingency: int) -> list[Participant]:
         """These PEs as participants; where a plan can command nobody there is no haste, and all are waited for."""
         reached = survivors(self._spec, plan.now).pe_cpu_millis.keys()
-        reaches_nobody = not any(pe in reached for pe in self._health.counted_on())
+        reaches_nobody = not any(pe in reached for pe in self._health.available())
         return [
             self._participant(pe, contingency, awaited=pe in self.wired and (reaches_nobody or pe in reached))
             for pe in pes
@@ -142,7 +142,7 @@ class Epochs:
         row = self._code.encode(epoch.configuration).hex()
         self._turn.keep(Runs(epoch.epoch, epoch.compiled.digest, row))
         self._known[epoch.epoch] = epoch
-        shown = {self._observed.of[pe].epoch for pe in self._health.counted_on()}  # where a PE may be late
+        shown = {self._observed.of[pe].epoch for pe in self._health.available()}  # where a PE may be late
         for forgotten in [number for number in self._known if number not in shown][:-_REMEMBERED]:
             del self._known[forgotten]
 

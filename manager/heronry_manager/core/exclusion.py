@@ -73,11 +73,11 @@ class Exclusion:
             tokens.add(f"module:{module}")
         return tokens
 
-    def begun(self, now_ns: int, counted_on: Collection[str]) -> None:
+    def begun(self, now_ns: int, available: Collection[str]) -> None:
         """A reign begins: who it does not hear may have been named by another one until now, and drive anything."""
         self._last_named_ns = dict.fromkeys(self._spec.pes, now_ns)
         self._unsaid = set(self._spec.pes) if self._tells_departures else set()
-        for pe in self._spec.pes.keys() - set(counted_on):
+        for pe in self._spec.pes.keys() - set(available):
             self.unknown(pe)
 
     def named(self, pes: Collection[str], now_ns: int) -> None:
@@ -133,23 +133,23 @@ class Exclusion:
         """A PE runs what this manager did not give it: it may hold whatever could be placed there."""
         self._holds[pe] |= self._possible[pe]
 
-    def must_break(self, placed: Mapping[str, set[str]], counted_on: Iterable[str]) -> set[str]:
+    def must_break(self, placed: Mapping[str, set[str]], available: Iterable[str]) -> set[str]:
         """PEs counted on that must report `broken` before anybody starts what is new in this configuration."""
-        return {pe for pe in counted_on if self._rivals(pe, placed)}
+        return {pe for pe in available if self._rivals(pe, placed)}
 
-    def demux_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+    def demux_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
         """When the last PE not counted on has certainly stopped driving a DEMUX placed elsewhere; None: now."""
-        return self._free_ns(placed, counted_on, now_ns, demux=True)
+        return self._free_ns(placed, available, now_ns, demux=True)
 
-    def identifiers_free_ns(self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int) -> int | None:
+    def identifiers_free_ns(self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int) -> int | None:
         """When the last PE not counted on has certainly stopped sending for a module placed elsewhere; None: now."""
-        return self._free_ns(placed, counted_on, now_ns, demux=False)
+        return self._free_ns(placed, available, now_ns, demux=False)
 
     def _free_ns(
-        self, placed: Mapping[str, set[str]], counted_on: Iterable[str], now_ns: int, *, demux: bool
+        self, placed: Mapping[str, set[str]], available: Iterable[str], now_ns: int, *, demux: bool
     ) -> int | None:
         ends = []
-        for pe in self._holds.keys() - set(counted_on):
+        for pe in self._holds.keys() - set(available):
             since_ns = now_ns if pe in self._unsaid else self._last_named_ns.get(pe, now_ns)
             lease_ends_ns = since_ns + self._lease_ns[pe]
             unsent_ns = self._unsent_ns.get(pe, lease_ends_ns)

@@ -73,7 +73,7 @@ class Following:
         }
         self._pe_of_node = {pe.node_id: pe.name for pe in spec.pes.values()}
         self._overheard = Overheard(spec, turn, on_board)
-        self._counted_on: frozenset[str] = frozenset()
+        self._available: frozenset[str] = frozenset()
         self._said: dict[str, tuple[int, bool]] = {}  # when a PE was believed, and whether it hears a LEASE
         self._unproven: dict[str, tuple[int, bool]] = {}  # the same of what was heard, and could not be believed
         self._orphaned_ns = turn.now_ns + patience_ns  # not before this
@@ -92,8 +92,8 @@ class Following:
             return ()
         match message:
             case Alive(term, _, nodes) if term == self.term:
-                self._counted_on = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
-                self._exclusion.named(self._counted_on, self._turn.now_ns)
+                self._available = frozenset(self._pe_of_node[n] for n in nodes.intersection(self._pe_of_node))
+                self._exclusion.named(self._available, self._turn.now_ns)
             case Control(term) if term == self.term:
                 return self._situation.overheard(node, message)
             case _:
@@ -157,7 +157,7 @@ class Following:
         if now_ns < self._orphaned_ns:
             return False
         heard = self._heard()
-        asked = self._counted_on or heard.keys()
+        asked = self._available or heard.keys()
         orphans = sum(1 for pe in asked if heard.get(pe) is False)
         return 2 * orphans > len(asked)
 
@@ -166,14 +166,14 @@ class Following:
         heard = self._heard().values()
         return 2 * sum(not hears for hears in heard) > len(heard)
 
-    def counted_on(self) -> frozenset[str]:
+    def available(self) -> frozenset[str]:
         """PEs that the manager counted on, when it was last heard to say so."""
-        return self._counted_on
+        return self._available
 
     def unbelieved(self) -> frozenset[str]:
         """PEs that the manager counted on, where one is known, and that are heard and have proven nothing."""
         speak = self._recently(self._unproven).keys() - self._recently(self._said).keys()
-        return frozenset(speak & self._counted_on if self._counted_on else speak)
+        return frozenset(speak & self._available if self._available else speak)
 
     def _heard(self) -> dict[str, bool]:
         """Who was heard within T_lease, and whether it hears a LEASE; what is proven counts before what is not."""

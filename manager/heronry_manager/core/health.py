@@ -84,7 +84,7 @@ class _Record:
     losses: int = 0  # since it was last forgiven
     lost_ns: int | None = None  # when the last one of these was counted
     cause: str | None = None  # why it is down
-    deaf_since_ns: int | None = None  # since when it has said that it hears no lease
+    receive_failed_since_ns: int | None = None  # since when it has said that it hears no lease
     barred: bool = False
     awaited_again: bool = False  # another reign counted on it
     spoke_ns: int = 0  # when it last said something, be it that nobody could believe it
@@ -108,11 +108,13 @@ class _Record:
     def fallen_silent_ns(self) -> int:
         return self.spoke_ns + silent_ns(self.period_ns, self.misses)
 
-    def is_deaf(self, now_ns: int) -> bool:
-        return self.deaf_since_ns is not None and now_ns - self.deaf_since_ns > t_lease_ns(self.command_period_ns)
+    def receive_has_failed(self, now_ns: int) -> bool:
+        return self.receive_failed_since_ns is not None and now_ns - self.receive_failed_since_ns > t_lease_ns(
+            self.command_period_ns
+        )
 
     def is_held_down(self, now_ns: int) -> bool:
-        return self.deaf_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
+        return self.receive_failed_since_ns is not None or now_ns < self.returning_since_ns + self.hold_down_ns()
 
     def hold_down_ns(self) -> int:
         return min(self.period_ns * HOLD_DOWN_PERIODS << max(0, self.losses - 1), LONGEST_HOLD_DOWN_NS)
@@ -157,11 +159,11 @@ class Health:
             return None
         return max(0, record.returning_since_ns + record.hold_down_ns() - now_ns)
 
-    def is_counted_on(self, pe: str) -> bool:
+    def is_available(self, pe: str) -> bool:
         """Tell whether a PE is up or merely suspect."""
         return self._records[pe].standing in (Standing.UP, Standing.SUSPECT)
 
-    def counted_on(self) -> list[str]:
+    def available(self) -> list[str]:
         """PEs that are up or merely suspect."""
         return [r.name for r in self._records.values() if r.standing in (Standing.UP, Standing.SUSPECT)]
 
@@ -170,14 +172,14 @@ class Health:
 
         Where nobody was ever believed, those count that spoke.
         """
-        if self.counted_on():
+        if self.available():
             return False
         records = self._records.values()
         silent_ns = [record.declare_ns() for record in records if record.heard_ns is not None]
         silent_ns = silent_ns or [record.fallen_silent_ns() for record in records if record.spoke_ns]
         return now_ns >= max(silent_ns, default=NEVER_NS)
 
-    def take_back(self) -> list[str]:
+    def discount_losses(self) -> list[str]:
         """Nobody is heard: what was counted since the last frame of all is no fault of theirs. Gives whose losses."""
         last_ns = max((record.heard_ns or 0 for record in self._records.values()), default=0)
         wronged = [r for r in self._records.values() if r.lost_ns is not None and r.lost_ns > last_ns]
@@ -200,7 +202,7 @@ class Health:
         """
         record = self._records[pe]
         last, record.heard_ns = record.heard_ns, now_ns
-        record.deaf_since_ns = None if hears_lease else record.deaf_since_ns or now_ns
+        record.receive_failed_since_ns = None if hears_lease else record.receive_failed_since_ns or now_ns
         changes: list[HealthChange] = []
         if incarnation is not None:
             if record.incarnation not in (None, incarnation):
@@ -226,15 +228,15 @@ class Health:
                 changes.append(HealthChange(pe, Change.HEARD_AGAIN, f"held down for {wait_ms} ms", last))
             case Standing.RETURNING | Standing.DOWN:  # pragma: no branch - nothing else is left
                 pass
-        return changes + self._fail_if_deaf(record, last, now_ns)
+        return changes + self._fail_if_receive_failed(record, last, now_ns)
 
-    def _fail_if_deaf(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
+    def _fail_if_receive_failed(self, record: _Record, last_ns: int | None, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE that does not hear the manager, though others do."""
-        if not record.is_deaf(now_ns) or not self.is_counted_on(record.name):
+        if not record.receive_has_failed(now_ns) or not self.is_available(record.name):
             return []
-        counted_on = self.counted_on()
-        deaf = sum(self._records[pe].deaf_since_ns is not None for pe in counted_on)
-        if 2 * deaf > len(counted_on):
+        available = self.available()
+        receive_failed = sum(self._records[pe].receive_failed_since_ns is not None for pe in available)
+        if 2 * receive_failed > len(available):
             return []
         return self._lose(record, last_ns, now_ns, "it hears no lease", Change.FAILED)
 
@@ -249,13 +251,13 @@ class Health:
     def await_again(self, pes: Iterable[str], now_ns: int, window_ns: int) -> None:
         """A reign begins: these were counted on by the one before, and have to prove themselves to this one."""
         for record in map(self._records.__getitem__, sorted(pes)):
-            if not record.barred and not self.is_counted_on(record.name):
+            if not record.barred and not self.is_available(record.name):
                 record.move(StandingEvent.AWAITED_AGAIN)
                 record.cause, record.awaited_again = None, True
                 record.spoke_ns = now_ns
                 self._window_closes_ns = now_ns + window_ns
 
-    def vouched_for(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
+    def inherited(self, pes: Iterable[str], now_ns: int) -> list[HealthChange]:
         """A reign begins: these were counted on by the one before, and still run what it gave them."""
         return [
             self._join(record, now_ns, StandingEvent.VOUCHED_FOR, "the manager before counted on it")
@@ -295,7 +297,7 @@ class Health:
 
     def is_quarantined(self, pe: str) -> bool:
         """Tell whether a PE is held out for longer than who was lost once."""
-        return not self.is_counted_on(pe) and self._records[pe].losses > 1
+        return not self.is_available(pe) and self._records[pe].losses > 1
 
     def fail(self, pe: str, cause: str, now_ns: int) -> list[HealthChange]:
         """Stop counting on a PE for a reason other than silence (no acknowledgement, configuration lost)."""
@@ -339,7 +341,7 @@ class Health:
                     record_ns = record.declare_ns()
                 case Standing.WAITING if record.awaited_again:
                     record_ns = record.fallen_silent_ns()
-                case Standing.RETURNING if record.deaf_since_ns is None:
+                case Standing.RETURNING if record.receive_failed_since_ns is None:
                     record_ns = min(record.declare_ns(), record.returning_since_ns + record.hold_down_ns())
                 case Standing.RETURNING:
                     record_ns = record.declare_ns()
@@ -384,14 +386,14 @@ class Health:
         *,
         event: StandingEvent = StandingEvent.FAILED,
     ) -> list[HealthChange]:
-        counted_on = record.standing in (Standing.UP, Standing.SUSPECT)
-        if counted_on:
+        available = record.standing in (Standing.UP, Standing.SUSPECT)
+        if available:
             forgiven = now_ns - record.joined_ns >= FORGIVEN_AFTER_NS
             record.losses, record.lost_ns = 1 if forgiven else record.losses + 1, now_ns
             record.cause = cause
         record.move(event)
         self._close_window_if_all_heard()
-        return [HealthChange(record.name, change, cause, last_ns)] if counted_on else []
+        return [HealthChange(record.name, change, cause, last_ns)] if available else []
 
     def _close_window_if_all_heard(self) -> None:
         if all(r.standing is not Standing.WAITING for r in self._records.values()):

@@ -116,7 +116,7 @@ class KnownSituation:
         """A gateway says how a radio is doing."""
         changes: list[SituationChange] = []
         beyond = self.links.records[frame.can_id].radio.beyond
-        anybody = any(self._health.is_counted_on(pe) for pe in beyond)
+        anybody = any(self._health.is_available(pe) for pe in beyond)
         for change in self.links.heard(frame, self._turn.now_ns, anybody_beyond=anybody):
             radio = change.radio
             cause = f"bus:{radio.bus} is {change.what}, says {radio.gateway}"
@@ -147,7 +147,7 @@ class KnownSituation:
 
     def down(self) -> frozenset[str]:
         """Everything that is down, as `kind:name`."""
-        missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe))
+        missing = (f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe))
         return (self.failed.elements | frozenset(missing)) - {self.own_bus}
 
     def reported(self, pe: str, emergency: Emergency) -> Changes | None:
@@ -162,10 +162,10 @@ class KnownSituation:
 
     def requested(self, pe: str, request: Emergency) -> Changes | None:
         """A PE asks for a phase; gives what follows, or None where that was not heard."""
-        incarnation = self._health.incarnation(pe) if self._health.is_counted_on(pe) else None
+        incarnation = self._health.incarnation(pe) if self._health.is_available(pe) else None
         if incarnation is None or not self._mission.knows(request.index):
             return None
-        is_new = self._request_obeyed(pe, incarnation, request.detail)
+        is_new = self._request_accepted(pe, incarnation, request.detail)
         if is_new and self._mission.allows(request.index, request.detail):
             return self.enter(list(self._spec.phases)[request.index], pe)
         return ()
@@ -174,11 +174,11 @@ class KnownSituation:
         """Another manager has said, perhaps a moment ago, that it has obeyed a request of the incarnation of then."""
         incarnation = self._health.said_incarnation(pe, self._turn.now_ns - self._lease_ns)
         if incarnation is not None:
-            self._request_obeyed(pe, incarnation, detail)
+            self._request_accepted(pe, incarnation, detail)
 
-    def _request_obeyed(self, pe: str, incarnation: int, detail: int) -> bool:
+    def _request_accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
-        if not self._mission.obeyed(pe, incarnation, detail):
+        if not self._mission.accepted(pe, incarnation, detail):
             return False
         self._turn.keep(Asked(pe, incarnation, detail & ~FORWARD_ONLY))
         return True

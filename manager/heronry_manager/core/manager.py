@@ -118,7 +118,7 @@ class ManagerCore:
         )
 
     @property
-    def reigns(self) -> bool:
+    def is_active(self) -> bool:
         """Tell whether it commands."""
         return self._claim.is_active
 
@@ -149,7 +149,7 @@ class ManagerCore:
             case PlanFailed():
                 self._replanning.failed(event)
             case OperatorSaid():
-                self._turn.ask(self._obey(event))
+                self._turn.ask(self._accept(event))
             case JournalTold() | AliveLeft() | ChannelsLost():  # pragma: no branch - nothing else is left
                 self._driver_told(event)
         if self._claim.state is Mastership.STANDBY and self._known.following.is_orphaned():
@@ -202,7 +202,7 @@ class ManagerCore:
                 self._beat.beat()
             self._replanning.tick()
 
-    def _obey(self, said: OperatorSaid) -> Reply:
+    def _accept(self, said: OperatorSaid) -> Reply:
         """Do what the operator says, if it can be done; orders are obeyed from the start of a term on."""
         if isinstance(said.order, AskStatus):
             return Reply(said.number, done=True, sentence="", status=self.status())
@@ -211,7 +211,7 @@ class ManagerCore:
             return Reply(said.number, done=False, sentence=f"this manager only stands by: {where}")
         if self._claim.state is Mastership.LISTENING:
             return Reply(said.number, done=False, sentence="the manager has just started and still listens: try again")
-        outcome = self._orders.obey(said.order)
+        outcome = self._orders.accept(said.order)
         self._reactions.take(outcome.changes)
         if outcome.command is not None:
             self._turn.send(Command.CONTROL, outcome.command)

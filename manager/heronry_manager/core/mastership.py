@@ -45,7 +45,7 @@ class Mastership(Enum):
     LISTENING = "listening"
     STANDBY = "standby"
     STARTING = "starting"
-    REIGNING = "reigning"
+    ACTIVE = "reigning"
     RETIRED = "retired"
 
 
@@ -76,15 +76,15 @@ TRANSITIONS = TransitionTable(
             "the PEs hear no manager any more, or refuse a term that is behind",
         ),
         (Mastership.STARTING, MastershipEvent.HAS_NO_TERM, Mastership.RETIRED, "all terms have been used"),
-        (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.REIGNING, "all PEs heard, or the window has closed"),
+        (Mastership.STARTING, MastershipEvent.COMMANDS, Mastership.ACTIVE, "all PEs heard, or the window has closed"),
         (Mastership.STARTING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
         (Mastership.STARTING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
         (
-            *(Mastership.REIGNING, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
+            *(Mastership.ACTIVE, MastershipEvent.FALLS_SILENT, Mastership.LISTENING),
             "the manager hears no PE any more, or most PEs hear no LEASE",
         ),
-        (Mastership.REIGNING, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
-        (Mastership.REIGNING, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
+        (Mastership.ACTIVE, MastershipEvent.ENDS, Mastership.RETIRED, "another manager has precedence"),
+        (Mastership.ACTIVE, MastershipEvent.STANDS_BY, Mastership.STANDBY, "the same, with --standby"),
     ),
 )
 
@@ -107,7 +107,7 @@ class Claim:
     @property
     def is_active(self) -> bool:
         """Tell whether this manager commands, or, where it only advises, would."""
-        return self.state is Mastership.REIGNING or self.state is Mastership.STARTING
+        return self.state is Mastership.ACTIVE or self.state is Mastership.STARTING
 
     def speaks(self) -> bool:
         """Tell whether its LEASE goes out."""

@@ -40,7 +40,7 @@ class MissionPhase:
         """Take up which requests were obeyed: incarnation of each PE, and number of its last request."""
         self._last = dict(asked)
 
-    def obeyed(self, pe: str, incarnation: int, detail: int) -> bool:
+    def accepted(self, pe: str, incarnation: int, detail: int) -> bool:
         """A request of a PE is obeyed, here or elsewhere; tells whether that is news."""
         number = detail & ~FORWARD_ONLY
         last_incarnation, last = self._last.get(pe, (incarnation, number - 1))

@@ -51,7 +51,7 @@ class OperatorOrders:
         self._spec, self._has_key = settings.spec, settings.key is not None
         self._turn, self._known = turn, known
 
-    def obey(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
+    def accept(self, order: EnterPhase | FailElement | ClearElement | UnlockPe) -> Outcome:
         """Carry out an order; what names nothing in the spec is refused with a sentence that says what there is."""
         try:
             match order:

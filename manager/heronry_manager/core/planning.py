@@ -27,7 +27,7 @@ from heronry_manager.core.turn import Turn
 from heronry_manager.core.vocabulary import PlanFailed, PlanReady, RequestPlan
 from heronry_wire.protocol_times import PLAN_AGAIN_NS
 
-_AT_LEISURE = "a better plan"  # cause of what follows from being asked at leisure
+_IN_BACKGROUND = "a better plan"  # cause of what follows from being asked at leisure
 _FIRST = "a reign begins"  # and finds nobody to command: whoever is there has caused it
 _ABOVE_CHANGES = 6  # integers of `Objective.key`: levels 1 to 3
 
@@ -39,19 +39,19 @@ class Planning:
         self._turn = turn
         self._request = 0
         self.waiting = False
-        self.at_leisure = False  # the last question was
+        self.in_background = False  # the last question was
         self.again_ns: int | None = None
         self.causes: list[Cause] = []  # of the reconfiguration that is not done yet
 
-    def ask(self, now: Situation, running: Placement | None, *, at_leisure: bool = False) -> None:
+    def ask(self, now: Situation, running: Placement | None, *, in_background: bool = False) -> None:
         """Ask for a plan in this situation."""
-        if not at_leisure:
-            self.causes = [cause for cause in self.causes if cause.what != _AT_LEISURE]
+        if not in_background:
+            self.causes = [cause for cause in self.causes if cause.what != _IN_BACKGROUND]
         if not self.causes:
             self.causes.append(Cause(_FIRST, self._turn.now_ns, self._turn.now_ns))
         self._request += 1
-        self.waiting, self.again_ns, self.at_leisure = True, None, at_leisure
-        self._turn.ask(RequestPlan(self._request, now, running, at_leisure))
+        self.waiting, self.again_ns, self.in_background = True, None, in_background
+        self._turn.ask(RequestPlan(self._request, now, running, in_background))
         self._turn.emit(
             "plan_requested",
             request=self._request,
@@ -79,7 +79,7 @@ class Planning:
         """Tell whether the question that counts has found no answer; what was asked at leisure is given up."""
         if answer.request != self._request or not self.waiting:
             return False
-        self.waiting, self.again_ns = False, None if self.at_leisure else self._turn.now_ns + PLAN_AGAIN_NS
+        self.waiting, self.again_ns = False, None if self.in_background else self._turn.now_ns + PLAN_AGAIN_NS
         self._turn.emit("plan_failed", request=answer.request, reason=answer.reason)
         return True
 
@@ -95,21 +95,21 @@ class Planning:
 
     def keeps_to(self, running: Plan | None, answer: PlanReady) -> bool:
         """Tell whether a plan is not good enough to take the place of what runs; then that is settled."""
-        if running is None or not self.at_leisure or _is_better(answer.plan, running):
+        if running is None or not self.in_background or _is_better(answer.plan, running):
             return False
         self.waiting = False
         self.causes.clear()
         self._turn.emit("plan_kept", request=answer.request)
         return True
 
-    def ask_at_leisure(self, now: Situation, running: Placement) -> None:
+    def ask_in_background(self, now: Situation, running: Placement) -> None:
         """Ask for the best plan, in place of one that was made at once and runs now."""
-        self.causes.append(Cause(_AT_LEISURE, self._turn.now_ns, self._turn.now_ns))
-        self.ask(now, running, at_leisure=True)
+        self.causes.append(Cause(_IN_BACKGROUND, self._turn.now_ns, self._turn.now_ns))
+        self.ask(now, running, in_background=True)
 
     def forget(self) -> None:
         """Nothing is awaited any more: somebody else plans now."""
-        self.waiting, self.again_ns, self.at_leisure = False, None, False
+        self.waiting, self.again_ns, self.in_background = False, None, False
         self.causes.clear()
 
     def done(self, causes: tuple[Cause, ...]) -> None:

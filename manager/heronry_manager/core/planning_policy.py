@@ -144,13 +144,13 @@ class PlanningPolicy:
         self._owed: set[int] = set()  # requests that the planner has not answered
         self._pre_planned: dict[Question, Plan] = {}
         self._ahead: deque[Question] = deque()  # to be pre-planned, the next one first
-        self._thinking: PrePlan | None = None
+        self._in_pre_planning: PrePlan | None = None
         self._number = 0  # of the last question ahead
 
     @property
     def is_pre_planning(self) -> bool:
         """Tell whether the pre-planner owes an answer."""
-        return self._thinking is not None
+        return self._in_pre_planning is not None
 
     def step(self, event: PolicyEvent) -> list[Instruction]:
         """Take one event; returns what is to be done, in order. A RequestPlan gives exactly one instruction."""
@@ -179,7 +179,7 @@ class PlanningPolicy:
             made = self._pre_planned.get(Question(asked.now, asked.running))
             if made is not None:
                 return Answer(PlanReady(asked.request, made), Source.PRE_PLANNED)
-        has_time = asked.at_leisure or asked.running is None
+        has_time = asked.in_background or asked.running is None
         if self._immediate is None or (has_time and self._has_planner):
             return self._ask(asked)
         return self._plan_at_once(self._immediate, asked)
@@ -229,7 +229,7 @@ class PlanningPolicy:
 
     def _is_foreseen(self, one: Question) -> bool:
         """Tell whether a contingency answers a question, or the pre-planner is at it."""
-        if self._thinking is not None and self._thinking.question == one:
+        if self._in_pre_planning is not None and self._in_pre_planning.question == one:
             return True
         if self._contingencies is None or one.now.limits:
             return False
@@ -237,16 +237,16 @@ class PlanningPolicy:
 
     def _pre_plan(self) -> list[Instruction]:
         """Say the next question ahead, if the pre-planner is idle."""
-        if self._thinking is not None or not self._ahead:
+        if self._in_pre_planning is not None or not self._ahead:
             return []
         self._number += 1
-        self._thinking = PrePlan(self._number, self._ahead.popleft())
-        return [self._thinking]
+        self._in_pre_planning = PrePlan(self._number, self._ahead.popleft())
+        return [self._in_pre_planning]
 
     def _keep(self, number: int, plan: Plan | None) -> None:
-        if self._thinking is None or self._thinking.number != number:
+        if self._in_pre_planning is None or self._in_pre_planning.number != number:
             return
         if plan is not None:
             plan.report.work_out()  # while there is time
-            self._pre_planned[self._thinking.question] = plan
-        self._thinking = None
+            self._pre_planned[self._in_pre_planning.question] = plan
+        self._in_pre_planning = None

@@ -54,7 +54,7 @@ class Reactions:
     def blame_nobody(self) -> None:
         """It is this manager that hears no PE: whom that put in quarantine has done nothing."""
         health = self._known.health
-        for pe in health.take_back():
+        for pe in health.discount_losses():
             if health.is_quarantined(pe):
                 self._turn.keep(Quarantined(pe, health.losses(pe)))
             elif pe in self._turn.memory.quarantined:

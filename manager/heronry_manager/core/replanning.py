@@ -68,7 +68,7 @@ class Replanning:
 
     def need_higher_epoch(self, pe: str) -> None:
         """A PE that hears of a newer epoch than its own drives nothing exclusive (rule 6): it needs one above that."""
-        is_reigning = self._claim.state is Mastership.REIGNING
+        is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and not self.planning.is_owed and self._known.deployment.is_overtaken_by(pe):
             self.need(PlanNeeded(f"pe:{pe}: it runs a newer epoch"))
 
@@ -121,7 +121,7 @@ class Replanning:
 
     def failed(self, answer: PlanFailed) -> None:
         """The planner could not answer."""
-        if self.planning.failed(answer) and self.planning.at_leisure:
+        if self.planning.failed(answer) and self.planning.in_background:
             self.planning.causes.clear()
             self._settle()
 
@@ -143,7 +143,7 @@ class Replanning:
     def look_at_what_runs(self) -> None:
         """When advising: see what another manager has brought about, and what is to be said of it."""
         known = self._known
-        is_reigning = self._claim.state is Mastership.REIGNING
+        is_reigning = self._claim.state is Mastership.ACTIVE
         if is_reigning and known.advice.follow(known.situation.now(), known.following.runs):
             self.planning.causes.append(Cause("another epoch runs", self._turn.now_ns, self._turn.now_ns))
             self._weigh()
@@ -175,7 +175,7 @@ class Replanning:
         if running is None or deployment.next is not None or self.planning.waiting:
             return
         now = self._known.situation.now()
-        if plan is not None and not plan.optimal and not self.planning.at_leisure:
-            self.planning.ask_at_leisure(now, running)
+        if plan is not None and not plan.optimal and not self.planning.in_background:
+            self.planning.ask_in_background(now, running)
         else:
             self._turn.ask(Settled(now, running))

@@ -87,17 +87,17 @@ class Succession:
         """Begin to speak, if there is a term left to do so."""
         if self._claim.begin_term():
             self._known.deployment.begin(self._turn.term)
-            self._known.exclusion.begun(self._turn.now_ns, self._known.health.counted_on())
+            self._known.exclusion.begun(self._turn.now_ns, self._known.health.available())
             self._beat.begin()
 
     def take_over(self) -> None:
         """No manager is active any more: begin a term in the place of the one that was followed."""
         known, followed, now_ns = self._known, self._known.following, self._turn.now_ns
-        active = filter(known.deployment.is_active, followed.counted_on())
-        vouched_for = known.health.vouched_for(active, now_ns)
-        self._reactions.take(vouched_for)
+        active = filter(known.deployment.is_active, followed.available())
+        inherited = known.health.inherited(active, now_ns)
+        self._reactions.take(inherited)
         self.begin_term()
-        for change in vouched_for:
+        for change in inherited:
             known.exclusion.unknown(change.pe)  # nothing that it has taken up was counted here
         if not self._claim.is_active:
             return
@@ -115,7 +115,7 @@ class Succession:
 
     def is_over(self, *, hears_no_pe: bool) -> bool:
         """Tell whether this term is over: this manager is cut off, or deaf, or its term is behind."""
-        if self._settings.advise or self._claim.state is not Mastership.REIGNING:
+        if self._settings.advise or self._claim.state is not Mastership.ACTIVE:
             return False
         if hears_no_pe:
             self._turn.emit("hears_nobody", term=self._turn.term)

@@ -27,7 +27,7 @@ class RequestPlan:
     request: int
     now: Situation
     running: Placement | None
-    at_leisure: bool = False
+    in_background: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ class Planner:
         search.run()
         return search
 
-    def at_once(self, now: Situation, running: Placement | None = None) -> Plan:
+    def immediate(self, now: Situation, running: Placement | None = None) -> Plan:
         """Find a legal configuration without a search."""
         return self._greedy.plan(now, running)
 
@@ -74,7 +74,7 @@ class Planner:
         return search
 
     def _search(self, now: Situation, running: Placement | None, effort: float) -> "Search":
-        first = self.at_once(now, running)
+        first = self.immediate(now, running)
         possible = candidates(self.spec, now)
         return Search(possible, running, self._times, effort, first.configuration, worth=first.objective)
 

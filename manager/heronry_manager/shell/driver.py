@@ -134,7 +134,7 @@ class ManagerDriver:
 
     def _look_at_link(self) -> None:
         """Tell what has befallen the bus; stop the core's clock while it is lost."""
-        for sentence in self._link.take_news():
+        for sentence in self._link.take_link_events():
             self._emit(event("bus_trouble", self._now_ns(), sentence=sentence))
             self._service.status(sentence)
         is_lost = self._link.off_since_ns is not None

@@ -22,13 +22,13 @@ from collections.abc import Collection
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
 from heronry_agent.core.channel_reports import ChannelReports
-from heronry_agent.core.command_acceptance import Obedience
+from heronry_agent.core.command_acceptance import CommandAcceptance
 from heronry_agent.core.condition import Condition, StateReports
 from heronry_agent.core.deadlines import Deadlines
 from heronry_agent.core.gateway import Gateway
 from heronry_agent.core.inbound import Inbound
-from heronry_agent.core.mastership import Reign
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.pe_objects import Parts
 from heronry_agent.core.radios import Radios
 from heronry_agent.core.reconfiguration import Reconfiguration
@@ -84,23 +84,23 @@ class AgentCore:
         gateway = Gateway(index)
         self._turn = turn
         self.lease_ns = index.lease_ns  # T_lease
-        reign = self.reign = Reign(index.leased_ns)
-        permission = self.permission = Permission(index.lease_ns)
+        mastership = self.mastership = Mastership(index.leased_ns)
+        output_authorization = self.output_authorization = OutputAuthorization(index.lease_ns)
         reconfiguration = self.reconfiguration = Reconfiguration(index)
         staging = self.staging = Staging(SliceReader(index, missing_images), uplink.heartbeat_ns // 2)
-        modules = self.modules = RunningModules(turn, index, reconfiguration, permission)
-        without_manager = WithoutManager(turn, reign, reconfiguration, modules)
-        condition = Condition(turn, index, reign, permission, staging, reconfiguration, modules)
+        modules = self.modules = RunningModules(turn, index, reconfiguration, output_authorization)
+        without_manager = WithoutManager(turn, mastership, reconfiguration, modules)
+        condition = Condition(turn, index, mastership, output_authorization, staging, reconfiguration, modules)
         facts, pending = condition.facts, modules.faults.messages
         authenticity = None
         if secret is not None:
-            authenticity = Authenticity(turn, index, reign, gateway, facts=facts, pending=pending, secret=secret)
+            authenticity = Authenticity(turn, index, mastership, gateway, facts=facts, pending=pending, secret=secret)
         self.authenticity = authenticity
-        obedience = Obedience(
+        obedience = CommandAcceptance(
             turn,
             index,
-            reign,
-            permission,
+            mastership,
+            output_authorization,
             staging,
             reconfiguration,
             modules,
@@ -108,7 +108,7 @@ class AgentCore:
             without_manager,
             authenticity,
         )
-        parts = Parts(turn, index, incarnation, reign, reconfiguration, modules, facts, authenticity=authenticity)
+        parts = Parts(turn, index, incarnation, mastership, reconfiguration, modules, facts, authenticity=authenticity)
         canopen = CanopenNode(parts)
         reporting = Reporting(index, incarnation, now_ns, None if authenticity is None else authenticity.seal)
         reports = self._state_reports = StateReports(turn, condition, reporting, modules, authenticity)
@@ -119,7 +119,7 @@ class AgentCore:
         self._inbound = Inbound(
             turn,
             index,
-            permission=permission,
+            output_authorization=output_authorization,
             reconfiguration=reconfiguration,
             modules=modules,
             gateway=gateway,
@@ -128,7 +128,7 @@ class AgentCore:
             services=canopen.handlers(),
             followed=followed,
         )
-        permission.revoked = self._inbound.take_back
+        output_authorization.revoked = self._inbound.discount_losses
         self._recent: deque[tuple[int, Event]] = deque(maxlen=16)
         self._due_ns: int | None = None  # the next deadline, once it has been asked for
 
@@ -175,7 +175,7 @@ class AgentCore:
         self._due_ns = None
         if turn.rewired:
             inbound.rewire()
-        self._state_reports.at_once()
+        self._state_reports.immediate()
         return radios.passed(out) if radios.ports else out
 
     def next_deadline_ns(self) -> int:

@@ -35,7 +35,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import Reign
+from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.nonces import Nonces
 from heronry_agent.core.passing_welcomes import PassingWelcomes
 from heronry_agent.core.reporting import Facts
@@ -72,7 +72,7 @@ class Authenticity:
         self,
         turn: Turn,
         index: TableIndex,
-        reign: Reign,
+        mastership: Mastership,
         gateway: Gateway,
         *,
         facts: Callable[[], Facts],
@@ -80,11 +80,11 @@ class Authenticity:
         secret: Secret,
     ) -> None:
         """`facts` gives what the state frames tell now, `pending` every EMCY that waits to be acknowledged."""
-        self._turn, self._index, self._reign, self._facts, self._key = turn, index, reign, facts, secret.key
+        self._turn, self._index, self._mastership, self._facts, self._key = turn, index, mastership, facts, secret.key
         self._period_ns = index.table.ports[index.uplink].heartbeat_ns
         self._verifier = CommandVerifier(secret.key, index.lease_ns)
         self._handlers: dict[tuple[int, Command], Handler] = {}
-        self._states = StateSeal(index.node, secret.key, reign, pending)
+        self._states = StateSeal(index.node, secret.key, mastership, pending)
         self._nonces = Nonces(secret.salt, index.lease_ns, turn.now_ns)
         self._passing = PassingWelcomes(turn, gateway, index.lease_ns)
         self._asked_ns: int | None = None
@@ -129,7 +129,7 @@ class Authenticity:
         """Text of a table that was sealed with the key of the fleet; None where it was not."""
         return self._key.opened(sealed)
 
-    def obey(self, order: Control) -> None:
+    def accept(self, order: Control) -> None:
         """The reigning manager has said something about this PE's session or lock."""
         if order.operation is Operation.RENEW:
             self._states.end_session()
@@ -169,7 +169,7 @@ class Authenticity:
         for action in turn.out[before:]:
             if isinstance(action, Send) and action.frame is event.frame:
                 turn.out.append(Send(action.port, tag))
-        if self._reign.manager == manager and self._states.session is None:
+        if self._mastership.manager == manager and self._states.session is None:
             self._ask()
 
     # What is said of it

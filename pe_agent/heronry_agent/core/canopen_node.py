@@ -41,7 +41,7 @@ class CanopenNode:
 
     def __init__(self, parts: Parts) -> None:
         turn, index = self._turn, self._index = parts.turn, parts.index
-        self._reign, self._reconfiguration, self._modules = parts.reign, parts.reconfiguration, parts.modules
+        self._mastership, self._reconfiguration, self._modules = parts.mastership, parts.reconfiguration, parts.modules
         self._authenticity = parts.authenticity
         port = index.table.ports[index.uplink]
         self._network = NetworkManagement(index.node, index.ports, turn.now_ns)
@@ -93,7 +93,7 @@ class CanopenNode:
     def _led(self) -> bool:
         """Tell whether a manager is heard that has not unlocked this PE."""
         is_unlocked = self._authenticity is not None and self._authenticity.is_open
-        return self._reign.hears_lease(self._turn.now_ns) and not is_unlocked
+        return self._mastership.hears_lease(self._turn.now_ns) and not is_unlocked
 
     def _locked(self) -> bool:
         return self._authenticity is not None and not self._authenticity.is_open

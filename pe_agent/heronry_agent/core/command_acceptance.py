@@ -18,8 +18,8 @@ from functools import partial
 
 from heronry_agent.core.authenticity import Authenticity
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import NO_TERM, Reign
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.mastership import NO_TERM, Mastership
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.staging import Staging
@@ -52,13 +52,13 @@ _BROADCAST = 0
 
 
 @dataclass
-class Obedience:
+class CommandAcceptance:
     """Takes the frames of managers, and moves the parts that they command."""
 
     turn: Turn
     index: TableIndex
-    reign: Reign
-    permission: Permission
+    mastership: Mastership
+    output_authorization: OutputAuthorization
     staging: Staging
     reconfiguration: Reconfiguration
     modules: RunningModules
@@ -81,17 +81,17 @@ class Obedience:
         if event.port != self.index.uplink:
             self.turn.count("command from beyond", event.frame.can_id)
             return False
-        before = self.reign.term
-        if self.reign.admits(manager, term):
+        before = self.mastership.term
+        if self.mastership.admits(manager, term):
             if term != before:
                 self._settled_lease = None
                 self.turn.note("term", f"manager {manager} reigns with term {term}")
                 if before != NO_TERM:
-                    self.modules.new_reign()
+                    self.modules.new_mastership()
             return True
         self.turn.count("stale term", event.frame.can_id)
-        reigned = before != NO_TERM and not self.staging.collecting()
-        if reigned and self.staging.reason is not Reason.STALE_TERM:
+        had_mastership = before != NO_TERM and not self.staging.collecting()
+        if had_mastership and self.staging.reason is not Reason.STALE_TERM:
             self.turn.wants_page_1 = self.staging.refuse(Reason.STALE_TERM)
         return False
 
@@ -99,8 +99,8 @@ class Obedience:
         """LEASE: the manager reigns, and everybody should be at this step."""
         data = event.frame.data
         settled = data == self._settled_lease and not self.reconfiguration.resting
-        if settled and manager == self.reign.manager and event.port == self.index.uplink:
-            self.permission.confirmed()
+        if settled and manager == self.mastership.manager and event.port == self.index.uplink:
+            self.output_authorization.confirmed()
             self._leased(event)
             return
         message = decode_command(Command.LEASE, data)
@@ -114,8 +114,8 @@ class Obedience:
                 self.without_manager.named()
 
     def _leased(self, event: Received) -> None:
-        self.reign.leased(self.turn.arrived_ns)
-        self.permission.heard(self.turn.arrived_ns)
+        self.mastership.leased(self.turn.arrived_ns)
+        self.output_authorization.heard(self.turn.arrived_ns)
         self.turn.out += self.gateway.down(Command.LEASE, event.frame.data, event.frame, self.turn.now_ns)
 
     def _alive(self, manager: int, event: Received) -> None:
@@ -125,7 +125,7 @@ class Obedience:
         if read is None:
             self.turn.count("malformed command", frame.can_id)
         elif self._counts(manager, read[0], event):
-            self.permission.named(read[1], self.turn.arrived_ns, by_who_knows=self.reign.has_activated)
+            self.output_authorization.named(read[1], self.turn.arrived_ns, by_who_knows=self.mastership.has_activated)
             meaning = without_sequence(frame.data)
             self.turn.out += self.gateway.down(Command.ALIVE, meaning, frame, self.turn.now_ns)
 
@@ -134,14 +134,14 @@ class Obedience:
         if isinstance(message, Malformed):
             self.turn.count("malformed command", event.frame.can_id)
             return
-        term = self.reign.term if isinstance(message, SliceHead | SliceBody) else message.term
+        term = self.mastership.term if isinstance(message, SliceHead | SliceBody) else message.term
         if not self._counts(manager, term, event):
             return
-        self._obey(message)
+        self._accept(message)
         if not (isinstance(message, Control) and message.operation is Operation.WELCOME):  # which is for this PE alone
             self.turn.out += self.gateway.down(command, event.frame.data, event.frame, self.turn.now_ns)
 
-    def _obey(self, message: ManagementMessage) -> None:
+    def _accept(self, message: ManagementMessage) -> None:
         turn, running = self.turn, self.reconfiguration.running
         match message:
             case Prepare():
@@ -154,7 +154,7 @@ class Obedience:
                 self._take(message)
             case Ping() if message.node in (_BROADCAST, self.index.node):
                 if message.node == self.index.node:
-                    self.permission.asked(turn.arrived_ns)
+                    self.output_authorization.asked(turn.arrived_ns)
                 turn.wants_page_0 = turn.wants_page_1 = True
             case Control(operation=Operation.ACKNOWLEDGE) if message.node in (_BROADCAST, self.index.node):
                 self.modules.faults.acknowledge(message.a, message.b, turn.now_ns)
@@ -162,7 +162,7 @@ class Obedience:
                 self.modules.cleared(message.a, message.b)
             case Control(operation=Operation.RENEW | Operation.UNLOCK) if message.node == self.index.node:
                 if self.authenticity is not None:
-                    self.authenticity.obey(message)
+                    self.authenticity.accept(message)
             case _:
                 pass  # for somebody else, or nothing to be obeyed
 
@@ -177,18 +177,18 @@ class Obedience:
         """This configuration stands at this step: follow, if we can, or know that we have been overtaken."""
         if order.epoch == NO_EPOCH or order.step is Step.PREPARED:
             return None
-        self.reign.has_activated |= order.step is Step.GO_ALL
+        self.mastership.has_activated |= order.step is Step.GO_ALL
         running, staged = self.reconfiguration.running, self.staging.staged
         if self.reconfiguration.is_at(order.epoch, order.digest):
             target = running
         elif (order.epoch, order.digest) == (staged.epoch, staged.digest):
             target = staged
         elif order.epoch == running.epoch:
-            return self.permission.contradicted()
+            return self.output_authorization.contradicted()
         else:
-            return self.permission.saw_epoch(order.epoch, running.epoch)
+            return self.output_authorization.saw_epoch(order.epoch, running.epoch)
         if order.step is Step.GO_ALL:
-            self.permission.confirmed()
+            self.output_authorization.confirmed()
         moves = self.reconfiguration.advance(target, order.step)
         if moves is None:
             return None

@@ -10,8 +10,8 @@ page 0 goes out at once also where an EMCY was said, since it proves what that h
 from dataclasses import dataclass
 
 from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.mastership import Reign
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Facts, Reporting
 from heronry_agent.core.running_modules import RunningModules
@@ -27,8 +27,8 @@ class Condition:
 
     turn: Turn
     index: TableIndex
-    reign: Reign
-    permission: Permission
+    mastership: Mastership
+    output_authorization: OutputAuthorization
     staging: Staging
     reconfiguration: Reconfiguration
     modules: RunningModules
@@ -38,8 +38,8 @@ class Condition:
     def facts(self) -> Facts:
         """What the state frames tell now."""
         now_ns = self.turn.now_ns
-        hears_lease = self.reign.hears_lease(now_ns)
-        held = self.modules.has_exclusive_output and not self.permission.allows(now_ns)
+        hears_lease = self.mastership.hears_lease(now_ns)
+        held = self.modules.has_exclusive_output and not self.output_authorization.allows(now_ns)
         self._note_changes(hears_lease, held)
         flags = PeFlags.HEARS_LEASE if hears_lease else PeFlags(0)
         if self.modules.faults.pending:
@@ -89,7 +89,7 @@ class StateReports:
         if self.authenticity is not None:
             self.authenticity.beat()
 
-    def at_once(self) -> None:
+    def immediate(self) -> None:
         """Say what this turn has changed."""
         turn = self.turn
         if self.authenticity is not None and self.modules.faults.changes != self._proven_changes:
@@ -97,4 +97,4 @@ class StateReports:
             turn.wants_page_0 = True
         if turn.wants_page_0 or turn.wants_page_1:
             facts = self.condition.facts()
-            turn.out += self.reporting.at_once(facts, page_0=turn.wants_page_0, page_1=turn.wants_page_1)
+            turn.out += self.reporting.immediate(facts, page_0=turn.wants_page_0, page_1=turn.wants_page_1)

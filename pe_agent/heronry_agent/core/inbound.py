@@ -14,7 +14,7 @@ from functools import partial
 
 from heronry_agent.core.authenticity import Authenticity
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.publishing import ECHO_NODES
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.running_modules import RunningModules
@@ -40,7 +40,7 @@ class Inbound:
         turn: Turn,
         index: TableIndex,
         *,
-        permission: Permission,
+        output_authorization: OutputAuthorization,
         reconfiguration: Reconfiguration,
         modules: RunningModules,
         gateway: Gateway,
@@ -55,7 +55,11 @@ class Inbound:
         followed: actuators of other PEs whose echoes move the world here; None: all.
         """
         self._turn, self._index = turn, index
-        self._permission, self._reconfiguration, self._modules = permission, reconfiguration, modules
+        self._output_authorization, self._reconfiguration, self._modules = (
+            output_authorization,
+            reconfiguration,
+            modules,
+        )
         self._gateway, self._authenticity = gateway, authenticity
         self.late_ns = slack_ns(
             index.table.ports[index.uplink].heartbeat_ns
@@ -70,7 +74,7 @@ class Inbound:
         self.handlers = self._fixed | self._data_handlers()
         self.quiet = self._quiet_ids()
 
-    def take_back(self) -> None:
+    def discount_losses(self) -> None:
         """Another PE may be sending by now what this one was allowed to: what waits of that must not follow."""
         self._turn.withdraw(self._index.identifiers(self._modules.exclusive_sources) | self._gateway.contested_ids)
 
@@ -118,7 +122,9 @@ class Inbound:
     def _contested_until_ns(self, now_ns: int) -> int | None:
         """Until when what is exclusive may go up; not at all what came while nobody ran: its news may be behind it."""
         turn = self._turn
-        return None if turn.arrived_ns <= turn.held_until_ns else self._permission.identifiers_until_ns(now_ns)
+        return (
+            None if turn.arrived_ns <= turn.held_until_ns else self._output_authorization.identifiers_until_ns(now_ns)
+        )
 
     def _from_beyond(self, event: Received) -> None:
         self._turn.out += self._gateway.up(event.port, event.frame)
@@ -131,10 +137,10 @@ class Inbound:
             return
         if page_of(data) == 0:
             if event.port == self._index.uplink:
-                self._permission.heard(self._turn.arrived_ns)
+                self._output_authorization.heard(self._turn.arrived_ns)
             epoch, running = epoch_of(data), self._reconfiguration.running.epoch
             if epoch != running:
-                self._permission.saw_epoch(epoch, running)
+                self._output_authorization.saw_epoch(epoch, running)
         if event.port != self._index.uplink:
             self._from_beyond(event)
 
@@ -148,7 +154,7 @@ class Inbound:
     def _own_identifier(self, event: Received) -> None:
         self._turn.count("node-ID clash", event.frame.can_id)
         if self._authenticity is None and event.frame.can_id == state_id(self._index.node):
-            self._permission.clashed(self._turn.arrived_ns)
+            self._output_authorization.clashed(self._turn.arrived_ns)
         if not self._clash_is_noted:
             self._clash_is_noted = True
             self._turn.note("clash", f"another node has node-ID {self._index.node}: it sent {event.frame.can_id}")

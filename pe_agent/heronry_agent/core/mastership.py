@@ -18,7 +18,7 @@ from heronry_wire.management import MAX_TERM
 NO_TERM = 0
 
 
-class Reign:
+class Mastership:
     """Highest term heard, whose it is, and when its last LEASE came."""
 
     def __init__(self, lease_ns: int) -> None:

@@ -50,7 +50,7 @@ class Heeded(Enum):
     MALFORMED = auto()
     NOT_MINE = auto()
     REFUSED = auto()
-    OBEYED = auto()
+    ACCEPTED = auto()
     RESET = auto()  # obeyed, and what CANopen has set here is to be forgotten
 
 
@@ -91,7 +91,7 @@ class NetworkManagement:
             return Heeded.REFUSED
         if command.code in _COMMANDED:
             self._commanded = _COMMANDED[command.code]
-            return Heeded.OBEYED
+            return Heeded.ACCEPTED
         self._commanded, self.heartbeat_ms = NmtState.PRE_OPERATIONAL, HEARTBEAT_MS
         if self.booted:
             self.booted = False

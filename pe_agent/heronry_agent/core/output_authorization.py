@@ -44,7 +44,7 @@ from heronry_wire.management import is_newer
 from heronry_wire.protocol_times import IDENTIFIER_PERIODS, LEASE_PERIODS
 
 
-class Permission:
+class OutputAuthorization:
     """The four conditions, as last heard."""
 
     def __init__(self, lease_ns: int) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 from heronry_agent.core.authenticity import Authenticity
-from heronry_agent.core.mastership import Reign
+from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.network_management import NetworkManagement
 from heronry_agent.core.node_services import NodeServices
 from heronry_agent.core.object_dictionary import ObjectDictionary
@@ -27,13 +27,13 @@ from heronry_wire.canopen_objects import (
     ERROR_HISTORY,
     ERROR_REGISTER,
     HEARTBEAT_TIME,
+    MASTERSHIP,
     MODULE_IMAGES,
     MODULE_INDICES,
     MODULE_MODES,
     MODULE_NAMES,
     MODULE_STATES,
     PROGRAM_CONTROL,
-    REIGN,
     SPEC,
     STATE,
     STORED_EDS,
@@ -61,7 +61,7 @@ class Parts:
     turn: Turn
     index: TableIndex
     incarnation: int
-    reign: Reign
+    mastership: Mastership
     reconfiguration: Reconfiguration
     modules: RunningModules
     facts: Callable[[], Facts]
@@ -91,9 +91,9 @@ class PeObjects:
                 (SPEC, 1): lambda: self._parts.index.table.name,
                 (SPEC, 2): lambda: self._parts.index.table.spec,
                 (SPEC, 3): lambda: self._parts.index.table.spec_digest,
-                (REIGN, 1): lambda: self._parts.reign.manager,
-                (REIGN, 2): lambda: self._parts.reign.term,
-                (REIGN, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),
+                (MASTERSHIP, 1): lambda: self._parts.mastership.manager,
+                (MASTERSHIP, 2): lambda: self._parts.mastership.term,
+                (MASTERSHIP, 3): lambda: int(PeFlags.HEARS_LEASE in self._parts.facts().flags),
                 (COUNTERS, 1): lambda: sum(self._parts.turn.counts.values()),
                 (COUNTERS, 2): lambda: sum(self._parts.modules.schedule.overruns.values()),
                 (TIME, 1): lambda: self._services.time_stamp,

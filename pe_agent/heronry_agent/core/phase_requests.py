@@ -105,7 +105,7 @@ class PhaseRequests:
         self._asked[module] = phase
         return self._request(module, phase, now_ns, forward_only=False)
 
-    def new_reign(self, now_ns: int) -> list[Frame]:
+    def new_mastership(self, now_ns: int) -> list[Frame]:
         """A new term has begun: what to send now. What nobody has acknowledged is asked for as it was."""
         return [] if self._faults.is_asking else self._faults.repeat_request(now_ns)
 

@@ -67,7 +67,7 @@ class Reporting:
         self.next_ns = min(self._beat_ns)
         return sends
 
-    def at_once(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
+    def immediate(self, facts: Facts, *, page_0: bool, page_1: bool) -> list[Send]:
         """Say now, on every port, what has changed or was asked for."""
         sends = []
         for port in self._ports:

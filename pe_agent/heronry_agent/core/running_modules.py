@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from heronry_agent.core.faults import Faults
 from heronry_agent.core.mailboxes import Mailboxes
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.phase_requests import PhaseRequests
 from heronry_agent.core.publishing import Publisher
 from heronry_agent.core.reconfiguration import Moves, Reconfiguration
@@ -53,7 +53,7 @@ from heronry_wire.management import ElementKind, FaultCode
 from heronry_wire.pe_table import ModuleEntry
 from heronry_wire.sansio import Send, require
 
-JUDGED_AFTER_NS = 1_000_000_000
+EVALUATED_AFTER_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +66,13 @@ class _Running:
 class RunningModules:
     """Starts, steps and stops the modules."""
 
-    def __init__(self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, permission: Permission) -> None:
+    def __init__(
+        self, turn: Turn, index: TableIndex, reconfiguration: Reconfiguration, output_authorization: OutputAuthorization
+    ) -> None:
         self._turn = turn
         self._index = index
         self._reconfiguration = reconfiguration
-        self._permission = permission
+        self._output_authorization = output_authorization
         self._running: dict[int, _Running] = {}
         self._publish: dict[int, tuple[int, ...]] = {}  # ports of each source
         self._publisher = Publisher(index)
@@ -79,7 +81,7 @@ class RunningModules:
         self.restarts = Restarts()
         self.faults = Faults(index.node, index.table.ports[index.uplink].heartbeat_ns, index.critical)
         self.phase_requests = PhaseRequests(index, self.faults)
-        self._held_ns = -JUDGED_AFTER_NS  # when something exclusive was last held back
+        self._held_ns = -EVALUATED_AFTER_NS  # when something exclusive was last held back
         self.has_exclusive_output = False
         self.load_percent = 0
 
@@ -126,7 +128,7 @@ class RunningModules:
         for module in self.schedule.due(now_ns):
             until_ns = now_ns + self._index.lease_ns
             if self._running[module].entry.demux:
-                until_ns = self._permission.until_ns(now_ns)
+                until_ns = self._output_authorization.until_ns(now_ns)
                 if now_ns > until_ns:
                     self._turn.count("step held", module)
                     self._held_ns = now_ns
@@ -229,19 +231,19 @@ class RunningModules:
         """The operator takes an element for well again."""
         self._tell(self.faults.clear(kind, index))
 
-    def new_reign(self) -> None:
+    def new_mastership(self) -> None:
         """Another term has begun: what is still asked for, and what has failed here, that manager may not know.
 
         What was cleared, and has not been given anew before that reign ended, begins again.
         """
         now_ns = self._turn.now_ns
-        self._tell(self.phase_requests.new_reign(now_ns))
+        self._tell(self.phase_requests.new_mastership(now_ns))
         cleared = []
         for module in sorted(self._reconfiguration.failed):
             told = self.faults.tell_again(ElementKind.MODULE, module, now_ns)
             self._tell(told)
             cleared += [] if told else [module]
-        self._tell(self.faults.tell_all_again(self._permission.hears_since_ns(self._turn.arrived_ns), now_ns))
+        self._tell(self.faults.tell_all_again(self._output_authorization.hears_since_ns(self._turn.arrived_ns), now_ns))
         if cleared:
             self.carry_out(self._reconfiguration.forgive(cleared), None)
 
@@ -309,7 +311,7 @@ class RunningModules:
 
     def _drive(self, running: _Running, writes: tuple[Value, ...]) -> None:
         """Do what a module wants of its device, if it still may."""
-        if writes and running.entry.demux and not self._permission.allows(self._turn.now_ns):
+        if writes and running.entry.demux and not self._output_authorization.allows(self._turn.now_ns):
             self._turn.count("write held", running.entry.index)
             self._held_ns = self._turn.now_ns
             return
@@ -343,7 +345,7 @@ class RunningModules:
             return
         until_ns = None
         if running.entry.movable:
-            until_ns = self._permission.identifiers_until_ns(self._turn.now_ns)
+            until_ns = self._output_authorization.identifiers_until_ns(self._turn.now_ns)
             if until_ns is None:
                 self._turn.count("frame held", frame.can_id)
                 self._held_ns = self._turn.now_ns
@@ -359,9 +361,9 @@ class RunningModules:
         if found is None:
             self._turn.count("report of an unknown element", running.entry.index)
             return
-        if self.has_exclusive_output and not self._permission.allows(self._turn.now_ns):
+        if self.has_exclusive_output and not self._output_authorization.allows(self._turn.now_ns):
             self._held_ns = self._turn.now_ns
-        if self._turn.now_ns < self._held_ns + JUDGED_AFTER_NS:
+        if self._turn.now_ns < self._held_ns + EVALUATED_AFTER_NS:
             self._turn.count("report while outputs are held", running.entry.index)
             self._turn.out.append(StartModule(running.entry.index, running.entry, running.mode))
             return

@@ -9,24 +9,24 @@ The tag of a page 0 also covers an EMCY that waits to be acknowledged, in turn w
 
 from collections.abc import Callable, Sequence
 
-from heronry_agent.core.mastership import Reign
+from heronry_agent.core.mastership import Mastership
 from heronry_wire.authentication import BEAT_SPAN, NO_EMERGENCY, PAGE_1_BEAT, Key, Session
 
 
 class StateSeal:
     """Tags the pages of one PE."""
 
-    def __init__(self, node: int, key: Key, reign: Reign, pending: Callable[[], Sequence[bytes]]) -> None:
+    def __init__(self, node: int, key: Key, mastership: Mastership, pending: Callable[[], Sequence[bytes]]) -> None:
         """`pending` gives every EMCY that waits to be acknowledged."""
-        self._node, self._key, self._reign, self._pending = node, key, reign, pending
+        self._node, self._key, self._mastership, self._pending = node, key, mastership, pending
         self._sessions: dict[int, Session] = {}  # by manager
         self._first_beat: int | None = None
 
     @property
     def session(self) -> Session | None:
         """Session with the manager whose term counts."""
-        session = self._sessions.get(self._reign.manager)
-        return session if session is not None and session.term == self._reign.term else None
+        session = self._sessions.get(self._mastership.manager)
+        return session if session is not None and session.term == self._mastership.term else None
 
     def welcomed(self, manager: int, term: int, counter: int) -> None:
         """A manager has opened a session; what it had before is over."""
@@ -35,7 +35,7 @@ class StateSeal:
 
     def end_session(self) -> None:
         """The manager whose term counts ends its session."""
-        self._sessions.pop(self._reign.manager, None)
+        self._sessions.pop(self._mastership.manager, None)
 
     def tag(self, beat: int | None, said: bytes, digest: int) -> int:
         """Tag of a page on the uplink, 0 without a session: `beat` counts pages 0, of a page 1 it is None."""

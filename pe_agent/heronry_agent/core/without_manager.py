@@ -19,7 +19,7 @@ are taken first, so a manager that spoke meanwhile has been heard. A forged LEAS
 restart forgets all, and runs nothing.
 """
 
-from heronry_agent.core.mastership import Reign
+from heronry_agent.core.mastership import Mastership
 from heronry_agent.core.reconfiguration import Moves, Reconfiguration
 from heronry_agent.core.running_modules import RunningModules
 from heronry_agent.core.turn import Turn
@@ -29,14 +29,16 @@ from heronry_wire.sansio import NEVER_NS
 class WithoutManager:
     """Lets the expendable rest while no manager is heard."""
 
-    def __init__(self, turn: Turn, reign: Reign, reconfiguration: Reconfiguration, modules: RunningModules) -> None:
-        self._turn, self._reign = turn, reign
+    def __init__(
+        self, turn: Turn, mastership: Mastership, reconfiguration: Reconfiguration, modules: RunningModules
+    ) -> None:
+        self._turn, self._mastership = turn, mastership
         self._reconfiguration, self._modules = reconfiguration, modules
 
     @property
     def next_ns(self) -> int:
         """When to call `tick`, if no LEASE comes before."""
-        return self._reign.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
+        return self._mastership.lease_ends_ns if self._reconfiguration.expendable_live() else NEVER_NS
 
     def tick(self) -> None:
         """The lease has run out."""

@@ -127,7 +127,7 @@ class AgentDriver:
     def _look_at_links(self, now_ns: int) -> None:
         """Tell what has befallen them, and begin anew after an outage in which this PE will have been replaced."""
         for port, link in enumerate(self._links):
-            for sentence in link.take_news():
+            for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))
                 self._service.status(sentence)
             if isinstance(link, ReplicatedLink):

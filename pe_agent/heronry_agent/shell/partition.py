@@ -52,14 +52,14 @@ class Partition:
         self._runner = runner
         self._leaves: dict[int, tuple[tuple[str, str], ...]] = {}
 
-    def obey(self, packet: bytes) -> Iterator[bytes]:
+    def accept(self, packet: bytes) -> Iterator[bytes]:
         """Do what a packet says, order by order; gives the answers."""
         for order in decode_orders(packet):
-            answer = self._obey(order)
+            answer = self._accept(order)
             if answer is not None:
                 yield answer
 
-    def _obey(self, order: Order) -> bytes | None:
+    def _accept(self, order: Order) -> bytes | None:
         match order:
             case Step():
                 return self._step(order)
@@ -108,7 +108,7 @@ def main(arguments: list[str]) -> int:
     partition = Partition(ModuleRunner(time.monotonic_ns))
     with suppress(ConnectionError):  # so ends what the agent ends while there is something unread
         while packet := os.read(SOCKET, _PACKET_BYTES):
-            for answer in partition.obey(packet):
+            for answer in partition.accept(packet):
                 os.write(SOCKET, answer)
     return 0
 

@@ -26,8 +26,8 @@ from typing import Any
 from heronry_agent.core.authenticity import Authenticity, Secret
 from heronry_agent.core.canopen_node import CanopenNode
 from heronry_agent.core.gateway import Gateway
-from heronry_agent.core.mastership import Reign
-from heronry_agent.core.output_authorization import Permission
+from heronry_agent.core.mastership import Mastership
+from heronry_agent.core.output_authorization import OutputAuthorization
 from heronry_agent.core.pe_objects import Parts
 from heronry_agent.core.reconfiguration import Reconfiguration
 from heronry_agent.core.reporting import Facts
@@ -61,21 +61,21 @@ class WaitingCore:
         self.table: PeTable | None = None
         self._node = node
         turn, index = Turn(now_ns), TableIndex(_empty_table(node, bitrate))
-        reconfiguration, reign = Reconfiguration(index), Reign(index.lease_ns)
-        modules = RunningModules(turn, index, reconfiguration, Permission(index.lease_ns))
+        reconfiguration, mastership = Reconfiguration(index), Mastership(index.lease_ns)
+        modules = RunningModules(turn, index, reconfiguration, OutputAuthorization(index.lease_ns))
         authenticity = None
         if secret is not None:
             authenticity = Authenticity(
-                turn, index, reign, Gateway(index), facts=lambda: _WAITING, pending=list, secret=secret
+                turn, index, mastership, Gateway(index), facts=lambda: _WAITING, pending=list, secret=secret
             )
         self._authenticity = authenticity
-        parts = Parts(turn, index, 0, reign, reconfiguration, modules, lambda: _WAITING, self._take, authenticity)
-        self._turn, self._reign, self._canopen = turn, reign, CanopenNode(parts)
+        parts = Parts(turn, index, 0, mastership, reconfiguration, modules, lambda: _WAITING, self._take, authenticity)
+        self._turn, self._mastership, self._canopen = turn, mastership, CanopenNode(parts)
         self._handlers = dict(self._canopen.handlers())
         if authenticity is not None:
             commands = [(manager, command) for manager in MANAGER_NODES for command in Command]
             self._handlers |= authenticity.guarded(
-                (management_id(manager, command), partial(self._obey, manager, command))
+                (management_id(manager, command), partial(self._accept, manager, command))
                 for manager, command in commands
                 if command is not Command.TAG
             )
@@ -101,16 +101,16 @@ class WaitingCore:
         """When to call with Tick, if nothing comes before."""
         return self._canopen.next_ns
 
-    def _obey(self, manager: int, command: Command, event: Received) -> None:
+    def _accept(self, manager: int, command: Command, event: Received) -> None:
         """A command that was proven: whose reign it is counts, and whether this node is unlocked."""
         message = decode_command(command, event.frame.data)
-        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._reign.admits(manager, message.term):
+        if isinstance(message, Malformed | SliceHead | SliceBody) or not self._mastership.admits(manager, message.term):
             return
         if isinstance(message, Lease):
-            self._reign.leased(self._turn.arrived_ns)
+            self._mastership.leased(self._turn.arrived_ns)
         elif isinstance(message, Control) and (message.node, message.operation) == (self._node, Operation.UNLOCK):
             assert self._authenticity is not None
-            self._authenticity.obey(message)
+            self._authenticity.accept(message)
 
     def _take(self, text: bytes) -> Abort | None:
         try:
@@ -176,7 +176,7 @@ class Waiting:
             if now_ns >= core.next_deadline_ns():
                 self._carry_out(core.step(now_ns, Tick()), now_ns)
             link.pump(now_ns)
-            for sentence in link.take_news():
+            for sentence in link.take_link_events():
                 self._tell(Note("bus", sentence))
             if core.table is not None and link.all_left:
                 return core.table

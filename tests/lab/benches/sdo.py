@@ -84,19 +84,19 @@ def _transfer(path: str, node: int, runs: int, agent: int, report: Report) -> No
             stream.write(content)
         return len(content)
 
-    for name, act in (("download", write), ("upload", lambda: len(read()))):
+    for name, fault in (("download", write), ("upload", lambda: len(read()))):
         report.begin(f"{name}, by block, of a table of {len(content)} bytes")
         before_s = cpu_s(agent)
-        _tell_rates([_rate(act) for _ in range(runs)], report)
+        _tell_rates([_rate(fault) for _ in range(runs)], report)
         used_us = (cpu_s(agent) - before_s) * 1e6 / (runs * -(-len(content) // SEGMENT_BYTES))
         report.figures("  the agent's CPU: {us_per_segment:.0f} us for each segment", us_per_segment=used_us)
     network.disconnect()
 
 
-def _rate(act: Callable[[], int]) -> float:
+def _rate(fault: Callable[[], int]) -> float:
     """Bytes per second of something that says how many bytes it has carried."""
     began_s = time.monotonic()
-    return act() / (time.monotonic() - began_s)
+    return fault() / (time.monotonic() - began_s)
 
 
 def _tell_rates(rates: list[float], report: Report) -> None:

@@ -113,7 +113,7 @@ def _standby(spec_name: str) -> _Gone:
         _fly(flown, primary)
         with Ear(flown.main, flown.spec.buses[flown.main.name]) as ear:
             death = _Death(flown, ear)
-            victim = fleet.reigning()
+            victim = fleet.active_manager()
             death.kill(victim)
             death.wait_for_commands(standby if victim == FIRST_MANAGER else primary)
             return death.gone()

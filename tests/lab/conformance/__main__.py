@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 
 from heronry_tools.console.errors import exit_code
-from lab.conformance.drills import DRILLS, drilled
+from lab.conformance.conformance_tests import CONFORMANCE_TESTS, conforms
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,11 +24,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("words", nargs="*", metavar="WORD", help="which drills: those whose names hold one of these")
     words = parser.parse_args(argv).words
-    chosen = [name for name in DRILLS if not words or any(word in name for word in words)]
+    chosen = [name for name in CONFORMANCE_TESTS if not words or any(word in name for word in words)]
     if not chosen:
-        files = dict.fromkeys(name.partition(".")[0] for name in DRILLS)
+        files = dict.fromkeys(name.partition(".")[0] for name in CONFORMANCE_TESTS)
         parser.error(f"no drill is named so; name one of these files, or a drill in it: {', '.join(files)}")
-    wrong = {name: story for name in chosen if (story := drilled(name)[0]) is not None}
+    wrong = {name: story for name in chosen if (story := conforms(name)[0]) is not None}
     for name, story in wrong.items():
         print(f"{name}: {story}")
     print(f"{len(chosen) - len(wrong)} of {len(chosen)} drills went by the book")
@@ -36,4 +36,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(exit_code(main, "drill"))
+    sys.exit(exit_code(main, "conformance"))

@@ -111,7 +111,7 @@ def it_waits_for_who_was_never_heard() -> None:
     manager.pes["tail_b"].speaks = False
     manager.run_until(4990 * MS)
     equal(manager.asked(), [], "plans asked for while the window is open")
-    equal(manager.counts_on(), {"flight", "tail_a"}, "counted on while the window is open")
+    equal(manager.has_available(), {"flight", "tail_a"}, "counted on while the window is open")
     manager.run(25)
     demand(bool(manager.asked()), "the window has closed, and nothing is planned")
     equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
@@ -222,20 +222,20 @@ def who_is_cleared_waits_for_the_shortest_time() -> None:
     manager.run(100)
     tail.speaks = True
     manager.run(50)
-    demand(manager.obey(ClearElement("pe:tail_b")).done, "who is in quarantine cannot be cleared")
+    demand(manager.accept(ClearElement("pe:tail_b")).done, "who is in quarantine cannot be cleared")
     manager.run(120)
-    demand("tail_b" not in manager.counts_on(), "who was cleared is back at once")
+    demand("tail_b" not in manager.has_available(), "who was cleared is back at once")
     manager.run(90)
-    demand("tail_b" in manager.counts_on(), "who was cleared waits on")
-    demand(not manager.obey(ClearElement("pe:tail_b")).done, "who is counted on is cleared")
+    demand("tail_b" in manager.has_available(), "who was cleared waits on")
+    demand(not manager.accept(ClearElement("pe:tail_b")).done, "who is counted on is cleared")
 
 
 def losses_are_forgiven_after_a_minute() -> None:
     """Of being counted on: then the next hold-down is the shortest again."""
     manager = ManagerUnderTest().flies()
     tail = manager.pes["tail_b"]
-    for counted_on_s, hold_ms in ((0, 200), (59, 400), (61, 200)):
-        manager.run(1000 * counted_on_s)
+    for available_s, hold_ms in ((0, 200), (59, 400), (61, 200)):
+        manager.run(1000 * available_s)
         _silence(manager, "tail_b")
         manager.run(100)
         tail.reboot()
@@ -247,7 +247,7 @@ def losses_are_forgiven_after_a_minute() -> None:
         equal(len(heard), count + 1, "how often it is heard again")
         equal(heard[-1]["cause"], f"held down for {hold_ms} ms", "hold-down")
         manager.run(hold_ms + 60)
-        demand("tail_b" in manager.counts_on(), f"it is not back after {hold_ms} ms")
+        demand("tail_b" in manager.has_available(), f"it is not back after {hold_ms} ms")
 
 
 def the_longest_hold_down_is_a_minute() -> None:
@@ -258,7 +258,7 @@ def the_longest_hold_down_is_a_minute() -> None:
         manager.run(700)
         heard = [one["cause"] for one in manager.told("pe_heard_again")]
         equal(heard, [f"held down for {hold_ms} ms"], f"after {losses} losses it is")
-        equal(manager.counts_on() == _ALL, hold_ms < 700, "counted on after 700 ms")
+        equal(manager.has_available() == _ALL, hold_ms < 700, "counted on after 700 ms")
 
 
 def a_reboot_is_a_loss() -> None:
@@ -288,10 +288,10 @@ def who_does_not_hear_is_failed() -> None:
     lost = manager.told("pe_lost", began_ns)
     equal([(one["pe"], one["cause"]) for one in lost], [("tail_b", "it hears no lease")], "who is failed")
     manager.run(1000)
-    demand("tail_b" not in manager.counts_on(), "who does not hear is taken back")
+    demand("tail_b" not in manager.has_available(), "who does not hear is taken back")
     tail.hears = True
     manager.run(300)
-    demand("tail_b" in manager.counts_on(), "who hears again is not taken back")
+    demand("tail_b" in manager.has_available(), "who hears again is not taken back")
     tail.hears = False
     manager.run(90)
     tail.hears = True
@@ -355,7 +355,7 @@ def who_hears_nobody_puts_nobody_in_quarantine() -> None:
     manager = ManagerUnderTest().flies()
     manager.pes["tail_b"].reboot()
     manager.run(800)
-    demand("tail_b" in manager.counts_on(), "who has restarted is not taken back")
+    demand("tail_b" in manager.has_available(), "who has restarted is not taken back")
     began_ns = _silence(manager, "flight", "tail_a", "tail_b")
     manager.run(300)
     lost = [one["pe"] for one in manager.told("pe_lost", began_ns)]

@@ -55,7 +55,7 @@ def who_runs_its_slice_already_gets_the_head_alone() -> None:
     manager = ManagerUnderTest(example("n_version")).flies()
     runs = {pe.node: pe.runs for pe in manager.pes.values()}
     began_ns = manager.now_ns
-    manager.obey(FailElement("device:imu_2"))
+    manager.accept(FailElement("device:imu_2"))
     manager.run(300)
     heads = {head.node: (head.digest, head.length) for _, head in manager.said(SliceHead, began_ns)}
     equal(heads.keys(), runs.keys(), "nodes with a head")
@@ -191,7 +191,7 @@ def a_change_before_activate_gives_the_number_up() -> None:
     began_ns = _asks_anew(manager)
     manager.run(30)
     given_up = manager.said(Prepare)[-1][1].epoch
-    manager.obey(FailElement("pe:tail_b"))
+    manager.accept(FailElement("pe:tail_b"))
     changed_ns = manager.now_ns
     manager.pes["tail_b"].stages = True
     manager.run(300)
@@ -208,7 +208,7 @@ def what_is_driven_breaks_before_it_makes() -> None:
     driver.steps = False
     rival.holds = True
     began_ns = manager.now_ns
-    manager.obey(FailElement("device:elevator_servo_1"))
+    manager.accept(FailElement("device:elevator_servo_1"))
     manager.run(110)
     steps = {one.step for _, one in manager.said(Activate, began_ns)}
     equal(steps, {Step.BREAK}, "steps while the driver has not broken")
@@ -227,15 +227,15 @@ def what_is_late_frees_nothing() -> None:
         manager = ManagerUnderTest().flies()
         driver = manager.pes["tail_b"]
         before = driver.page_0()
-        manager.obey(FailElement("device:elevator_servo_1"))
+        manager.accept(FailElement("device:elevator_servo_1"))
         manager.run(300)
-        manager.obey(ClearElement("device:elevator_servo_1"))
+        manager.accept(ClearElement("device:elevator_servo_1"))
         manager.run_into_next_period(15)
         late = replace(before, sequence=(driver.sequence - 1 - behind) % 256)
         manager.main.say(Frame(state_id(driver.node), late.encode()))
         manager.run(1)
         began_ns = manager.now_ns
-        manager.obey(FailElement("device:elevator_servo_2"))
+        manager.accept(FailElement("device:elevator_servo_2"))
         manager.run(200)
         steps = [(one["step"], one["waiting_for"]) for one in manager.told("epoch_step", began_ns)]
         equal(steps[0], ("BREAK", ["tail_b"]), f"the first step after a page that is {behind} behind")
@@ -257,7 +257,7 @@ def a_silent_driver_is_given_t_lease() -> None:
     demand(abs(waited_ns - LEASE_NS) < MS, f"GO_ALL comes {waited_ns / MS} ms after the first ALIVE without it")
 
 
-def who_a_reign_has_never_heard_is_given_t_lease() -> None:
+def who_a_mastership_has_never_heard_is_given_t_lease() -> None:
     """From its first ALIVE on, which names the others: it may drive what another manager gave it, and hear that."""
     manager = ManagerUnderTest()
     for pe in manager.pes.values():
@@ -289,10 +289,10 @@ def an_alive_that_waits_leaves_nobody_out() -> None:
     manager = ManagerUnderTest().flies()
     manager.pes["tail_a"].speaks = False
     manager.run_into_next_period(15)
-    manager.manager.wire(mute=True)
+    manager.manager.wire(transmit_failed=True)
     manager.run(60)
     equal([one["pe"] for one in manager.told("pe_lost")], ["tail_a"], "who is lost")
-    manager.manager.wire(mute=False)
+    manager.manager.wire(transmit_failed=False)
     heard_ns = manager.run(500)
     node = manager.pes["tail_a"].node
     left_out_ns = next(t_ns for t_ns, one in manager.said(Alive, heard_ns) if node not in one.nodes)
@@ -317,12 +317,12 @@ def what_is_remembered_and_newer_is_not_given_up_for_what_is_seen() -> None:
     _goes_t_lease_after(manager, manager.said(Alive)[0][0])
 
 
-def who_may_obey_another_reign_yet_is_given_t_lease() -> None:
+def who_may_accept_another_mastership_yet_is_given_t_lease() -> None:
     """It runs what is adopted, and has not said that it hears a LEASE since; or it runs what nobody here commanded."""
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     before = ManagerUnderTest().flies()
     for servo in servos:
-        before.obey(FailElement(servo))
+        before.accept(FailElement(servo))
     before.run(300)
     for hears, epoch, waits in ((True, 0, False), (False, 0, True), (True, 5, True)):
         manager = ManagerUnderTest(disk=Disk(before.spec, before.disk.data))
@@ -338,7 +338,7 @@ def who_may_obey_another_reign_yet_is_given_t_lease() -> None:
         manager.until(lambda m=manager: bool(m.told("pe_lost")), 100, "nobody is lost")  # type: ignore[misc]
         left_out_ns = manager.told("pe_lost")[0]["t_ns"]
         for servo in servos:
-            manager.obey(ClearElement(servo))
+            manager.accept(ClearElement(servo))
         manager.run(300)
         goes_ns = next(
             one["t_ns"] for one in manager.told("reconfigured", left_out_ns) if "servo_driver_2" in one["started"]
@@ -361,13 +361,13 @@ def who_says_once_more_what_it_ran_before_may_drive_what_comes() -> None:
     manager = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for servo in servos:
-        manager.obey(FailElement(servo))
+        manager.accept(FailElement(servo))
     manager.run(300)
     driver = manager.pes["tail_a"]
     driver.steps = False
     began_ns = manager.run_into_next_period(12)
     for servo in servos:
-        manager.obey(ClearElement(servo))
+        manager.accept(ClearElement(servo))
     manager.until(lambda: bool(manager.said(Activate, began_ns)), 200, "nothing is activated")
     driver.beat()
     manager.run(0.3)
@@ -381,7 +381,7 @@ def who_speaks_and_is_given_up_is_given_t_lease_too() -> None:
     manager = ManagerUnderTest(example("fail_over")).flies()
     host = next(pe for pe in ("left", "right") if manager.pes[pe].runs[1] > 0)
     manager.pes[host].steps = False
-    manager.obey(FailElement(f"pe:{host}"))
+    manager.accept(FailElement(f"pe:{host}"))
     began_ns = manager.run(400)
     steps = [(one["t_ns"], one["step"]) for one in manager.told("epoch_step", began_ns)]
     equal([step for _, step in steps], ["BREAK", "GO_ALL"], "steps")
@@ -426,7 +426,7 @@ def a_silent_stranger_may_drive_whatever_it_could() -> None:
     stranger.state, stranger.epoch, stranger.digest = PeState.ACTIVE, 40, 0x99
     manager.manager.planning = lambda _: None
     manager.run(200)
-    demand(stranger.name in manager.counts_on(), "a stranger is not counted on")
+    demand(stranger.name in manager.has_available(), "a stranger is not counted on")
     manager.manager.planning = manager.plans
     began_ns = _asks_anew(manager, stranger.name)
     manager.pes["tail_b"].holds = True
@@ -437,10 +437,10 @@ def a_silent_stranger_may_drive_whatever_it_could() -> None:
 def who_has_let_go_is_not_waited_for() -> None:
     """A PE that drove once, and has said that it runs something else since, holds nothing when it falls silent."""
     manager = ManagerUnderTest().flies()
-    manager.obey(FailElement("device:elevator_servo_1"))
+    manager.accept(FailElement("device:elevator_servo_1"))
     manager.run(300)
     manager.pes["tail_a"].speaks = False
-    manager.until(lambda: "tail_a" not in manager.counts_on(), 100, "nobody is lost")
+    manager.until(lambda: "tail_a" not in manager.has_available(), 100, "nobody is lost")
     began_ns = manager.now_ns
     manager.pes["flight"].reboot()
     manager.pes["flight"].beat()
@@ -475,12 +475,12 @@ def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
     late, slow = manager.pes["tail_b"], manager.pes["flight"]
     late.reboot()
     late.speaks, slow.stages = True, False
-    manager.obey(FailElement("device:elevator_servo_1"))
-    manager.until(lambda: "tail_b" in manager.counts_on(), 300, "who is back is not counted on")
+    manager.accept(FailElement("device:elevator_servo_1"))
+    manager.until(lambda: "tail_b" in manager.has_available(), 300, "who is back is not counted on")
     manager.run(20)
     given_up = manager.said(Prepare)[-1][1].epoch
     slow.stages = True
-    manager.obey(ClearElement("device:elevator_servo_1"))
+    manager.accept(ClearElement("device:elevator_servo_1"))
     manager.run(500)
     equal(manager.lease().epoch, given_up + 1, "the epoch")
     equal({(pe.state, pe.epoch) for pe in manager.pes.values()}, {(PeState.ACTIVE, given_up + 1)}, "what the PEs run")
@@ -576,9 +576,9 @@ def epochs_of_a_term_begin_with_its_block() -> None:
     epochs = [manager.lease().epoch]
     for _ in range(18):
         began_ns = manager.now_ns
-        manager.obey(FailElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
+        manager.accept(FailElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
         manager.run(400)
-        manager.obey(ClearElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
+        manager.accept(ClearElement("device:elevator_servo_1" if len(epochs) % 2 else "device:elevator_servo_2"))
         manager.run(400)
         epochs += [one.epoch for _, one in manager.said(Prepare, began_ns)]
     numbers = sorted(set(epochs))

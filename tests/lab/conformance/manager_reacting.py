@@ -60,12 +60,12 @@ def a_fault_is_latched_and_acknowledged() -> None:
     equal([(f["element"], f["by"], f["detail"]) for f in fault], [("device:elevator_servo_1", "tail_a", 7)], "latched")
     manager.run(300)
     began_ns = manager.now_ns
-    reply = manager.obey(ClearElement("device:elevator_servo_1"))
+    reply = manager.accept(ClearElement("device:elevator_servo_1"))
     demand(reply.done and "plan" in reply.sentence, reply.sentence)
     manager.run(3)
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, _DEVICE, 1)], "CLEARs")
     equal(manager.asked()[-1].now.down, frozenset(), "down after it was cleared")
-    reply = manager.obey(ClearElement("device:elevator_servo_1"))
+    reply = manager.accept(ClearElement("device:elevator_servo_1"))
     demand(not reply.done, "what is well is cleared")
 
 
@@ -74,7 +74,7 @@ def its_own_bus_is_not_planned_without() -> None:
     manager = ManagerUnderTest().flies()
     lease = manager.lease()
     own = f"bus:{manager.spec.manager.bus}"
-    demand(not manager.obey(FailElement(own)).done, "the operator can switch the aircraft off")
+    demand(not manager.accept(FailElement(own)).done, "the operator can switch the aircraft off")
     began_ns = manager.now_ns
     manager.emergency("tail_a", ElementKind.BUS, list(manager.spec.buses).index(manager.spec.manager.bus))
     manager.run(300)
@@ -116,18 +116,18 @@ def what_is_no_fault_is_not_latched() -> None:
 def a_pe_that_was_failed_stays_out() -> None:
     """However well it speaks; cleared, it joins after the shortest hold-down."""
     manager = ManagerUnderTest().flies()
-    demand(manager.obey(FailElement("pe:tail_b")).done, "a PE cannot be failed")
-    again = manager.obey(FailElement("pe:tail_b"))
+    demand(manager.accept(FailElement("pe:tail_b")).done, "a PE cannot be failed")
+    again = manager.accept(FailElement("pe:tail_b"))
     demand(again.done and "already" in again.sentence, "a PE can be failed twice")
     manager.run(1000)
-    demand("tail_b" not in manager.counts_on(), "who was failed is counted on")
+    demand("tail_b" not in manager.has_available(), "who was failed is counted on")
     began_ns = manager.now_ns
-    reply = manager.obey(ClearElement("pe:tail_b"))
+    reply = manager.accept(ClearElement("pe:tail_b"))
     demand(reply.done and "hold-down" in reply.sentence, f"a PE cannot be cleared: {reply.sentence}")
     manager.run(150)
-    demand("tail_b" not in manager.counts_on(), "who was cleared is back at once")
+    demand("tail_b" not in manager.has_available(), "who was cleared is back at once")
     manager.run(120)
-    demand("tail_b" in manager.counts_on(), "who was cleared is not back")
+    demand("tail_b" in manager.has_available(), "who was cleared is not back")
     equal(_told(manager, began_ns, Operation.CLEAR), [(0, Operation.CLEAR, ElementKind.PE, 2)], "CLEARs")
 
 
@@ -144,14 +144,14 @@ def orders_that_name_nothing_are_refused() -> None:
         UnlockPe("pe:flight"),
         UnlockPe("device:elevator_servo_1"),
     ):
-        reply = manager.obey(order)
+        reply = manager.accept(order)
         demand(not reply.done and len(reply.sentence) > 10, f"{order} is obeyed: {reply.sentence}")
     equal(len(manager.asked()), asked, "plans asked for")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     demand(status is not None and status["manager"]["term"] == 1, "the status does not name the term")
     early = ManagerUnderTest()
     early.run(20)
-    demand(not early.obey(FailElement("pe:tail_b")).done, "an order is obeyed while it still listens")
+    demand(not early.accept(FailElement("pe:tail_b")).done, "an order is obeyed while it still listens")
 
 
 def what_stopped_by_itself_is_started_by_another_epoch() -> None:
@@ -164,7 +164,7 @@ def what_stopped_by_itself_is_started_by_another_epoch() -> None:
     pe = host.pe if host is not None else next(iter(manager.pes))
     manager.emergency(pe, _MODULE, index, 0, FaultCode.MODULE_EXCEPTION)
     manager.run(0.8)
-    manager.obey(ClearElement("module:gyro_attitude"))
+    manager.accept(ClearElement("module:gyro_attitude"))
     manager.run(400)
     demand(manager.lease().epoch != epoch, "a module that its PE has stopped is left so")
 
@@ -199,9 +199,9 @@ def a_phase_is_entered_by_whoever_may() -> None:
     equal(ask(pe, 1, 5), [], "after the same one, asked for in another way")
     equal(ask(pe, len(phases), 6), [], "after a request for a phase that there is not")
     equal(manager.asked()[-1].now.phase, phases[1], "phase that is planned for")
-    reply = manager.obey(EnterPhase(phases[1]))
+    reply = manager.accept(EnterPhase(phases[1]))
     demand(reply.done and "already" in reply.sentence, "the present phase is entered")
-    demand(manager.obey(EnterPhase(phases[0])).done, "the operator cannot enter a phase")
+    demand(manager.accept(EnterPhase(phases[0])).done, "the operator cannot enter a phase")
     equal(manager.asked()[-1].now.phase, phases[0], "phase that is planned for")
     manager.run(400)
     manager.pes[pe].reboot()
@@ -238,7 +238,7 @@ def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> Non
     manager = ManagerUnderTest().flies()
     servo = "device:elevator_servo_1"
     for element in (servo, "device:elevator_servo_2", "device:horizon_sensor", "module:servo_driver_2"):
-        manager.obey(FailElement(element))
+        manager.accept(FailElement(element))
     manager.run(1000)
 
     def held(since_ns: int) -> list[int]:
@@ -249,8 +249,8 @@ def what_is_cleared_and_fails_again_within_a_beat_is_told_with_the_next() -> Non
     manager.until(lambda: bool(held(told_ns)), 3000, "it is not told in turn")
     manager.run_into_next_period(12)
     began_ns = manager.now_ns
-    manager.obey(ClearElement(servo))
-    manager.obey(FailElement(servo))
+    manager.accept(ClearElement(servo))
+    manager.accept(FailElement(servo))
     manager.run(25)
     equal(len(held(began_ns)), 1, "how often it is told within a beat")
 
@@ -270,7 +270,7 @@ def a_phase_that_is_asked_for_is_told_before_the_answer() -> None:
     equal(said, wanted, "what is said of phases within a beat")
 
 
-def which_requests_it_has_obeyed_it_tells_again_with_the_phase() -> None:
+def which_requests_it_has_accepted_it_tells_again_with_the_phase() -> None:
     """For who has missed the answer; of an incarnation that is gone it tells none."""
     manager = ManagerUnderTest(example("phases")).flies()
     pe = manager.pes["flight"]
@@ -279,26 +279,26 @@ def which_requests_it_has_obeyed_it_tells_again_with_the_phase() -> None:
     for is_told in (True, False):
         began_ns = manager.run(500)
         said = [(one.node, one.operation, one.b) for one in manager.acknowledged(began_ns) if one.a == _PHASE]
-        held, obeyed = (0, Operation.HOLDS, 1), (pe.node, Operation.ACKNOWLEDGE, 5)
-        equal(said[:4], [held, obeyed] * 2 if is_told else [held] * 4, "what is told in turn")
+        held, accepted = (0, Operation.HOLDS, 1), (pe.node, Operation.ACKNOWLEDGE, 5)
+        equal(said[:4], [held, accepted] * 2 if is_told else [held] * 4, "what is told in turn")
         pe.reboot()
         manager.run(500)
 
 
-def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_at_leisure() -> None:
+def what_it_adopts_and_is_not_all_that_is_wanted_it_does_not_leave_in_background() -> None:
     """It was planned before the operator cleared an element: the reign that knew of that has ended since."""
     before = ManagerUnderTest().flies()
     servos = [f"device:elevator_servo_{number}" for number in (1, 2)]
     for is_cleared in (False, True):
         for servo in servos:
-            before.obey((ClearElement if is_cleared else FailElement)(servo))
+            before.accept((ClearElement if is_cleared else FailElement)(servo))
         before.run(0 if is_cleared else 300)
     manager = ManagerUnderTest(before.spec, disk=before.disk)
     for name, ran in before.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(500)
     equal(len(manager.told("adopted")), 1, "epochs that are adopted")
-    demand(not manager.asked()[0].at_leisure, "what is critical, and wanted, is asked for at leisure")
+    demand(not manager.asked()[0].in_background, "what is critical, and wanted, is asked for at leisure")
     equal(len(manager.told("reconfigured")), 1, "reconfigurations")
 
 
@@ -311,7 +311,7 @@ def it_tells_what_it_holds() -> None:
     held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
     equal({(one.a, one.b, one.node) for _, one in held}, {(_PHASE, 0, 0)}, "what it holds")
     demand(9 <= len(held) <= 11, f"{len(held)} facts in fifty beats")
-    manager.obey(EnterPhase(phases[1]))
+    manager.accept(EnterPhase(phases[1]))
     began_ns = manager.run(25)
     held = [(t_ns, one) for t_ns, one in manager.said(Control, began_ns) if one.operation is Operation.HOLDS]
     equal([(one.a, one.b) for _, one in held], [(_PHASE, 1)], "what is new")
@@ -333,7 +333,7 @@ def a_planner_that_fails_is_asked_again() -> None:
     manager.run_until(1200 * MS)
     equal(len(manager.asked()), 2, "questions after a second")
     equal(len(manager.told("plan_failed")), 2, "failures told")
-    manager.obey(FailElement("device:elevator_servo_2"))
+    manager.accept(FailElement("device:elevator_servo_2"))
     manager.run(5)
     equal(len(manager.asked()), 3, "questions after a change")
     equal(manager.asked()[-1].now.down, {"device:elevator_servo_2"}, "down")
@@ -353,13 +353,13 @@ def a_planner_that_fails_is_asked_again() -> None:
     demand(bool(manager.told("reconfigured")), "the answer is not carried out")
 
 
-def what_was_planned_at_once_is_bettered_at_leisure() -> None:
+def what_was_planned_at_once_is_bettered_in_background() -> None:
     """Asked once for each situation, when it runs; taken only if it is better at levels 1 to 3."""
     manager = ManagerUnderTest(example("n_version"))
     best = manager.plans
 
-    def at_once(asked: RequestPlan) -> PlanReady:
-        if asked.at_leisure:
+    def immediate(asked: RequestPlan) -> PlanReady:
+        if asked.in_background:
             answer = best(asked)
         else:
             poor = replace(asked.now, down=asked.now.down | {"module:gyro_attitude"})
@@ -367,21 +367,21 @@ def what_was_planned_at_once_is_bettered_at_leisure() -> None:
         assert isinstance(answer, PlanReady)
         return answer
 
-    manager.manager.planning = at_once
+    manager.manager.planning = immediate
     manager.run(900)
-    equal([one.at_leisure for one in manager.asked()], [False, True], "questions")
+    equal([one.in_background for one in manager.asked()], [False, True], "questions")
     equal(len(manager.told("reconfigured")), 2, "reconfigurations")
     keeping = ManagerUnderTest()
 
     def the_same(asked: RequestPlan) -> PlanReady:
         answer = ManagerUnderTest.plans(keeping, asked)
         assert isinstance(answer, PlanReady)
-        return answer if asked.at_leisure else PlanReady(asked.request, _unproven(answer.plan))
+        return answer if asked.in_background else PlanReady(asked.request, _unproven(answer.plan))
 
     keeping.manager.planning = the_same
     keeping.run(900)
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
-    equal([one.at_leisure for one in keeping.asked()], [False, True], "questions")
+    equal([one.in_background for one in keeping.asked()], [False, True], "questions")
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
     equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
     equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
@@ -389,7 +389,7 @@ def what_was_planned_at_once_is_bettered_at_leisure() -> None:
 
     def elsewhere(asked: RequestPlan) -> PlanReady:
         """At leisure as good a plan at levels 1 to 3, that moves the branch."""
-        if not asked.at_leisure:
+        if not asked.in_background:
             return the_same(asked)
         other = Situation(frozenset(("device:elevator_servo_1",)))
         return PlanReady(asked.request, best_plan(moving.spec, other, None))
@@ -399,9 +399,11 @@ def what_was_planned_at_once_is_bettered_at_leisure() -> None:
     equal(len(moving.told("plan_kept")), 1, "plans that are no better, and move a branch")
     equal(len(moving.told("reconfigured")), 1, "reconfigurations for a plan that is no better")
     failing = ManagerUnderTest()
-    failing.manager.planning = lambda asked: failing.fails(asked) if asked.at_leisure else the_same(asked)
+    failing.manager.planning = lambda asked: failing.fails(asked) if asked.in_background else the_same(asked)
     failing.run(2900)
-    equal([one.at_leisure for one in failing.asked()], [False, True], "questions, when what is asked at leisure fails")
+    equal(
+        [one.in_background for one in failing.asked()], [False, True], "questions, when what is asked at leisure fails"
+    )
 
 
 def _unproven(plan: Plan) -> Plan:
@@ -523,7 +525,7 @@ def the_journal_s_word_is_told_on() -> None:
     for problem in ("the disk is full", None):
         manager.manager.tell(JournalTold(problem))
         manager.run(1)
-        status = manager.obey(AskStatus()).status
+        status = manager.accept(AskStatus()).status
         assert status is not None
         equal(status["manager"]["journal"], problem, "the journal in the status")
     equal(len(manager.told("journal_failed")), 1, "failures told")
@@ -542,26 +544,26 @@ def who_only_advises_says_nothing() -> None:
     manager.run(1000)
     equal(manager.main.heard, [], "frames of a manager that advises")
     equal(len(manager.told("advice")), 1, "advice")
-    reigning = ManagerUnderTest().flies()
-    for name, ran in reigning.pes.items():
+    active_manager = ManagerUnderTest().flies()
+    for name, ran in active_manager.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(100)
-    equal([one["epoch"] for one in manager.told("adopted")], [reigning.lease().epoch], "epochs that it follows")
+    equal([one["epoch"] for one in manager.told("adopted")], [active_manager.lease().epoch], "epochs that it follows")
     manager.pes["tail_a"].speaks = False
     began_ns = manager.now_ns
-    manager.main.command(Lease(5, 1, reigning.lease().step, 1), manager=127)
+    manager.main.command(Lease(5, 1, active_manager.lease().step, 1), manager=127)
     manager.run(300)
     advice = manager.told("advice", began_ns)
     demand(bool(advice) and "servo_driver_2" in advice[-1]["started"], f"advice when who drives is lost: {advice}")
     equal(manager.main.heard, [], "frames of a manager that advises")
-    demand(bool(manager.obey(AskStatus()).status), "it has no status")
+    demand(bool(manager.accept(AskStatus()).status), "it has no status")
 
 
 def who_only_advises_waits_for_no_answer() -> None:
     """Where nobody reigns, a PE that has restarted is asked by nobody, and not given up for that."""
-    reigning = ManagerUnderTest().flies()
+    active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
-    for name, ran in reigning.pes.items():
+    for name, ran in active_manager.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(300)
     manager.pes["tail_b"].reboot()

@@ -47,11 +47,11 @@ _UNUSED = "device:elevator_servo_2"  # while the first one serves
 _LATE_HEADS = {Prepare: 0, SliceBody: 1, SliceHead: 2}  # the order in which a configuration is overheard, at worst
 
 
-class _Reigning:
+class _ActiveManager:
     """Another manager, 126, that reigns in term 1 while the one under test, 127, stands by."""
 
     def __init__(self, manager: ManagerUnderTest) -> None:
-        self.speaks, self.counts_on = True, _ALL
+        self.speaks, self.has_available = True, _ALL
         self.refused_by: frozenset[str] = frozenset()  # PEs that know a higher term
         self.lease = Lease(1, 0, Step.PREPARED, 0)
         self._manager, self._beats = manager, 0
@@ -61,25 +61,25 @@ class _Reigning:
         manager = self._manager
         self._beats += 1
         if self.speaks:
-            alive = Alive(self.lease.term, self._beats % 256, self.counts_on)
+            alive = Alive(self.lease.term, self._beats % 256, self.has_available)
             manager.main.command(self.lease, alive, manager=126)
         for name, pe in manager.pes.items():
             pe.hears = name not in self.refused_by if self.speaks else pe.hears
         manager.clock.at(manager.now_ns + PERIOD_NS, self._beat)
 
 
-def _standing_by() -> tuple[ManagerUnderTest, _Reigning]:
+def _standing_by() -> tuple[ManagerUnderTest, _ActiveManager]:
     manager = ManagerUnderTest(node=127, standby=True)
-    reigning = _Reigning(manager)
+    active_manager = _ActiveManager(manager)
     manager.run_until(505 * MS)
     equal(manager.heard(-1, *Command), [], "commands of a manager that stands by")
     equal([one["node"] for one in manager.told("standing_by")], [126], "whom it says it follows")
-    return manager, reigning
+    return manager, active_manager
 
 
-def _its_reign_ends(manager: ManagerUnderTest, reigning: _Reigning, after_ms: int) -> None:
+def _its_mastership_ends(manager: ManagerUnderTest, active_manager: _ActiveManager, after_ms: int) -> None:
     """Let the other manager fall silent, and the PEs hear again the one that takes over; then let time pass."""
-    reigning.speaks = False
+    active_manager.speaks = False
     for pe in manager.pes.values():
         pe.hears = False
     manager.run(150)
@@ -90,8 +90,8 @@ def _its_reign_ends(manager: ManagerUnderTest, reigning: _Reigning, after_ms: in
 
 def it_takes_over_when_the_pes_hear_nobody() -> None:
     """The lease has expired, and more than half of those counted on say that they hear none; in its next term."""
-    manager, reigning = _standing_by()
-    reigning.speaks = False
+    manager, active_manager = _standing_by()
+    active_manager.speaks = False
     leased_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
     manager.run_until(leased_ns + 300 * MS)
     equal(manager.heard(-1, *Command), [], "commands while the PEs hear somebody")
@@ -109,8 +109,8 @@ def it_takes_over_when_the_pes_hear_nobody() -> None:
 
 def it_waits_for_the_lease_to_expire() -> None:
     """T_lease after the last one that it has heard, whatever the PEs say."""
-    manager, reigning = _standing_by()
-    reigning.speaks = False
+    manager, active_manager = _standing_by()
+    active_manager.speaks = False
     last_ns = manager.now_ns // PERIOD_NS * PERIOD_NS
     for pe in manager.pes.values():
         pe.hears = False
@@ -118,15 +118,15 @@ def it_waits_for_the_lease_to_expire() -> None:
     equal(manager.heard(-1, *Command), [], "commands within T_lease")
     manager.run_until(last_ns + 107 * MS)
     demand(bool(manager.said(Lease)), "T_lease is over, and it does not take over")
-    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "whom it counts on")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "whom it counts on")
 
 
-def only_who_was_counted_on_is_asked() -> None:
+def only_who_was_available_is_asked() -> None:
     """And only what was said within T_lease counts."""
-    manager, reigning = _standing_by()
-    reigning.counts_on = frozenset((92,))
+    manager, active_manager = _standing_by()
+    active_manager.has_available = frozenset((92,))
     manager.run(50)
-    reigning.speaks = False
+    active_manager.speaks = False
     for name in ("tail_a", "tail_b"):
         manager.pes[name].hears = False
     manager.run(300)
@@ -141,12 +141,12 @@ def only_who_was_counted_on_is_asked() -> None:
     demand(bool(manager.said(Lease)), "who was counted on hears nobody, and it does not take over")
 
 
-def half_of_those_counted_on_are_not_most() -> None:
+def half_of_those_available_are_not_most() -> None:
     """Of two one hears nobody, and says so for as long as it likes."""
-    manager, reigning = _standing_by()
-    reigning.counts_on = frozenset((92, 93))
+    manager, active_manager = _standing_by()
+    active_manager.has_available = frozenset((92, 93))
     manager.run(50)
-    reigning.speaks = False
+    active_manager.speaks = False
     manager.pes["flight"].hears = False
     manager.run(400)
     equal(manager.heard(-1, *Command), [], "commands while one of two hears somebody")
@@ -157,13 +157,13 @@ def _knowing_a_higher_term() -> ManagerUnderTest:
     return ManagerUnderTest(node=127, standby=True, disk=remembering(example("demux_actuators"), Memory(term=8)))
 
 
-def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
+def of_a_term_that_is_behind_it_asks_whether_it_is_accepted() -> None:
     """For ten T_lease the manager that reigns may learn of the higher one; then one PE that refuses it is enough."""
     manager = _knowing_a_higher_term()
     manager.run(500)
-    reigning = _Reigning(manager)
+    active_manager = _ActiveManager(manager)
     began_ns = manager.run(900)
-    reigning.refused_by = frozenset(("tail_b",))
+    active_manager.refused_by = frozenset(("tail_b",))
     manager.run_until(began_ns + 10 * LEASE_NS)
     equal(manager.heard(-1, *Command), [], "commands within ten T_lease")
     manager.run(45)
@@ -171,21 +171,21 @@ def of_a_term_that_is_behind_it_asks_whether_it_is_obeyed() -> None:
     own = [lease.term for _, lease in leases if lease.term != 1]
     demand(bool(own), "a PE refuses the term that is behind, and it does not take over")
     equal(own[0], 10, "its term")
-    obeyed = _knowing_a_higher_term()
-    _Reigning(obeyed)
-    obeyed.run(1500)
-    equal(obeyed.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
+    accepted = _knowing_a_higher_term()
+    _ActiveManager(accepted)
+    accepted.run(1500)
+    equal(accepted.heard(-1, *Command), [], "commands while everybody obeys the term that is behind")
     raised = _knowing_a_higher_term()
-    reigning = _Reigning(raised)
+    active_manager = _ActiveManager(raised)
     raised.run(900)
-    reigning.lease = replace(reigning.lease, term=9)
+    active_manager.lease = replace(active_manager.lease, term=9)
     raised.run(100)
-    reigning.refused_by = frozenset(("tail_b",))
+    active_manager.refused_by = frozenset(("tail_b",))
     raised.run(1500)
     equal(raised.heard(-1, *Command), [], "commands after the manager that reigns has learnt of the higher term")
 
 
-def where_nobody_reigns_127_lets_126_go_first() -> None:
+def where_nobody_is_active_127_lets_126_go_first() -> None:
     """For the start-up window; then it asks those that are heard."""
     manager = ManagerUnderTest(node=127, standby=True)
     for pe in manager.pes.values():
@@ -201,8 +201,8 @@ def where_nobody_reigns_127_lets_126_go_first() -> None:
 
 def of_a_deposed_manager_it_believes_nothing() -> None:
     """While the one that deposed it speaks."""
-    manager, reigning = _standing_by()
-    reigning.lease = replace(reigning.lease, term=3)
+    manager, active_manager = _standing_by()
+    active_manager.lease = replace(active_manager.lease, term=3)
     manager.run(50)
     manager.main.command(Lease(1, 5, Step.GO_ALL, 5), manager=126)
     manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 1), manager=126)
@@ -220,9 +220,9 @@ def of_a_deposed_manager_it_believes_nothing() -> None:
         manager.main.command(Control(3, 0, operation, ElementKind.MODULE, 0), manager=126)
         manager.run(5)
     equal(len(manager.told("fault_cleared")), 2, "faults cleared")
-    reply = manager.obey(FailElement("pe:flight"))
+    reply = manager.accept(FailElement("pe:flight"))
     demand(not reply.done and "126" in reply.sentence, "who stands by obeys an order")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["manager"]["state"], "standby", "its state in the status")
 
@@ -243,11 +243,11 @@ def what_is_held_no_more_is_cleared() -> None:
     demand(44 <= waited <= 47, f"of two faults one is told in turn, and is given up after {waited} beats without")
 
 
-def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
+def a_request_that_another_manager_has_accepted_is_accepted_no_more() -> None:
     """It has heard the answer; the operator may have gone back since. A later request counts."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
-    reigning = _Reigning(manager)
-    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    active_manager = _ActiveManager(manager)
+    active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
     manager.run(300)
     node, nobody = manager.pes["flight"].node, 120
     for operation, to, value in (
@@ -258,7 +258,7 @@ def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
     ):
         manager.main.command(Control(1, to, operation, ElementKind.PHASE, value), manager=126)
         manager.run(5)
-    _its_reign_ends(manager, reigning, 400)
+    _its_mastership_ends(manager, active_manager, 400)
     demand(bool(manager.said(Lease)), "it does not take over")
     for number, entered in ((1, 0), (2, 1)):
         began_ns = manager.now_ns
@@ -272,32 +272,32 @@ def a_request_that_another_manager_has_obeyed_is_obeyed_no_more() -> None:
 def an_answer_counts_right_behind_the_phase_alone() -> None:
     """It has missed which phase was entered, and hears that the request was obeyed: then it has to obey it itself."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
-    reigning = _Reigning(manager)
-    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    active_manager = _ActiveManager(manager)
+    active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
     manager.run(300)
     held = Control(1, 0, Operation.HOLDS, ElementKind.PHASE, 0)
     fault = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 0)
-    obeyed = Control(1, manager.pes["flight"].node, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)
-    manager.main.command(obeyed, held, fault, obeyed, manager=126)
+    accepted = Control(1, manager.pes["flight"].node, Operation.ACKNOWLEDGE, ElementKind.PHASE, 1)
+    manager.main.command(accepted, held, fault, accepted, manager=126)
     manager.run(5)
     manager.pes["flight"].reboot()  # an answer that follows at once may have waited, and be for the one before
     manager.run(25)
-    manager.main.command(held, obeyed, manager=126)
+    manager.main.command(held, accepted, manager=126)
     manager.run(5)
-    _its_reign_ends(manager, reigning, 400)
+    _its_mastership_ends(manager, active_manager, 400)
     began_ns = manager.now_ns
     manager.emergency("flight", ElementKind.PHASE, 1, 1, FaultCode.PHASE_REQUEST)
     manager.run(50)
     equal(len(manager.told("phase_changed", began_ns)), 1, "phases entered by a request")
 
 
-def who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed() -> None:
+def who_came_late_to_a_mastership_with_a_key_knows_which_requests_it_has_accepted() -> None:
     """No PE has proven to it which incarnation it is: what it says of that will do."""
     manager = ManagerUnderTest(example("phases"), node=127, standby=True, key=KEY)
     manager.main.sign = CommandSigner(KEY, 126, 1).tag
     provers = _provers(manager)
-    reigning = _Reigning(manager)
-    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    active_manager = _ActiveManager(manager)
+    active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
     for prover in provers.values():
         prover.asks = False
     manager.run(300)
@@ -308,8 +308,8 @@ def who_came_late_to_a_reign_with_a_key_knows_which_requests_it_has_obeyed() -> 
     equal(len(manager.told("phase_changed")), 2, "phases that it has heard of")
     for prover in provers.values():
         prover.asks = True
-    _its_reign_ends(manager, reigning, 800)
-    demand("flight" in manager.counts_on(), "it does not take over, or counts on nobody")
+    _its_mastership_ends(manager, active_manager, 800)
+    demand("flight" in manager.has_available(), "it does not take over, or counts on nobody")
     began_ns = manager.now_ns
     request = Emergency(FaultCode.PHASE_REQUEST, 0x81, ElementKind.PHASE, 1, 1).encode()
     provers["flight"].emergency = request
@@ -329,7 +329,7 @@ def with_a_key_nobody_else_says_what_runs() -> None:
     for is_signed in (False, True):
         manager = ManagerUnderTest(node=127, standby=True, key=KEY)
         sign = manager.main.sign = CommandSigner(KEY, 126, 1).tag
-        _Reigning(manager)
+        _ActiveManager(manager)
         manager.run(300)
         manager.main.sign = sign if is_signed else None
         manager.main.command(*said, manager=126)
@@ -345,25 +345,25 @@ def who_comes_late_to_what_runs_does_not_hide_what_comes() -> None:
     first = ManagerUnderTest().flies()
     began = first.said(Prepare)[0][1]
     since_ns = first.now_ns
-    first.obey(FailElement("device:elevator_servo_1"))
+    first.accept(FailElement("device:elevator_servo_1"))
     first.run(300)
     manager = ManagerUnderTest(node=127, standby=True)
-    reigning = _Reigning(manager)
+    active_manager = _ActiveManager(manager)
     manager.run(200)
     for t_ns, one in first.hears:
         if not isinstance(one, Lease | Alive | Ping):
             late = (began,) if t_ns > since_ns and isinstance(one, Activate) else ()
             manager.main.command(*late, one, manager=126)
             manager.run(1)
-    _adopts(manager, reigning, first)
+    _adopts(manager, active_manager, first)
 
 
 def what_it_has_overheard_is_adopted() -> None:
     """The configuration, from its slices, and the phase: after a take-over nothing is prepared anew."""
     first = ManagerUnderTest(example("phases")).flies()
     manager = ManagerUnderTest(example("phases"), node=127, standby=True)
-    reigning = _Reigning(manager)
-    reigning.counts_on = frozenset(pe.node for pe in manager.pes.values())
+    active_manager = _ActiveManager(manager)
+    active_manager.has_available = frozenset(pe.node for pe in manager.pes.values())
     manager.run(200)
     said = [one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)]
     said.sort(key=lambda one: _LATE_HEADS.get(type(one), len(_LATE_HEADS)))
@@ -373,7 +373,7 @@ def what_it_has_overheard_is_adopted() -> None:
         manager.main.command(Control(1, 0, Operation.HOLDS, ElementKind.PHASE, phase), manager=126)
         manager.run(5)
         equal(len(manager.told("phase_changed")) - before, entered, f"phases entered when {phase} is held")
-    _adopts(manager, reigning, first)
+    _adopts(manager, active_manager, first)
 
 
 def what_was_called_by_its_number_is_adopted() -> None:
@@ -384,49 +384,49 @@ def what_was_called_by_its_number_is_adopted() -> None:
     said = [one for t_ns, one in first.hears if t_ns > called_ns and isinstance(one, Prepare | Activate)]
     demand(isinstance(said[0], Prepare) and said[0].contingency > 0, "a lost PE is not called by its number")
     manager = ManagerUnderTest(node=127, standby=True, contingencies=1)
-    reigning = _Reigning(manager)
-    reigning.counts_on = _ALL - {manager.pes["tail_a"].node}
+    active_manager = _ActiveManager(manager)
+    active_manager.has_available = _ALL - {manager.pes["tail_a"].node}
     manager.pes["tail_a"].speaks = False
     manager.run(200)
     manager.main.command(*said, manager=126)
-    _adopts(manager, reigning, first)
+    _adopts(manager, active_manager, first)
 
 
-def _adopts(manager: ManagerUnderTest, reigning: _Reigning, first: ManagerUnderTest) -> None:
+def _adopts(manager: ManagerUnderTest, active_manager: _ActiveManager, first: ManagerUnderTest) -> None:
     """Demand that what another manager has brought about goes on when its reign ends."""
     manager.manager.planning = lambda _: None  # what it knows is enough
-    reigning.lease = first.lease()
+    active_manager.lease = first.lease()
     for name, ran in first.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(200)
-    _its_reign_ends(manager, reigning, 150)
+    _its_mastership_ends(manager, active_manager, 150)
     equal([one["epoch"] for one in manager.told("adopted")], [first.lease().epoch], "adopted")
     own = manager.main.since(-1, [management_id(127, Command.PREPARE)])
     equal(own, [], "PREPAREs after a take-over")
     equal(manager.lease().epoch, first.lease().epoch, "the epoch that LEASE repeats")
 
 
-def who_is_vouched_for_may_drive_anything() -> None:
+def who_is_inherited_may_drive_anything() -> None:
     """The reign before counted on it to the last; what it took up then was counted nowhere here."""
-    manager, reigning = _standing_by()
+    manager, active_manager = _standing_by()
     driver = manager.pes["tail_a"]
     for pe in manager.pes.values():
         pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
-    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    active_manager.lease = Lease(1, 7, Step.GO_ALL, 0x99)
     manager.run_into_next_period(15)
     driver.reboot()  # to be held down, and counted on all the same
     manager.run(25)
     driver.epoch, driver.digest, driver.state = 7, 0x99, PeState.ACTIVE
     manager.run(20)
     manager.manager.planning = lambda _: None
-    reigning.speaks = False
+    active_manager.speaks = False
     for pe in manager.pes.values():
         pe.hears = False
     manager.run(80)
     driver.speaks = False
     manager.until(lambda: bool(manager.told("taken_over")), 100, "it does not take over")
     manager.run(1)
-    demand("tail_a" in manager.counts_on(), "who the reign before counted on is not vouched for")
+    demand("tail_a" in manager.has_available(), "who the reign before counted on is not vouched for")
     manager.manager.planning = manager.plans
     for pe in manager.pes.values():
         pe.hears = True
@@ -439,7 +439,7 @@ def who_is_vouched_for_may_drive_anything() -> None:
 
 def what_is_no_configuration_is_not_remembered() -> None:
     """Slices with the digest that was announced, and nothing in them that this spec has."""
-    manager, reigning = _standing_by()
+    manager, active_manager = _standing_by()
     body = b"\x01\x7f\x00"
     digest = slice_digest(manager.spec.digest, body)
     for number, wanted in enumerate((digest, digest + 1)):
@@ -450,12 +450,12 @@ def what_is_no_configuration_is_not_remembered() -> None:
         manager.run(10)
         manager.main.command(Activate(1, epoch, Step.GO_ALL, 0x77), manager=126)
         manager.run(30)
-    _its_reign_ends(manager, reigning, 250)
+    _its_mastership_ends(manager, active_manager, 250)
     equal(manager.told("adopted"), [], "adopted")
     demand(bool(manager.said(Prepare)), "it does not plan anew")
 
 
-def who_reigns_stands_by_before_a_higher_term() -> None:
+def the_active_manager_stands_by_before_a_higher_term() -> None:
     """It forgets what it planned, says so, and takes over again when that one is gone."""
     manager = ManagerUnderTest(standby=True).flies()
     manager.main.command(Lease(2, 0, Step.PREPARED, 0), manager=127)
@@ -553,7 +553,7 @@ def a_state_counts_when_it_is_proven() -> None:
     """One that is not is as good as silence; who is heard and not believed for T_lease is told to begin anew."""
     manager, provers = _keyed()
     manager.run(800)
-    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "counted on")
     provers["tail_b"].proves = False
     began_ns = manager.run(100)
     equal([one["pe"] for one in manager.told("pe_lost", began_ns)], ["tail_b"], "who is lost when it proves nothing")
@@ -565,7 +565,7 @@ def a_state_counts_when_it_is_proven() -> None:
     equal([one["pe"] for one in manager.told("states_unproven", began_ns)], ["tail_b"], "unproven after some")
     provers["tail_b"].proves = True
     manager.run(800)
-    demand("tail_b" in manager.counts_on(), "who proves itself again is not taken back")
+    demand("tail_b" in manager.has_available(), "who proves itself again is not taken back")
 
 
 def a_nonce_is_answered_once_in_a_period() -> None:
@@ -613,7 +613,7 @@ def a_page_1_counts_when_it_is_proven() -> None:
     manager.main.say(Frame(state_id(94), page.encode()))
     manager.run(10)
     equal(manager.told("pe_lost", began_ns), [], "who is failed for a page 1 that is not proven")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["pes"]["tail_b"]["authentic"]["refused_states"], 1, "states that it has refused")
     demand(status["pes"]["tail_b"]["authentic"]["is_believed"], "a PE that proves what it says is not believed")
@@ -629,12 +629,12 @@ def who_is_guessed_at_needs_two_states_in_a_row() -> None:
         manager.run(1)
     began_ns = manager.now_ns
     equal(len(manager.told("states_doubted")), 1, "how often it is told that states are doubted")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     demand(status["pes"]["tail_b"]["authentic"]["refused_states"] >= 12, "states that were refused are not counted")
     manager.run(300)
     equal(manager.told("pe_lost", began_ns), [], "who is lost while somebody guesses")
-    demand("tail_b" in manager.counts_on(), "who is guessed at is not counted on")
+    demand("tail_b" in manager.has_available(), "who is guessed at is not counted on")
 
 
 def guesses_are_counted_and_forgiven() -> None:
@@ -659,11 +659,11 @@ def guesses_are_counted_and_forgiven() -> None:
         equal(found, lost, f"lost {periods} periods after {guesses}, when states are {stride} apart")
 
 
-def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
+def who_was_available_and_dies_unproven_is_not_waited_for() -> None:
     """Whom the reign before counted on is named in ALIVE until it has proven itself, or has fallen silent."""
-    manager, provers, _ = _takes_over_from_a_keyed_reign(silent=())
+    manager, provers, _ = _takes_over_from_a_keyed_mastership(silent=())
     manager.run(25)
-    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "named at first")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "named at first")
     for name in ("flight", "tail_a"):
         provers[name].asks = True
     for pe in manager.pes.values():
@@ -674,10 +674,10 @@ def who_was_counted_on_and_dies_unproven_is_not_waited_for() -> None:
     manager.pes["tail_b"].speaks = False
     manager.run(200)
     _is_absent(manager, spoke[-1])
-    equal(manager.counts_on(), {"flight", "tail_a"}, "named at last")
+    equal(manager.has_available(), {"flight", "tail_a"}, "named at last")
     demand(bool(manager.asked()), "it waits for who is absent")
     equal(manager.asked()[0].now.down, {"pe:tail_b"}, "down")
-    manager, _, took_over_ns = _takes_over_from_a_keyed_reign(silent=("tail_b",))
+    manager, _, took_over_ns = _takes_over_from_a_keyed_mastership(silent=("tail_b",))
     manager.run(200)
     _is_absent(manager, took_over_ns)
 
@@ -691,7 +691,7 @@ def _is_absent(manager: ManagerUnderTest, since_ns: int) -> None:
     demand(65 * MS <= silent_ns < 66 * MS, f"it is given up after {silent_ns} ns")
 
 
-def _takes_over_from_a_keyed_reign(
+def _takes_over_from_a_keyed_mastership(
     silent: Sequence[str],
 ) -> tuple[ManagerUnderTest, dict[str, _KeyedPe], int]:
     """Let 127 take over when nobody has proven anything to it, some are silent, and when that was."""
@@ -699,9 +699,9 @@ def _takes_over_from_a_keyed_reign(
     signer = CommandSigner(KEY, 126, 1)
     manager.main.sign = signer.tag
     provers = _provers(manager)
-    reigning = _Reigning(manager)
+    active_manager = _ActiveManager(manager)
     manager.run(505)
-    reigning.speaks = False
+    active_manager.speaks = False
     for prover in provers.values():
         prover.asks = False
     for name, pe in manager.pes.items():
@@ -715,8 +715,8 @@ def the_lock_is_opened_by_order() -> None:
     manager, _ = _keyed()
     manager.run(800)
     began_ns = manager.now_ns
-    demand(manager.obey(UnlockPe("pe:tail_b")).done, "the lock cannot be opened")
-    demand(not manager.obey(UnlockPe("module:servo_driver_1")).done, "a module has a lock")
+    demand(manager.accept(UnlockPe("pe:tail_b")).done, "the lock cannot be opened")
+    demand(not manager.accept(UnlockPe("module:servo_driver_1")).done, "a module has a lock")
     manager.run(5)
     said = [(one.node, one.a) for one in manager.acknowledged(began_ns) if one.operation is Operation.UNLOCK]
     equal(said, [(94, 30)], "UNLOCKs")
@@ -739,7 +739,7 @@ def what_a_pe_refuses_is_told() -> None:
     equal([says(6, 2), says(7, 2), says(0, 0)], [1, 0, 0], "news after a second")
     manager.run(1000)
     equal(says(0, 3), 1, "news after a restart")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["pes"]["tail_b"]["authentic"]["refused_commands"], 3, "commands that it has refused")
 
@@ -782,18 +782,18 @@ def what_it_has_said_itself_is_nobody_else() -> None:
 
 def who_advises_follows_no_more_than_is_known() -> None:
     """An epoch that was advised, and is replaced by one that is not known, is not what runs."""
-    reigning = ManagerUnderTest().flies()
+    active_manager = ManagerUnderTest().flies()
     manager = ManagerUnderTest(advise=True)
-    for name, ran in reigning.pes.items():
+    for name, ran in active_manager.pes.items():
         manager.pes[name].goes_on_as(ran)
     manager.run(300)
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
-    equal(status["epoch"], reigning.lease().epoch, "the epoch that it sees")
+    equal(status["epoch"], active_manager.lease().epoch, "the epoch that it sees")
     for pe in manager.pes.values():
         pe.epoch, pe.digest = pe.epoch + 1, 0x99
     manager.run(100)
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal(status["epoch"], None, "the epoch that it sees when another one runs")
 
@@ -802,8 +802,8 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
     """What is held it hears before it advises; what runs it has missed, until the next epoch."""
     first = ManagerUnderTest().flies()
     manager = ManagerUnderTest(node=127, advise=True)
-    reigning = _Reigning(manager)
-    reigning.lease = Lease(1, 7, Step.GO_ALL, 0x99)
+    active_manager = _ActiveManager(manager)
+    active_manager.lease = Lease(1, 7, Step.GO_ALL, 0x99)
     for pe in manager.pes.values():
         pe.epoch, pe.digest, pe.state = 7, 0x99, PeState.ACTIVE
     held = Control(1, 0, Operation.HOLDS, ElementKind.DEVICE, 2)  # the servo that is not used
@@ -817,22 +817,22 @@ def who_advises_and_was_started_late_says_what_it_does_not_know() -> None:
     equal([(sorted(one.now.down), one.running) for one in manager.asked()], [([_UNUSED], None)], "plans asked for")
     equal(manager.told("advice"), [], "advice while nobody knows what runs")
     equal([one["epoch"] for one in manager.told("unknown_epoch")], [7], "epochs that it says it does not know")
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal((status["epoch"], status["unknown_epoch"]), (None, 7), "the epoch in the status")
     equal({one["served"] for one in status["functions"].values()}, {None}, "what is served, as far as it knows")
     equal([one["element"] for one in status["latched"]], [_UNUSED], "latched")
     manager.main.command(*(one for _, one in first.hears if not isinstance(one, Lease | Alive | Ping)), manager=126)
-    reigning.lease = first.lease()
+    active_manager.lease = first.lease()
     for name, ran in first.pes.items():
         manager.pes[name].goes_on_as(ran)
     fly(5)
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     equal((status["epoch"], status["unknown_epoch"]), (first.lease().epoch, None), "the epoch in the status, later")
     demand(status["functions"]["elevator"]["served"], "the elevator is served, and it does not know")
     equal(manager.told("advice"), [], "advice where nothing is to be done")
-    reply = manager.obey(FailElement("device:elevator_servo_1"))
+    reply = manager.accept(FailElement("device:elevator_servo_1"))
     demand(reply.done and "only advises" in reply.sentence, f"an order is answered with '{reply.sentence}'")
     fly(5)
     equal(len(manager.told("fault_reported")), 2, "faults, with the one that the operator supposes")

@@ -23,7 +23,7 @@ from lab.conformance.player import MS, demand, equal
 
 
 def _status(manager: ManagerUnderTest) -> dict[str, Any]:
-    status = manager.obey(AskStatus()).status
+    status = manager.accept(AskStatus()).status
     assert status is not None
     return dict(status)
 
@@ -143,7 +143,7 @@ def a_restart_goes_on_with_what_runs() -> None:
         epochs = [one.epoch for _, one in manager.said(Prepare)]
         if not change:
             equal(epochs, [], "epochs after a restart")
-            equal([one.at_leisure for one in manager.asked()], [True], "questions after a restart, at leisure")
+            equal([one.in_background for one in manager.asked()], [True], "questions after a restart, at leisure")
         demand(adopted or min(epochs) > lease.epoch, f"epochs after a restart: {epochs}")
         equal([one["element"] for one in _status(manager)["latched"]], ["device:elevator_servo_2"], "latched")
         demand(manager.lease().step is Step.GO_ALL, f"with {change} it comes to no end")
@@ -175,9 +175,9 @@ def a_restart_remembers_the_phase_and_who_was_failed() -> None:
     """A PE that the operator has failed stays out, and the phase is the one that was entered."""
     first = ManagerUnderTest(example("phases")).flies()
     phases = list(first.spec.phases)
-    first.obey(EnterPhase(phases[1]))
+    first.accept(EnterPhase(phases[1]))
     failed = list(first.pes)[-1]
-    first.obey(FailElement(f"pe:{failed}"))
+    first.accept(FailElement(f"pe:{failed}"))
     first.run(400)
     disk = _copy(first)
     disk.opened()  # a restart before this one has made it short
@@ -207,7 +207,7 @@ def what_is_cleared_at_a_restart_is_started() -> None:
         manager.run(300)
         if clears:
             equal(manager.asked(), [], "plans asked for while somebody is waited for")
-            demand(manager.obey(ClearElement(f"module:{name}")).done, "it cannot be cleared")
+            demand(manager.accept(ClearElement(f"module:{name}")).done, "it cannot be cleared")
         manager.pes["ground"].speaks = is_back
         manager.run(2000)
         demand(bool(manager.said(Prepare)), "no epoch follows")
@@ -216,9 +216,9 @@ def what_is_cleared_at_a_restart_is_started() -> None:
 def a_restart_remembers_what_was_cleared() -> None:
     """A fault that was cleared before the restart is none after it; nor is a quarantine that is over."""
     first = ManagerUnderTest().flies()
-    first.obey(FailElement("device:elevator_servo_2"))
+    first.accept(FailElement("device:elevator_servo_2"))
     first.run(100)
-    first.obey(ClearElement("device:elevator_servo_2"))
+    first.accept(ClearElement("device:elevator_servo_2"))
     tail = first.pes["tail_b"]
     for hold_ms in (200, 400):
         tail.speaks = False
@@ -228,7 +228,7 @@ def a_restart_remembers_what_was_cleared() -> None:
     manager = ManagerUnderTest(disk=_copy(first))
     manager.run(400)
     equal(_status(manager)["latched"], [], "latched after a restart")
-    equal(manager.counts_on(), {"flight", "tail_a", "tail_b"}, "counted on after a restart")
+    equal(manager.has_available(), {"flight", "tail_a", "tail_b"}, "counted on after a restart")
 
 
 def a_plan_that_fits_a_smaller_radio_is_kept() -> None:
@@ -254,10 +254,10 @@ def tables_say_what_the_spec_says() -> None:
     for name in ("demux_actuators", "radio_link", "n_version", "replicated_bus", "phases", "elevator_and_chute"):
         spec = example(name)
         for pe in spec.pes:
-            _judge_table(spec, pe)
+            _verify_table(spec, pe)
 
 
-def _judge_table(spec: Spec, pe: str) -> None:
+def _verify_table(spec: Spec, pe: str) -> None:
     table, own = Compiler(spec).table(pe), spec.pes[pe]
     equal((table.name, table.node_id, table.spec), (pe, own.node_id, spec.name), "whose table it is")
     equal((table.spec_digest, table.cpu_millis), (spec.digest, own.cpu_millis), "its spec and CPU")

@@ -285,7 +285,7 @@ class ManagerUnderTest(UnderTest):
         """Its events of a kind."""
         return [one for one in self.events if one["event"] == event and one["t_ns"] > since_ns]
 
-    def counts_on(self) -> set[str]:
+    def has_available(self) -> set[str]:
         """PEs that its last ALIVE names."""
         nodes = self.said(Alive)[-1][1].nodes
         return {pe.name for pe in self.pes.values() if pe.node in nodes}
@@ -300,7 +300,7 @@ class ManagerUnderTest(UnderTest):
         """What its planner was asked."""
         return self.manager.asked[since:]
 
-    def obey(self, order: Order) -> Reply:
+    def accept(self, order: Order) -> Reply:
         """Give an order; gives the answer."""
         reply = self.manager.say(order)
         demand(reply.status is not None or len(reply.sentence) > 10, f"{order} is answered with '{reply.sentence}'")

@@ -24,8 +24,8 @@ from lab.conformance.pe_under_test import (
     EVERYTHING,
     NEIGHBOUR,
     NODE,
+    PRE_PLANNER,
     SERVO,
-    THINKER,
     PeUnderTest,
     gaps,
     moments,
@@ -149,10 +149,10 @@ def its_objects_name_the_modes() -> None:
     pe = PeUnderTest().attended()
     puppets.pull_all()
     pe.flies(EVERYTHING)
-    for module, mode in ((THINKER, b"fine"), (SERVO, b"only")):
+    for module, mode in ((PRE_PLANNER, b"fine"), (SERVO, b"only")):
         equal(pe.object(MODULE_MODES, module + 1), int.from_bytes(mode, "little"), f"mode of module {module}")
     client = Client(PeUnderTest())
-    answers = client.asks(f"40 {MODULE_MODES.to_bytes(2, 'little').hex()} {THINKER + 1:02x}")
+    answers = client.asks(f"40 {MODULE_MODES.to_bytes(2, 'little').hex()} {PRE_PLANNER + 1:02x}")
     equal([(data[0], data[4:]) for data in answers], [(0x41, bytes(4))], "mode of a module that does not run")
 
 

@@ -46,13 +46,13 @@ from lab.conformance.pe_under_test import (
     LAMP,
     NODE,
     PERIOD_NS,
+    PRE_PLANNER,
     SERVO,
     SERVO_DEVICE,
     TABLE,
-    THINKER,
     PeUnderTest,
-    at_once,
     gaps,
+    immediate,
     moments,
 )
 from lab.conformance.player import MS, demand, equal
@@ -388,7 +388,7 @@ def a_request_is_made_once() -> None:
     began_ns = pe.run(100)
     told = pe.emergencies(began_ns)
     equal({(s.index, s.detail) for _, s in told}, {(1, 1)}, "requests")
-    demand(at_once(told[0][0], asked[0]), "a request is not made at once")
+    demand(immediate(told[0][0], asked[0]), "a request is not made at once")
     pe.main.command(Control(5, NODE, Operation.ACKNOWLEDGE, ElementKind.PHASE, 2))
     began_ns = pe.run(50)
     demand(bool(pe.emergencies(began_ns)), "an answer to another request ends it")
@@ -562,7 +562,7 @@ def what_is_as_old_as_it_may_be_is_fresh() -> None:
     """For three periods of its source, and not for a fourth."""
     pe = PeUnderTest().attended()
     puppets.pull_all()
-    pe.flies(Slice((_GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    pe.flies(Slice((_GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
     puppets.PULLED["gauge"] = puppets.giving()
     pe.run(100)
     puppets.PULLED["gauge"] = puppets.once(puppets.giving(height=50.0))
@@ -575,7 +575,7 @@ def a_reader_waits_for_what_it_reads() -> None:
     """A quarter of its period at most, for a producer that was due just before; then it goes on with what it has."""
     pe = PeUnderTest().attended()
     puppets.pull_all()
-    pe.flies(Slice((_GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
+    pe.flies(Slice((_GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))), publish={HEIGHT: 1, DEMAND: 1}))
     began_ns = pe.run(200)
     heights, demands = moments(pe.data(HEIGHT_ID, began_ns)), moments(pe.data(DEMAND_ID, began_ns))
     demand(len(demands) >= 9, "the reader does not run")
@@ -604,7 +604,7 @@ def a_value_goes_down_a_chain_at_once() -> None:
         return {}
 
     puppets.PULLED["gauge"], puppets.PULLED["lamp"] = climb, look
-    chain = _GAUGE, ModuleSlice(THINKER, 0, (HEIGHT,)), ModuleSlice(LAMP, 0, (DEMAND,))
+    chain = _GAUGE, ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)), ModuleSlice(LAMP, 0, (DEMAND,))
     pe.flies(Slice(chain, publish={HEIGHT: 1, DEMAND: 1}))
     pe.run(500)
     demand(len(seen) >= 4, "the last of the chain does not run")

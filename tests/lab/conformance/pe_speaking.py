@@ -17,8 +17,8 @@ from lab.conformance.pe_under_test import (
     PLACE_NS,
     TABLE,
     PeUnderTest,
-    at_once,
     gaps,
+    immediate,
     moments,
 )
 from lab.conformance.player import MS, SOON_NS, demand, equal
@@ -41,7 +41,7 @@ def it_speaks_at_its_place_in_the_period() -> None:
     for number, (t_ns, page_1) in enumerate(seconds):
         told = (page_1.staged_epoch, page_1.staged_digest, page_1.reason, page_1.load, page_1.state, page_1.flags)
         equal(told, (0, 0, Reason.NONE, 0, PeState.UNCONFIGURED, PeFlags(0)), f"page 1, {number}")
-        demand(at_once(t_ns, pages[10 * number][0]), f"page 1 does not follow page 0 number {10 * number}")
+        demand(immediate(t_ns, pages[10 * number][0]), f"page 1 does not follow page 0 number {10 * number}")
 
 
 def it_counts_to_255_and_on() -> None:
@@ -77,7 +77,7 @@ def its_canopen_heart_beats_once_a_second() -> None:
     demand(all(abs(gap - 1_000 * MS) < SOON_NS for gap in apart), f"CANopen heartbeats are {apart} ns apart")
 
 
-def nmt_is_obeyed_where_nobody_leads() -> None:
+def nmt_is_accepted_where_nobody_leads() -> None:
     """By a PE that runs nothing and hears no LEASE; a reset is a boot-up, and what means nothing changes nothing."""
     pe = PeUnderTest()
     pe.run(30)
@@ -129,7 +129,7 @@ def after_a_pause_it_does_not_make_up_for_beats() -> None:
     times = moments(pe.pages_0(began_ns))
     late_ns = [(t_ns - PLACE_NS) % PERIOD_NS for t_ns in times[1:]]
     demand(all(0 < one < SOON_NS for one in late_ns), f"after a pause pages 0 come {late_ns} ns after their places")
-    demand(at_once(times[0], began_ns + 70 * MS), "after a pause the beat that is due does not come at once")
+    demand(immediate(times[0], began_ns + 70 * MS), "after a pause the beat that is due does not come at once")
     equal(len(times), 1 + 7, "pages 0 in the rest of 200 ms")
 
 

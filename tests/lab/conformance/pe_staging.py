@@ -20,9 +20,9 @@ from lab.conformance.pe_under_test import (
     NOTHING,
     OTHER_HEIGHT,
     PERIOD_NS,
+    PRE_PLANNER,
     SERVO,
     TABLE,
-    THINKER,
     PeUnderTest,
     with_plans_on_board,
 )
@@ -146,13 +146,13 @@ def another_head_begins_anew() -> None:
 
 
 _GAUGE, _LAMP, _SERVO = ModuleSlice(GAUGE, 0, ()), ModuleSlice(LAMP, 0, (DEMAND,)), ModuleSlice(SERVO, 0, (DEMAND,))
-_THINKER = ModuleSlice(THINKER, 0, (HEIGHT,))
+_PRE_PLANNER = ModuleSlice(PRE_PLANNER, 0, (HEIGHT,))
 _COHERENT = (
     Slice((_GAUGE,)),
     Slice((_GAUGE,), publish={HEIGHT: 1}),
     Slice((_LAMP,), remote={DEMAND: NEIGHBOUR}),
     Slice((replace(_LAMP, sources=(None,)),)),
-    Slice((_GAUGE, _THINKER), publish={DEMAND: 1}),
+    Slice((_GAUGE, _PRE_PLANNER), publish={DEMAND: 1}),
     Slice(forward={OTHER_HEIGHT: (NEIGHBOUR, 1)}),
 )
 _INCOHERENT = (
@@ -161,7 +161,7 @@ _INCOHERENT = (
     Slice((replace(_LAMP, sources=(OTHER_HEIGHT,)),), remote={OTHER_HEIGHT: NEIGHBOUR}),  # of another variable
     Slice((_LAMP,), remote={DEMAND: NODE}),  # from itself
     Slice((_LAMP,), remote={DEMAND: 126}),  # from no PE
-    Slice((_GAUGE, _THINKER), remote={DEMAND: NEIGHBOUR}),  # from there and from here
+    Slice((_GAUGE, _PRE_PLANNER), remote={DEMAND: NEIGHBOUR}),  # from there and from here
     Slice((_GAUGE,), remote={99: NEIGHBOUR}),  # a source that there is not
     Slice((_GAUGE,), remote={len(TABLE.sources): NEIGHBOUR}),
     Slice((_GAUGE,), publish={DEMAND: 1}),  # what it does not give
@@ -361,7 +361,7 @@ def page_1_tells_the_load() -> None:
     pe = PeUnderTest().attended()
     for epoch, part, load in (
         (_EPOCH, Slice((_GAUGE,)), 20),
-        (_EPOCH + 1, Slice((_GAUGE, _THINKER)), 40),
+        (_EPOCH + 1, Slice((_GAUGE, _PRE_PLANNER)), 40),
         (_EPOCH + 2, EVERYTHING, 100),
         (_EPOCH + 3, NOTHING, 0),
     ):

@@ -26,13 +26,13 @@ from lab.conformance.pe_under_test import (
     NODE,
     OTHER_HEIGHT_ID,
     PERIOD_NS,
+    PRE_PLANNER,
     SERVO,
     TABLE,
-    THINKER,
     PeUnderTest,
-    at_once,
     datum,
     gaps,
+    immediate,
     moments,
 )
 from lab.conformance.player import MS, demand, equal
@@ -40,7 +40,7 @@ from lab.conformance.player import MS, demand, equal
 _EPOCH, _DIGEST = 17, 0x111111
 _NEXT, _NEXT_DIGEST = 18, 0x222222
 _GAUGE, _SERVO = ModuleSlice(GAUGE, 0, ()), ModuleSlice(SERVO, 0, (DEMAND,))
-_FINE, _COARSE = ModuleSlice(THINKER, 0, (HEIGHT,)), ModuleSlice(THINKER, 1, ())
+_FINE, _COARSE = ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)), ModuleSlice(PRE_PLANNER, 1, ())
 _LAMP, _HELPER = ModuleSlice(LAMP, 0, (DEMAND,)), ModuleSlice(HELPER, 0, ())
 
 
@@ -55,7 +55,7 @@ def _takes(pe: PeUnderTest, epoch: int, step: Step, digest: int, state: PeState)
     pe.run_into_next_period(5)
     pe.activate(epoch, step, digest)
     began_ns = pe.run(1.5)
-    pages = [page for t_ns, page in pe.pages_0(began_ns) if at_once(t_ns, began_ns)]
+    pages = [page for t_ns, page in pe.pages_0(began_ns) if immediate(t_ns, began_ns)]
     equal([(p.state, p.epoch, p.digest) for p in pages], [(state, epoch, digest)], f"after {step.name} it says at once")
 
 
@@ -193,7 +193,7 @@ def a_module_that_can_goes_on_in_another_mode() -> None:
 
 def a_module_that_waits_to_be_built_anew_is_not_carried_over() -> None:
     """It has failed: in the other mode, too, it begins from nothing."""
-    again = tuple(replace(one, restarts=2) if one.index == THINKER else one for one in TABLE.modules)
+    again = tuple(replace(one, restarts=2) if one.index == PRE_PLANNER else one for one in TABLE.modules)
     pe = PeUnderTest(replace(TABLE, modules=again)).attended()
     puppets.pull_all()
     puppets.CHANGES_MODE.add("thinker")
@@ -393,7 +393,7 @@ def after_a_silence_an_alive_must_name_it() -> None:
     demand(bool([t for t in pe.drives if t > began_ns]), "after a silence ALIVE names it, and it does not drive")
 
 
-def who_begins_to_reign_ends_no_doubt() -> None:
+def who_begins_to_mastership_ends_no_doubt() -> None:
     """It counts on whoever it hears, and does not know who was replaced before; once it names what runs, it does."""
     pe = _back_under_another(after_ms=200)
     began_ns = pe.run(90)

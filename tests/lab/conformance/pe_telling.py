@@ -49,7 +49,7 @@ _GATEWAY = replace(TABLE, ports=(MAIN, _FAR_PORT))
 _PAGE = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 1, 0, 0, 0).encode()
 
 
-def what_it_does_not_obey_is_counted() -> None:
+def what_it_does_not_accept_is_counted() -> None:
     """Each once; and what is for others, or means nothing here, is not."""
     pe = PeUnderTest(_GATEWAY).attended()
     pe.flies(Slice((ModuleSlice(LAMP, 0, (DEMAND,)),), remote={DEMAND: NEIGHBOUR}))
@@ -274,7 +274,7 @@ def a_lost_channel_is_told_every_second() -> None:
     pe = PeUnderTest().attended()
     lost = [Emergency(FaultCode.CHANNEL_LOST, 0x11, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
     back = [Emergency(FaultCode.CHANNEL_BACK, 0, ElementKind.CHANNEL, 0, number) for number in (1, 2)]
-    for channels, at_once, later in (
+    for channels, immediate, later in (
         ((1,), [lost[0]], [lost[0]]),
         ((1, 2), [lost[1]], lost),
         ((2,), [back[0]], [lost[1]]),
@@ -284,7 +284,7 @@ def a_lost_channel_is_told_every_second() -> None:
         began_ns = pe.now_ns
         pe.tell(ChannelsLost(0, frozenset(channels)))
         pe.run(2)
-        equal([said for _, said in pe.emergencies(began_ns)], at_once, f"EMCYs when {channels} are lost")
+        equal([said for _, said in pe.emergencies(began_ns)], immediate, f"EMCYs when {channels} are lost")
         began_ns = pe.run(990)
         equal(pe.emergencies(began_ns), [], "EMCYs within a second")
         pe.run(20)

@@ -75,7 +75,7 @@ PLACE_NS = 3 * PERIOD_NS // 34  # of node 95 in the period: (n - 92) / 34 of it
 INCARNATION = 7
 GIVEN_BACK_NS = 5 * MS
 
-GAUGE, SERVO, THINKER, LAMP, HELPER, OTHER = range(6)
+GAUGE, SERVO, PRE_PLANNER, LAMP, HELPER, OTHER = range(6)
 HEIGHT, DEMAND, HELP, OTHER_HEIGHT, CALL = range(5)  # sources
 HEIGHT_ID, DEMAND_ID, HELP_ID, OTHER_HEIGHT_ID, CALL_ID = 322, 1536, 1537, 1538, 1539
 SERVO_DEVICE, RUDDER_DEVICE = 1, 2
@@ -107,7 +107,7 @@ TABLE = PeTable(
         _module(GAUGE, "gauge", _mode("only", 50_000, height=1), device="gauge_sensor"),
         _module(SERVO, "servo", _mode("only", 50_000, _DEMAND_LEAF), device="servo_motor", demux=True),
         _module(
-            THINKER,
+            PRE_PLANNER,
             "thinker",
             _mode("fine", 50_000, LeafEntry("", "height", 1, 1), demand=1),
             _mode("coarse", 25_000, demand=2),
@@ -147,7 +147,7 @@ EVERYTHING = Slice(
     (
         ModuleSlice(GAUGE, 0, ()),
         ModuleSlice(SERVO, 0, (DEMAND,)),
-        ModuleSlice(THINKER, 0, (HEIGHT,)),
+        ModuleSlice(PRE_PLANNER, 0, (HEIGHT,)),
         ModuleSlice(LAMP, 0, (DEMAND,)),
         ModuleSlice(HELPER, 0, ()),
     ),
@@ -415,6 +415,6 @@ def moments(heard: Sequence[tuple[int, object]]) -> list[int]:
     return [one[0] for one in heard]
 
 
-def at_once(t_ns: int, since_ns: int) -> bool:
+def immediate(t_ns: int, since_ns: int) -> bool:
     """Tell whether something followed at once."""
     return since_ns < t_ns <= since_ns + SOON_NS

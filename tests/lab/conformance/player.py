@@ -27,7 +27,7 @@ def begin() -> FrameDigest:
     return _digests[-1]
 
 
-class DrillError(AssertionError):
+class ConformanceError(AssertionError):
     """A node has not done what the protocol says; the message tells what."""
 
 
@@ -110,7 +110,7 @@ class UnderTest:
 def demand(holds: bool, story: str) -> None:
     """Raise DrillError where something does not hold."""
     if not holds:
-        raise DrillError(story)
+        raise ConformanceError(story)
 
 
 def equal(found: object, wanted: object, what: str) -> None:

@@ -31,7 +31,7 @@ from heronry_dg.loader import load
 from heronry_dg.shipped import shipped_spec_path
 from heronry_dg.situation import Situation
 from heronry_manager.core.compilation import Compiler
-from heronry_tools.sim.world.planning import plan_at_once
+from heronry_tools.sim.world.planning import immediate_plan
 from heronry_wire.authentication import KEY_BYTES, Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
@@ -194,7 +194,7 @@ def _prepared(name: str, pe: str) -> tuple[PeTable, list[bytes]]:
     compiler, phase = Compiler(spec), spec.initial_phase()
     table = compiler.table(pe)
     lost = [frozenset[str](), *(frozenset({f"device:{device}"}) for device in spec.devices)]
-    plans = [plan_at_once(spec, Situation(down, {}, phase), None) for down in lost]
+    plans = [immediate_plan(spec, Situation(down, {}, phase), None) for down in lost]
     return table, [b"", *(compiler.configuration(one.configuration).slices[table.node_id] for one in plans)]
 
 

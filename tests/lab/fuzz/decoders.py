@@ -44,7 +44,7 @@ from heronry_manager.shell import control_protocol
 from heronry_manager.shell.journal import recovered, whole_journal, written
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.softbus import protocol as softbus
-from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.fault import read_fault
 from heronry_tools.sim.world.planning import best_plan, plan_ahead
 from heronry_wire.canaerospace import DataType, Datum, decode_data, encode_data
 from heronry_wire.configuration_slice import ModuleSlice, Slice, SliceError, decode_slice
@@ -291,10 +291,10 @@ def _spec(data: bytes) -> None:
         loads(data.decode("utf-8", "replace"), "fuzzed.dg.yaml")
 
 
-def _act(data: bytes) -> None:
+def _fault(data: bytes) -> None:
     with suppress(UserError):
-        act = read_act(spec(), data.decode("utf-8", "replace"))
-        same(act, read_act(spec(), str(act)))
+        fault = read_fault(spec(), data.decode("utf-8", "replace"))
+        same(fault, read_fault(spec(), str(fault)))
 
 
 def _order(data: bytes) -> None:
@@ -377,7 +377,7 @@ DECODERS = (
     _target("journal", _journal, lambda: [_journal_text()]),
     _target("contingencies", _contingencies, lambda: [_contingency_body()]),
     _target("spec", _spec, lambda: [shipped_spec_path("elevator_and_chute").read_bytes()]),
-    _target("act", _act, _just(b"2.013 pause pe:tail_pe for 0.3 in preparing", b"1 loss bus:can0 level 10")),
+    _target("act", _fault, _just(b"2.013 pause pe:tail_pe for 0.3 in preparing", b"1 loss bus:can0 level 10")),
     _target(
         "order",
         _order,

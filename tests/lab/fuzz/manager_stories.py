@@ -28,7 +28,7 @@ from heronry_manager.core.vocabulary import (
     RequestPlan,
     UnlockPe,
 )
-from heronry_tools.sim.world.planning import plan_at_once
+from heronry_tools.sim.world.planning import immediate_plan
 from heronry_wire.authentication import NO_EMERGENCY, Key
 from heronry_wire.frame import Frame
 from heronry_wire.identifiers import (
@@ -74,7 +74,7 @@ def _plan(spec: Spec, asked: RequestPlan) -> Plan:
     """Give the plan that a manager without a solver flies; one question is answered once."""
     question = (spec.digest, asked.now, None if asked.running is None else frozenset(asked.running.items()))
     if question not in _PLANS:
-        _PLANS[question] = plan_at_once(spec, asked.now, asked.running)
+        _PLANS[question] = immediate_plan(spec, asked.now, asked.running)
     return _PLANS[question]
 
 
@@ -218,7 +218,7 @@ def _manager(name: str, key: Key | None, standby: bool, data: bytes) -> None:
         one.tell(story)
 
 
-def _reign(pes: int) -> list[bytes]:
+def _mastership(pes: int) -> list[bytes]:
     """Give a story in which all PEs are heard, a plan is made and deployed, and a PE falls silent."""
     every = range(pes)
     listens, beat = bytes((0, 0, 0x20, 0)), bytes((0, 0, 4, 0))
@@ -237,14 +237,14 @@ def _rival(pes: int) -> list[bytes]:
     """Give a story in which another manager reigns, and falls silent."""
     listens = bytes((0, 0, 1, 0))
     speaks = b"".join(bytes((pe, 12, 1, 0, 0)) for pe in range(pes))
-    deaf = b"".join(bytes((pe, 2, 7, 0, 0, 0)) for pe in range(pes))
-    return [listens + speaks + (bytes((0, 0, 4, 0)) + deaf) * 12]
+    receive_failed = b"".join(bytes((pe, 2, 7, 0, 0, 0)) for pe in range(pes))
+    return [listens + speaks + (bytes((0, 0, 4, 0)) + receive_failed) * 12]
 
 
 STORIES = (
-    Target("manager", partial(_manager, "elevator_and_chute", None, False), partial(_reign, 3)),
-    Target("keyed_manager", partial(_manager, "elevator_and_chute", KEY, False), partial(_reign, 3)),
+    Target("manager", partial(_manager, "elevator_and_chute", None, False), partial(_mastership, 3)),
+    Target("keyed_manager", partial(_manager, "elevator_and_chute", KEY, False), partial(_mastership, 3)),
     Target("standby", partial(_manager, "elevator_and_chute", None, True), partial(_rival, 3)),
     Target("keyed_standby", partial(_manager, "elevator_and_chute", KEY, True), partial(_rival, 3)),
-    Target("radio_manager", partial(_manager, "big_blue", None, False), partial(_reign, 9)),
+    Target("radio_manager", partial(_manager, "big_blue", None, False), partial(_mastership, 9)),
 )

@@ -15,7 +15,7 @@ from heronry_dg import loader
 from heronry_dg.model import Spec
 from heronry_tools.console.spec_argument import spec_path
 
-KINDS = ("drill", "scenario", "sim")
+KINDS = ("conformance", "scenario", "sim")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Flight:
     loss: float = 0.0
 
     def __str__(self) -> str:
-        if self.what == "drill":
+        if self.what == "conformance":
             return f"python -m lab.conformance {self.file}"
         words = ["heronry", self.what, str(self.file)]
         if self.what == "sim":
@@ -57,7 +57,7 @@ class Specs:
 
     def keep(self, flight: Flight, checkout: Path) -> None:
         """Read what a flight will want; drills read what others want, too."""
-        if flight.what == "drill":
+        if flight.what == "conformance":
             return
         name = str(flight.file)
         if flight.what == "scenario":
@@ -80,11 +80,11 @@ class Specs:
 
 def flights(checkout: Path) -> list[Flight]:
     """Give every flight that a mutant has to live through."""
-    from lab.conformance.drills import DRILLS  # noqa: PLC0415
+    from lab.conformance.conformance_tests import CONFORMANCE_TESTS  # noqa: PLC0415
 
-    drills = (Flight("drill", Path(name)) for name in DRILLS)
+    conformance_tests = (Flight("conformance", Path(name)) for name in CONFORMANCE_TESTS)
     scenarios = sorted((checkout / "tests" / "scenarios").glob("*.scenario"))
-    return [*drills, *(Flight("scenario", file.relative_to(checkout)) for file in scenarios), *_drawn()]
+    return [*conformance_tests, *(Flight("scenario", file.relative_to(checkout)) for file in scenarios), *_drawn()]
 
 
 def _drawn() -> Iterator[Flight]:
@@ -103,8 +103,8 @@ def fly(flight: Flight, checkout: Path) -> Landed:
     """Fly it; whatever the flight code dies of is wrong."""
     try:
         match flight.what:
-            case "drill":
-                return _drill(str(flight.file))
+            case "conformance":
+                return _conformance_test(str(flight.file))
             case "scenario":
                 return _fly_scenario(checkout / flight.file)
             case _:
@@ -113,10 +113,10 @@ def fly(flight: Flight, checkout: Path) -> Landed:
         return Landed(f"{type(error).__name__}: {error}".partition("\n")[0][:200])
 
 
-def _drill(name: str) -> Landed:
-    from lab.conformance.drills import drilled  # noqa: PLC0415
+def _conformance_test(name: str) -> Landed:
+    from lab.conformance.conformance_tests import conforms  # noqa: PLC0415
 
-    return Landed(*drilled(name))
+    return Landed(*conforms(name))
 
 
 def _fly_scenario(file: Path) -> Landed:
@@ -131,10 +131,10 @@ def _fly_scenario(file: Path) -> Landed:
 
 def _fly_drawn(flight: Flight, checkout: Path) -> Landed:
     from heronry_dg.loader import load  # noqa: PLC0415
-    from heronry_tools.sim.faults.drawing import drawn_acts  # noqa: PLC0415
+    from heronry_tools.sim.faults.drawing import drawn_faults  # noqa: PLC0415
     from heronry_tools.sim.flight.outcome import Scenario, play  # noqa: PLC0415
 
     spec = load(checkout / flight.file)
-    acts = drawn_acts(spec, flight.seed, flight.seconds, flight.kinds)
-    outcome = play(spec, Scenario(flight.seed, flight.seconds, acts, flight.loss, drawn=True))
+    faults = drawn_faults(spec, flight.seed, flight.seconds, flight.kinds)
+    outcome = play(spec, Scenario(flight.seed, flight.seconds, faults, flight.loss, drawn=True))
     return Landed(str(outcome.violations[0]) if outcome.violations else None, outcome.digest)

@@ -87,7 +87,7 @@ class Trials:
         """Import everything that flies."""
         import coverage  # noqa: F401, PLC0415 - slow, and not for --list
 
-        import lab.conformance.drills  # noqa: F401, PLC0415
+        import lab.conformance.conformance_tests  # noqa: F401, PLC0415
 
         self._checkout, self.flights, self._jobs = checkout, flights, jobs
         self._imports = imports_of_ours()
@@ -109,7 +109,7 @@ class Trials:
     def verdicts(self, mutants: Iterable[Mutant]) -> Iterator[Verdict]:
         """Try every mutant, after the baselines; verdicts come as trials end."""
         gc.freeze()
-        for mutant, report in forked(mutants, self._jobs, self._judge):
+        for mutant, report in forked(mutants, self._jobs, self._assess):
             yield self._verdict(mutant, report)
 
     def runs(self, mutant: Mutant) -> list[Baseline]:
@@ -152,7 +152,7 @@ class Trials:
         for told in (time.process_time() - began_s, landed, lines, pickle.dumps(plans)):
             tell(told)
 
-    def _judge(self, mutant: Mutant, tell: Callable[[object], None]) -> None:
+    def _assess(self, mutant: Mutant, tell: Callable[[object], None]) -> None:
         meeting = self.runs(mutant)
         if not meeting:
             return

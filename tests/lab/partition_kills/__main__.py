@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         campaign.begin()
         progress.begin("kills", arguments.kills)
         for _ in range(arguments.kills):
-            campaign.strike()
+            campaign.inject()
             campaign.rest(random.uniform(0.0, arguments.rest))
             progress.step()
     for (way, became), times in sorted(campaign.became.items()):

@@ -32,7 +32,7 @@ from heronry_manager.shell.control_client import call
 from heronry_tools.console.errors import UserError
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
-from lab.partition_kills.declared import Declared, DeclaredJudge
+from lab.partition_kills.declared import Declared, DeclaredOracle
 
 PATIENCE_S = 60.0
 _WAYS = ("partition killed", "partition hangs", "agent killed")
@@ -52,10 +52,10 @@ class Campaign:
         self._agents = {pe: fleet.start_pe(pe) for pe in spec.pes}
         entries = [entry for pe in spec.pes for entry in Compiler(spec).table(pe).modules]
         self._declared = {entry.name: Declared(entry.partition, entry.restarts) for entry in entries}
-        self._judge = DeclaredJudge(self._declared)
+        self._assess = DeclaredOracle(self._declared)
         self._plan: dict[str, Any] = {}  # the modules that run
         self._planned: dict[str, Any] = {}
-        self._counted_on: set[str] = set()
+        self._available: set[str] = set()
         self._killed: str | None = None
         self._failed: set[str] = set()  # elements
         self._living: _Partitions = {}
@@ -66,7 +66,7 @@ class Campaign:
     @property
     def failures(self) -> list[str]:
         """What went otherwise than declared."""
-        return self._own_failures + self._judge.failures
+        return self._own_failures + self._assess.failures
 
     def begin(self) -> None:
         """Wait until it flies, and its partitions are warm."""
@@ -79,26 +79,26 @@ class Campaign:
         self.lost_unkilled = 0
         self._living = self._partitions()
 
-    def strike(self) -> None:
+    def inject(self) -> None:
         """Do something bad, and see what becomes of it."""
         before = self._partitions()
         self._miss(self._living, before, set(), "while nobody struck any")
         way = self._random.choices(_WAYS, _WEIGHTS)[0]
-        pe = self._random.choice(sorted(self._counted_on) or sorted(self._agents))
+        pe = self._random.choice(sorted(self._available) or sorted(self._agents))
         own = {pid for pid, (agent, _) in before.items() if agent == self._agents[pe]}
         if way == "agent killed" or not own:
-            way, struck = "agent killed", own
+            way, injected = "agent killed", own
             self.became[way, self._kill_agent(pe)] += 1
         else:
             working = {pid for pid in own if self._works(pe, before[pid][1])}
             spare = self._random.random() < _SPARES or not working
             victim = self._random.choice(sorted(own if spare else working))
-            struck = {victim}
+            injected = {victim}
             signal_number = signal.SIGKILL if way == "partition killed" else signal.SIGSTOP
-            self.became[way, self._strike_partition(victim, pe, before[victim][1], signal_number)] += 1
+            self.became[way, self._kill_partition(victim, pe, before[victim][1], signal_number)] += 1
         after = self._partitions()
-        self._miss(before, after, struck, f"{way} on {pe}")
-        self._living = {pid: partition for pid, partition in after.items() if pid not in struck}
+        self._miss(before, after, injected, f"{way} on {pe}")
+        self._living = {pid: partition for pid, partition in after.items() if pid not in injected}
         words = self._fleet.ended()
         if words is not None:
             raise UserError(words)
@@ -113,16 +113,16 @@ class Campaign:
             call(self._fleet.control_socket(), ClearElement(element))
         self._failed -= around
 
-    def _miss(self, before: _Partitions, after: _Partitions, struck: set[int], when: str) -> None:
+    def _miss(self, before: _Partitions, after: _Partitions, injected: set[int], when: str) -> None:
         """Judge who has ended in between."""
         pe_of = {agent: pe for pe, agent in self._agents.items()}
-        for agent, name in (before[pid] for pid in before.keys() - after.keys() - struck):
+        for agent, name in (before[pid] for pid in before.keys() - after.keys() - injected):
             pe = pe_of.get(agent, "?")
             last = self._fleet.last_words(pe)
             self._own_failures.append(f"{when}: partition {name} of {pe} was not struck, and ended; it said: {last}")
 
-    def _strike_partition(self, victim: int, pe: str, name: str, signal_number: int) -> str:
-        self._judge.struck(pe, name, time.monotonic())
+    def _kill_partition(self, victim: int, pe: str, name: str, signal_number: int) -> str:
+        self._assess.injected(pe, name, time.monotonic())
         with suppress(ProcessLookupError):
             os.kill(victim, signal_number)
         end_s = time.monotonic() + PATIENCE_S
@@ -149,7 +149,7 @@ class Campaign:
     def _became_of(self, victim: int, pe: str, name: str, told: set[str]) -> str | None:
         """What has become of a partition that was struck; None while that is not to be seen."""
         if not told:
-            if self._works(pe, name) and pe in self._counted_on:
+            if self._works(pe, name) and pe in self._available:
                 return None
             with suppress(ProcessLookupError):
                 os.kill(victim, signal.SIGCONT)
@@ -170,12 +170,12 @@ class Campaign:
     def _kill_agent(self, pe: str) -> str:
         self._killed = pe
         agent = self._agents[pe]
-        self._judge.agent_killed(pe)
+        self._assess.agent_killed(pe)
         self._fleet.kill_pe(pe)
-        gone = self._comes_true(lambda: pe not in self._counted_on and all(m["pe"] != pe for m in self._plan.values()))
+        gone = self._comes_true(lambda: pe not in self._available and all(m["pe"] != pe for m in self._plan.values()))
         alone = self._comes_true(lambda: agent not in {owner for owner, _ in self._partitions().values()})
         self._agents[pe] = self._fleet.start_pe(pe)
-        back = gone and self._comes_true(lambda: pe in self._counted_on)
+        back = gone and self._comes_true(lambda: pe in self._available)
         self._killed = None
         call(self._fleet.control_socket(), ClearElement(f"pe:{pe}"))  # else each hold-down is longer than the last
         if not alone:
@@ -202,14 +202,14 @@ class Campaign:
     def _note(self, event: dict[str, Any]) -> None:
         match event["event"]:
             case "fault_reported" | "module_restarted" as kind:
-                self._judge.heard(event, time.monotonic())
+                self._assess.heard(event, time.monotonic())
                 if kind == "fault_reported":
                     self._failed.add(event["element"])
             case "pe_lost":
                 self.lost_unkilled += event["pe"] != self._killed
-                self._counted_on.discard(event["pe"])
+                self._available.discard(event["pe"])
             case "pe_joined":
-                self._counted_on.add(event["pe"])
+                self._available.add(event["pe"])
             case "plan_ready":
                 self._planned = event["plan"]["modules"]
             case "reconfigured" | "plan_unchanged":

@@ -37,18 +37,18 @@ class _Count:
     until_s: float
 
 
-class DeclaredJudge:
+class DeclaredOracle:
     """Follows one flight; `failures` are sentences."""
 
     def __init__(self, modules: Mapping[str, Declared]) -> None:
         self._modules = modules
-        self._struck_s: dict[tuple[str, str], float] = {}  # by PE and partition
+        self._injected_s: dict[tuple[str, str], float] = {}  # by PE and partition
         self._counts: dict[tuple[str, str], _Count] = {}  # by PE and module
         self.failures: list[str] = []
 
-    def struck(self, pe: str, partition: str, now_s: float) -> None:
+    def injected(self, pe: str, partition: str, now_s: float) -> None:
         """Somebody kills a partition of a PE, or lets it hang."""
-        self._struck_s[pe, partition] = now_s
+        self._injected_s[pe, partition] = now_s
 
     def agent_killed(self, pe: str) -> None:
         """The next agent of this PE knows nothing of what was."""
@@ -60,7 +60,7 @@ class DeclaredJudge:
         pe, times = event["by"], event.get("times", 0)
         if kind != "module" or self._is_told_again(self._counts.get((pe, module)), times, now_s):
             return
-        if now_s - self._struck_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
+        if now_s - self._injected_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
             self.failures.append(f"{module} failed on {pe}, where nobody had struck it: {_words(event)}")
         if event["event"] == "module_restarted":
             self._restarted(pe, module, times, now_s)

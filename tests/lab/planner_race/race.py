@@ -135,7 +135,7 @@ def work_after(spec: Spec, now: Situation) -> float:
 def _serve(race: Race, spec: Spec, planner: Planner, case: FaultCase, solvers: dict[str, Solver]) -> None:
     """Levels 1 and 2 alone."""
     start = time.process_time()
-    greedy = planner.at_once(case.now, case.running)
+    greedy = planner.immediate(case.now, case.running)
     _note(race, "greedy", time.process_time() - start, greedy.objective.key(), proven=False)
     start = time.process_time()
     served = planner.serve(case.now, case.running)

@@ -4,31 +4,31 @@ import pytest
 
 from lab.conformance import pe_speaking
 from lab.conformance.__main__ import main
-from lab.conformance.drills import DRILLS, drilled
+from lab.conformance.conformance_tests import CONFORMANCE_TESTS, conforms
 from lab.conformance.pe_under_test import PeUnderTest
 
 
-@pytest.mark.parametrize("name", DRILLS)
+@pytest.mark.parametrize("name", CONFORMANCE_TESTS)
 def test_a_node_does_everything_by_the_book(name: str) -> None:
-    wrong, _ = drilled(name)
+    wrong, _ = conforms(name)
     assert wrong is None
 
 
-def test_a_drill_is_the_same_each_time_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_conformance_tests_is_the_same_each_time_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     name = "pe_speaking.it_counts_to_255_and_on"
-    assert drilled(name) == drilled(name) != drilled("pe_speaking.it_answers_a_ping_at_once")
+    assert conforms(name) == conforms(name) != conforms("pe_speaking.it_answers_a_ping_at_once")
     monkeypatch.setattr(pe_speaking, "PeUnderTest", lambda: PeUnderTest(clock_ppm=500_000))
-    wrong, _ = drilled(name)
+    wrong, _ = conforms(name)
     assert wrong is not None
     assert wrong.startswith("DrillError: sequences")
 
 
 def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["pe_obeying", "who_answers_in_time_stays"]) == 0
+    assert main(["pe_accepting", "who_answers_in_time_stays"]) == 0
     assert capsys.readouterr().out == "8 of 8 drills went by the book\n"
     with pytest.raises(SystemExit) as ended:
         main(["nothing_is_named_so"])
     assert ended.value.code == 2
     told = capsys.readouterr().err
-    assert "no drill is named so; name one of these files, or a drill in it: pe_speaking, pe_obeying, " in told
+    assert "no drill is named so; name one of these files, or a drill in it: pe_speaking, pe_accepting, " in told
     assert "." not in told.partition("in it:")[2]

@@ -75,7 +75,7 @@ def test_a_table_that_says_something_else_is_written_anew(tmp_path: Path) -> Non
     assert page.read_text(encoding="utf-8") == PROTOCOL
 
 
-def test_the_sub_rules_are_those_of_the_judge() -> None:
+def test_the_sub_rules_are_those_of_the_verifier() -> None:
     sources = [Path(inspect.getfile(module)).read_text(encoding="utf-8") for module in (verify, gates)]
     named_by_judge = {rule for source in sources for rule in re.findall(r'"(\d\.[a-z_]+)"', source)}
     assert set(re.findall(r"`(\d\.[a-z_]+)`", SEMANTICS)) == named_by_judge

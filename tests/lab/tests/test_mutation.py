@@ -31,7 +31,7 @@ def may(age: int = 0) -> bool:
     turn.emit("nor what an event says", age=age + 1)
     return age + 1 == 3
 '''
-SHORT = Flight("drill", Path("pe_stepping.it_takes_one_step_after_the_other"))
+SHORT = Flight("conformance", Path("pe_stepping.it_takes_one_step_after_the_other"))
 TRY = """
 import pickle, sys
 from pathlib import Path
@@ -39,7 +39,7 @@ from lab.mutation.flights import Flight
 from lab.mutation.survivors import reason
 from lab.mutation.trial import Trials
 
-short = Flight("drill", Path("pe_stepping.it_takes_one_step_after_the_other"))
+short = Flight("conformance", Path("pe_stepping.it_takes_one_step_after_the_other"))
 trials = Trials(Path.cwd(), [short], 1)
 print(*(baseline.landed.wrong for baseline in trials.baselines()))
 verdicts = list(trials.verdicts(pickle.loads(bytes.fromhex(sys.argv[1]))))
@@ -112,7 +112,7 @@ def test_a_number_with_which_nothing_could_be_shown_is_refused(option: str) -> N
 
 
 def test_killers_that_there_are_not_are_refused() -> None:
-    with pytest.raises(UserError, match="--killers drills: name some of drill, scenario, sim"):
+    with pytest.raises(UserError, match="--killers drills: name some of conformance, scenario, sim"):
         main(["--seed", "1", "--killers", "drills"])
 
 

@@ -90,11 +90,11 @@ def _planned(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, C
 def _given(spec: "Spec", arguments: argparse.Namespace) -> "tuple[Situation, Configuration]":
     from heronry_dg.plan import read_configuration  # noqa: PLC0415
     from heronry_dg.verify import verify  # noqa: PLC0415
-    from heronry_tools.console.plan_argument import errors_name, judged_in, read_text  # noqa: PLC0415
+    from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text  # noqa: PLC0415
 
     text = read_text(arguments.plan)
     with errors_name(arguments.plan):
-        now, configuration = judged_in(spec, text, arguments), read_configuration(text)
+        now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     for violation in verify(spec, now, configuration):
         if violation.rule.startswith(("1.", "2.")):
             raise UserError(f"{arguments.plan}: {violation}; what such a plan sends cannot be told")

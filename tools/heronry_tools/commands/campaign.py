@@ -71,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     with crew(jobs_of(arguments), arguments.scheduler) as executor:
         outcomes = sweep(spec, scope, executor).outcomes
     surveys = survey(spec, scope, outcomes)
-    judged = [(one, offences(spec, one, outcomes)) for one in required]
+    assessed = [(one, offences(spec, one, outcomes)) for one in required]
     if arguments.html is not None:
-        write_whole(arguments.html, html_page(spec, scope, surveys, judged).encode())
-    sys.stdout.write((json_report if arguments.json else text_report)(spec, scope, surveys, judged))
-    return 1 if any(broken for _, broken in judged) else 0
+        write_whole(arguments.html, html_page(spec, scope, surveys, assessed).encode())
+    sys.stdout.write((json_report if arguments.json else text_report)(spec, scope, surveys, assessed))
+    return 1 if any(broken for _, broken in assessed) else 0

@@ -18,7 +18,7 @@ from heronry_tools.console.errors import UserError
 from heronry_wire.errors import HeronryError
 
 if TYPE_CHECKING:
-    from heronry_dg.check.judge import Choice, Judged
+    from heronry_dg.check.assess import Assessed, Choice
 
 _FORMATS: Final = ("full", "concise", "json", "github", "sarif", "junit")
 _STDIN: Final = "<stdin>"
@@ -93,14 +93,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
     choice = _choice(arguments)
     try:
-        judged = [_judged(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
+        assessed = [_assessed(name, path, choice, fast=arguments.fast) for name, path in _files(arguments.paths)]
         with _defects_of("the report"):
-            report = _report(_told(judged, quiet=arguments.quiet), judged, arguments)
+            report = _report(_told(assessed, quiet=arguments.quiet), assessed, arguments)
     except _DefectError as defect:
         print(f"heronry: {defect}", file=sys.stderr)
         return 3
     _write(report, arguments.output)
-    return int(any(finding.severity is Severity.ERROR for one in judged for finding in one.findings))
+    return int(any(finding.severity is Severity.ERROR for one in assessed for finding in one.findings))
 
 
 class _DefectError(Exception):
@@ -108,7 +108,7 @@ class _DefectError(Exception):
 
 
 def _choice(arguments: argparse.Namespace) -> "Choice":
-    from heronry_dg.check.judge import Choice  # noqa: PLC0415
+    from heronry_dg.check.assess import Choice  # noqa: PLC0415
     from heronry_dg.rules.rule import Severity  # noqa: PLC0415
     from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
 
@@ -159,8 +159,8 @@ def _shipped(text: str) -> Path | None:
     return shipped_spec_path(text) if not Path(text).exists() and text in shipped_spec_names() else None
 
 
-def _judged(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "Judged":
-    from heronry_dg.check.judge import Judged, judge  # noqa: PLC0415
+def _assessed(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "Assessed":
+    from heronry_dg.check.assess import Assessed, assess  # noqa: PLC0415
     from heronry_dg.findings import Findings  # noqa: PLC0415
     from heronry_dg.loader import read_file  # noqa: PLC0415
     from heronry_dg.yaml_source import MOST_BYTES  # noqa: PLC0415
@@ -169,9 +169,9 @@ def _judged(name: str, path: Path | None, choice: "Choice", *, fast: bool) -> "J
     findings = Findings(name)
     data = sys.stdin.buffer.read(MOST_BYTES + 1) if path is None else read_file(path, findings)
     if data is None:
-        return Judged(name, tuple(findings))
+        return Assessed(name, tuple(findings))
     with _defects_of(name):
-        return judge(data, name, checks_of(fast=fast), RULES, choice)
+        return assess(data, name, checks_of(fast=fast), RULES, choice)
 
 
 @contextmanager
@@ -190,12 +190,12 @@ def _defects_of(what: str) -> Iterator[None]:
         raise _DefectError(f"{what}: {said}; this is a defect of heronry: please report it with the file") from error
 
 
-def _told(judged: "Sequence[Judged]", *, quiet: bool) -> "Sequence[Judged]":
+def _told(assessed: "Sequence[Assessed]", *, quiet: bool) -> "Sequence[Assessed]":
     """What the report tells of: everything, or errors alone."""
-    return [one.errors_alone() for one in judged] if quiet else judged
+    return [one.errors_alone() for one in assessed] if quiet else assessed
 
 
-def _report(told: "Sequence[Judged]", judged: "Sequence[Judged]", arguments: argparse.Namespace) -> str:
+def _report(told: "Sequence[Assessed]", assessed: "Sequence[Assessed]", arguments: argparse.Namespace) -> str:
     from heronry_dg.check import text_report  # noqa: PLC0415
 
     form = arguments.output_format or ("github" if os.environ.get("GITHUB_ACTIONS") else "full")
@@ -204,11 +204,11 @@ def _report(told: "Sequence[Judged]", judged: "Sequence[Judged]", arguments: arg
             return text_report.concise(told)
         case "full":
             colour = arguments.output is None and sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-            return f"{text_report.full(told, colour=colour)}{text_report.summary(judged)}\n"
+            return f"{text_report.full(told, colour=colour)}{text_report.summary(assessed)}\n"
     return _machine_report(told, form)
 
 
-def _machine_report(told: "Sequence[Judged]", form: str) -> str:
+def _machine_report(told: "Sequence[Assessed]", form: str) -> str:
     from heronry_dg.check import machine_reports  # noqa: PLC0415 - XML is slow to import
     from heronry_tools.analysis.check.registry import RULES  # noqa: PLC0415
 

@@ -80,10 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
-    from heronry_tools.runtime.doctor.computer import judge_computer, knows_can  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.computer import assess_computer, knows_can  # noqa: PLC0415
     from heronry_tools.runtime.doctor.finding import Finding  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.interface import judge_interface  # noqa: PLC0415
-    from heronry_tools.runtime.doctor.listening import judge_channels, judge_digests, judge_hearing  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.interface import assess_interface  # noqa: PLC0415
+    from heronry_tools.runtime.doctor.listening import assess_channels, assess_digests, assess_hearing  # noqa: PLC0415
     from heronry_wire.bus_arguments import channel_configs, channels_named, flagged_bus  # noqa: PLC0415
     from heronry_wire.bus_opening import LinkError, open_bus  # noqa: PLC0415
     from heronry_wire.can_interface import read_interface  # noqa: PLC0415
@@ -91,7 +91,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
     expected = None if arguments.spec is None else _expected(arguments.spec)
     flags = {key: value for key, value in flagged_bus(arguments).items() if value is not None}
     is_socketcan = flags.get("interface") == "socketcan"
-    yield from judge_computer(needs_can=is_socketcan)
+    yield from assess_computer(needs_can=is_socketcan)
     channels = channels_named(flags) if expected is None else expected.channels
     buses: dict[str, Opened] = {}
     with ExitStack() as stack:
@@ -99,7 +99,7 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
             name = str(config.get("channel", "can0"))
             if config.get("interface") == "socketcan" and knows_can():
                 bitrate = None if expected is None else expected.bitrate
-                found = list(judge_interface(name, read_interface(name), bitrate))
+                found = list(assess_interface(name, read_interface(name), bitrate))
                 yield from found
                 if not found[0].is_right:
                     continue
@@ -114,13 +114,13 @@ def _findings(arguments: argparse.Namespace) -> Iterator["Finding"]:
             return
         heard = _listen(buses, arguments.seconds, None if expected is None else expected.heartbeat_ns)
         digests = _digests(next(iter(buses.values())).bus, sorted(heard.incarnations))
-    yield from judge_hearing(heard, expected, arguments.seconds)
+    yield from assess_hearing(heard, expected, arguments.seconds)
     if len(buses) > 1:
-        yield judge_channels(heard, expected)
+        yield assess_channels(heard, expected)
     if digests is None:
         yield Finding("tables", "no PE was asked for its spec: canopen is not installed", _INSTALL_CANOPEN)
     else:
-        yield from judge_digests(digests, expected)
+        yield from assess_digests(digests, expected)
 
 
 def _expected(text: str) -> "Expected":

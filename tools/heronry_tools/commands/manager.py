@@ -75,6 +75,6 @@ def add_parsers(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Reign until stopped; returns 0, or 1 where the manager had to end by itself."""
-    from heronry_tools.runtime.manager_process import reign  # noqa: PLC0415 - loads everything
+    from heronry_tools.runtime.manager_process import mastership  # noqa: PLC0415 - loads everything
 
-    return reign(arguments)
+    return mastership(arguments)

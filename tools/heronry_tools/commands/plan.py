@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from heronry_tools.console.errors import UserError
-from heronry_tools.console.plan_argument import errors_name, judged_in, read_text
+from heronry_tools.console.plan_argument import errors_name, evaluated_in, read_text
 
 if TYPE_CHECKING:
     from heronry_dg.configuration import Configuration
@@ -185,7 +185,7 @@ def run_verify(arguments: argparse.Namespace) -> int:
     spec = load_spec(arguments.spec)
     text = read_text(arguments.plan)
     with errors_name(arguments.plan):
-        now, configuration = judged_in(spec, text, arguments), read_configuration(text)
+        now, configuration = evaluated_in(spec, text, arguments), read_configuration(text)
     violations = verify(spec, now, configuration)
     for violation in violations:
         print(violation)

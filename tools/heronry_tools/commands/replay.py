@@ -63,14 +63,14 @@ def run(arguments: argparse.Namespace) -> int:
     from heronry_tools.console.spec_argument import load_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.another_spec import of_another_spec  # noqa: PLC0415
     from heronry_tools.sim.replay.comparison import compared  # noqa: PLC0415
-    from heronry_tools.sim.replay.recording import on_the_managers_bus, read_recording, reigns  # noqa: PLC0415
+    from heronry_tools.sim.replay.recording import is_active, on_the_managers_bus, read_recording  # noqa: PLC0415
     from heronry_tools.sim.replay.rerun import Planners, Rerun  # noqa: PLC0415
     from heronry_tools.sim.world.planning import prepared_with  # noqa: PLC0415
 
     spec = load_spec(arguments.spec)
     frames, no_frames = read_recording(arguments.recording)
     on_the_bus = _as_proven(spec, on_the_managers_bus(spec, frames, arguments.channel), arguments)
-    found = reigns(spec, on_the_bus)
+    found = is_active(spec, on_the_bus)
     if not found:
         proof = "" if arguments.key is None else f" that {arguments.key} proves"
         raise UserError(f"no manager speaks in {arguments.recording}: there is no LEASE to begin from{proof}")
@@ -79,16 +79,18 @@ def run(arguments: argparse.Namespace) -> int:
             f"{arguments.recording} begins in the middle of a reign, epoch {found[0].epoch} of term {found[0].term}: "
             "record from before the manager starts"
         )
-    is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(reign.calls_by_number() for reign in found)
+    is_silent = arguments.contingencies is Ahead.SINGLE_FAULTS and not any(
+        mastership.calls_by_number() for mastership in found
+    )
     made = None if is_silent else contingencies_of(spec, arguments.contingencies)
     planners = Planners(spec, prepared_with(spec, made))
     comparisons = []
-    for reign in found:
-        rerun = Rerun(planners, reign)
+    for mastership in found:
+        rerun = Rerun(planners, mastership)
         rerun.run()
-        why = of_another_spec(spec, reign, planners.ahead.tables.values())
+        why = of_another_spec(spec, mastership, planners.ahead.tables.values())
         rerun.remarks += [] if why is None else [why]
-        comparisons.append(compared(reign, rerun))
+        comparisons.append(compared(mastership, rerun))
     if arguments.json:
         print(json.dumps(_document(spec.name, no_frames, comparisons), indent=2))
     else:
@@ -117,11 +119,11 @@ def _print(comparisons: "list[Comparison]", no_frames: int) -> None:
     if no_frames:
         print(f"{no_frames} lines are no frames\n")
     for comparison in comparisons:
-        reign = comparison.reign
-        print(f"manager {reign.node}, term {reign.term}: {len(reign.heard)} frames heard")
+        mastership = comparison.mastership
+        print(f"manager {mastership.node}, term {mastership.term}: {len(mastership.heard)} frames heard")
         for entry in comparison.entries:
             text = _decision(entry) if isinstance(entry, Compared) else _remark(entry)
-            print(f"{(entry.t_ns - reign.first_ns) / 1e9:10.3f} s  {text}")
+            print(f"{(entry.t_ns - mastership.first_ns) / 1e9:10.3f} s  {text}")
         print(f"{_verdict(comparison)}\n")
 
 
@@ -147,8 +149,8 @@ def _document(spec: str, no_frames: int, comparisons: "list[Comparison]") -> dic
         "lines_that_are_no_frames": no_frames,
         "reigns": [
             {
-                "manager": comparison.reign.node,
-                "term": comparison.reign.term,
+                "manager": comparison.mastership.node,
+                "term": comparison.mastership.term,
                 "decisions": comparison.decisions(),
                 "differences": comparison.differences(),
                 "entries": [_entry(entry) for entry in comparison.entries],

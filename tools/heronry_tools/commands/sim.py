@@ -23,7 +23,7 @@ from heronry_tools.sim.faults.bounds import LONGEST_S, read_share, written_share
 
 if TYPE_CHECKING:
     from heronry_dg.model import Spec
-    from heronry_tools.sim.faults.fault import Act
+    from heronry_tools.sim.faults.fault import Fault
     from heronry_tools.sim.flight.outcome import Outcome, Scenario
 
 _DEFAULT_S = 5.0
@@ -141,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenario"]:
-    from heronry_tools.sim.faults.drawing import drawn_acts  # noqa: PLC0415
+    from heronry_tools.sim.faults.drawing import drawn_faults  # noqa: PLC0415
     from heronry_tools.sim.faults.fault import KINDS, over_s, possible_targets  # noqa: PLC0415
     from heronry_tools.sim.flight.outcome import Scenario  # noqa: PLC0415
 
@@ -150,19 +150,19 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         raise UserError(f"--kind {unknown[0]}: there is no such fault; there is {', '.join(KINDS)}")
     idle = [kind for kind in arguments.kind if not possible_targets(spec, kind)]
     if idle:
-        what = KINDS[idle[0]].strikes.replace("_", " ")
+        what = KINDS[idle[0]].injections.replace("_", " ")
         raise UserError(f"--kind {idle[0]}: {spec.name} has no {what} that it could strike")
-    given = _given_acts(spec, arguments)
+    given = _given_faults(spec, arguments)
     needed_s = over_s(given)
     asked_s = max(_DEFAULT_S, needed_s + 1 if given else 0) if arguments.seconds is None else arguments.seconds
     for seed in range(arguments.seed, arguments.seed + arguments.runs):
         keyed = arguments.keyed or (not given and seed // 2 % _KEYED_EVERY == 0)
-        acts = given or drawn_acts(spec, seed, asked_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
+        faults = given or drawn_faults(spec, seed, asked_s, arguments.kind, of_two=arguments.standby, keyed=keyed)
         foreseen = 1 if arguments.foreseen is None and not given and seed % 2 else arguments.foreseen
         yield Scenario(
             seed,
             max(asked_s, needed_s),
-            acts,
+            faults,
             arguments.loss,
             drawn=not given,
             keyed=keyed,
@@ -171,29 +171,29 @@ def _scenarios(spec: "Spec", arguments: argparse.Namespace) -> Iterator["Scenari
         )
 
 
-def _given_acts(spec: "Spec", arguments: argparse.Namespace) -> tuple["Act", ...]:
+def _given_faults(spec: "Spec", arguments: argparse.Namespace) -> tuple["Fault", ...]:
     from heronry_tools.runtime.demo.script import read_script  # noqa: PLC0415
-    from heronry_tools.sim.faults.fault import MANAGER, Act, is_one_of_two, read_act  # noqa: PLC0415
+    from heronry_tools.sim.faults.fault import MANAGER, Fault, is_one_of_two, read_fault  # noqa: PLC0415
 
     seats = {text: text.partition("@") for text in arguments.kill if is_one_of_two(text.partition("@")[0])}
     texts = [*arguments.act, *(f"{at} manager_crash {seat}" for seat, _, at in seats.values())]
     if arguments.acts is not None:
         texts += _lines_of(arguments.acts)
-    acts = [read_act(spec, text) for text in texts]
-    absent = [act for act in acts if is_one_of_two(act.target)]
+    faults = [read_fault(spec, text) for text in texts]
+    absent = [fault for fault in faults if is_one_of_two(fault.target)]
     if absent and not arguments.standby:
         raise UserError(f"'{absent[0]}': there is one manager; name it 'manager', or add --standby for two")
     script = read_script(spec, [text for text in arguments.kill if text not in seats], arguments.restore)
-    for position, act in enumerate(script):
-        if act.what == "kill":
-            ends = [later.at_s for later in script[position + 1 :] if later.pe == act.pe][:1]
-            lasts_ms = max(1, round(1000 * (ends[0] - act.at_s))) if ends else 0
-            kind, target = ("manager_crash", MANAGER) if act.pe == MANAGER else ("crash", f"pe:{act.pe}")
-            acts.append(Act(round(1000 * act.at_s), kind, target, lasts_ms))
-    endless = [act for act in acts if act.over_ms > 1000 * LONGEST_S]
+    for position, fault in enumerate(script):
+        if fault.what == "kill":
+            ends = [later.at_s for later in script[position + 1 :] if later.pe == fault.pe][:1]
+            lasts_ms = max(1, round(1000 * (ends[0] - fault.at_s))) if ends else 0
+            kind, target = ("manager_crash", MANAGER) if fault.pe == MANAGER else ("crash", f"pe:{fault.pe}")
+            faults.append(Fault(round(1000 * fault.at_s), kind, target, lasts_ms))
+    endless = [fault for fault in faults if fault.over_ms > 1000 * LONGEST_S]
     if endless:
         raise UserError(f"'{endless[0]}' is longer than a flight may be; let it be over after {LONGEST_S} seconds")
-    return tuple(sorted(acts))
+    return tuple(sorted(faults))
 
 
 def _lines_of(file: Path) -> list[str]:
@@ -223,7 +223,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     from heronry_tools.sim.flight.shrink import shrunk  # noqa: PLC0415
 
     def fly(scenario: "Scenario") -> "Outcome":
-        show_line(f"seed {scenario.seed}: trying {len(scenario.acts)} acts")
+        show_line(f"seed {scenario.seed}: trying {len(scenario.faults)} acts")
         return play(spec, scenario)
 
     least = shrunk(outcome, fly)
@@ -239,7 +239,7 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     lines += ["keyed"] if scenario.keyed else []
     lines += ["standby"] if scenario.standby else []
     lines += [] if scenario.foreseen is None else [f"contingencies {scenario.foreseen}"]
-    lines += map(_line, scenario.acts)
+    lines += map(_line, scenario.faults)
     end_ms = math.ceil(1000 * scenario.seconds)
     text = "\n".join([*why, *lines, f"end {end_ms / 1000:.10g}s", ""])
     file = Path(f"{spec.name}-seed-{scenario.seed}.scenario")
@@ -253,9 +253,9 @@ def _shrink(spec: "Spec", arguments: argparse.Namespace, outcome: "Outcome") -> 
     return least
 
 
-def _line(act: "Act") -> str:
+def _line(fault: "Fault") -> str:
     """An act as a scenario file has it."""
-    at, *words = str(act).split()
+    at, *words = str(fault).split()
     return " ".join(
         [f"at {at}s", *(f"{word}s" if before == "for" else word for before, word in pairwise(["", *words]))]
     )
@@ -263,9 +263,9 @@ def _line(act: "Act") -> str:
 
 def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
     scenario = outcome.scenario
-    acts = ", ".join(map(str, scenario.acts))
+    faults = ", ".join(map(str, scenario.faults))
     end = f"{outcome.virtual_ns / 1e9:.1f} s, {outcome.frames} frames, digest {outcome.digest}"
-    lines = [f"seed {scenario.seed}: {acts or 'nothing is done'} ({end})"]
+    lines = [f"seed {scenario.seed}: {faults or 'nothing is done'} ({end})"]
     for told in outcome.reconfigurations if arguments.runs == 1 else ():
         times = "  ".join(f"{name} {ns / 1e6:6.1f}" for name, ns in told["times_ns"].items())
         lines.append(f"  {told['t_ns'] / 1e9:8.3f} s  epoch {told['epoch']:<4} {times} ms  {told['causes'][-1]}")
@@ -278,7 +278,7 @@ def _lines(arguments: argparse.Namespace, outcome: "Outcome") -> list[str]:
 def _document(arguments: argparse.Namespace, outcome: "Outcome") -> dict[str, Any]:
     return {
         "seed": outcome.scenario.seed,
-        "acts": [str(act) for act in outcome.scenario.acts],
+        "acts": [str(fault) for fault in outcome.scenario.faults],
         "virtual_ns": outcome.virtual_ns,
         "frames": outcome.frames,
         "digest": outcome.digest,
@@ -296,7 +296,7 @@ def _replay(arguments: argparse.Namespace, scenario: "Scenario") -> str:
     if scenario.drawn:
         words += [word for kind in arguments.kind for word in ("--kind", kind)]
     else:
-        words += [word for act in scenario.acts for word in ("--act", str(act))]
+        words += [word for fault in scenario.faults for word in ("--act", str(fault))]
     words += ["--keyed"] if scenario.keyed else []
     words += ["--standby"] if scenario.standby else []
     words += [] if scenario.foreseen is None else ["--foreseen", str(scenario.foreseen)]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from heronry_dg.situation import Situation
 
 
-def judged_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
+def evaluated_in(spec: "Spec", plan: str, arguments: argparse.Namespace) -> "Situation":
     """Take the situation from the plan, and from the options what they say."""
     from heronry_dg.plan import read_situation  # noqa: PLC0415
     from heronry_dg.situation import Situation, situation  # noqa: PLC0415

@@ -38,7 +38,7 @@ from heronry_wire.service_manager import ServiceManager
 PRE_PLANNER_NICENESS = 10  # planning ahead may wait: PEs on the same computer, as in the demo, may not
 
 
-def reign(arguments: argparse.Namespace) -> int:
+def mastership(arguments: argparse.Namespace) -> int:
     """Run a manager; gives 0, or 1 where it had to end by itself."""
     spec = load_spec(arguments.spec)
     key = None if arguments.key is None else read_key(arguments.key)

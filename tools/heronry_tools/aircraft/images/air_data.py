@@ -43,7 +43,7 @@ class PressureVoter(Module):
         if not heard:
             return {}
         voted_hpa = self._voted(list(heard.values()))
-        self._judge(heard, voted_hpa)
+        self._assess(heard, voted_hpa)
         self._last_hpa = voted_hpa
         return {"static_pressure": voted_hpa}
 
@@ -53,7 +53,7 @@ class PressureVoter(Module):
         last_hpa = self._last_hpa
         return min(heard, key=lambda pressure: abs(pressure - last_hpa))
 
-    def _judge(self, heard: Mapping[str, float], voted_hpa: float) -> None:
+    def _assess(self, heard: Mapping[str, float], voted_hpa: float) -> None:
         complete = len(heard) == len(_CHANNELS) and self._steps > self._patience
         for channel in _CHANNELS:
             odd = complete and _differ(heard[channel], voted_hpa)

@@ -38,17 +38,17 @@ def faults_of(spec: Spec, made: Contingencies, executor: Executor | None) -> lis
         if executor is None:
             found = []
             for part in parts:
-                found.append(judged(spec, part))
+                found.append(assessed(spec, part))
                 progress.step(len(part))
         else:
-            under_way = [executor.submit(judged, spec, part) for part in parts]
+            under_way = [executor.submit(assessed, spec, part) for part in parts]
             for done in as_completed(under_way):
                 progress.step(len(parts[under_way.index(done)]))
             found = [one.result() for one in under_way]
     return [sentence for sentences in found for sentence in sentences]
 
 
-def judged(spec: Spec, entries: list[Entry]) -> list[str]:
+def assessed(spec: Spec, entries: list[Entry]) -> list[str]:
     """Judge some entries."""
     return [f"{entry.what}: {wrong}" for entry in entries for wrong in _wrong(spec, entry)]
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from heronry_dg.model import Spec
 from heronry_manager.planner.sweep import Scope
-from heronry_tools.analysis.campaign.report import Judged
+from heronry_tools.analysis.campaign.report import Assessed
 from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
 
 _WIDTH: Final = 420
@@ -37,7 +37,7 @@ svg .mean { stroke: var(--mean); stroke-width: 2; fill: none; }
 """
 
 
-def html_page(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: Judged) -> str:
+def html_page(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
     """Write the page."""
     title = escape(f"{spec.name}: what survives up to {scope.faults} faults")
     covered = (
@@ -49,18 +49,18 @@ def html_page(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: 
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>\n{_STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>",
         f'<p class="faint">{covered}</p>',
-        *_requirements(judged),
+        *_requirements(assessed),
         *(line for one in surveys for line in _phase(one)),
         "</body>\n</html>\n",
     ]
     return "\n".join(parts)
 
 
-def _requirements(judged: Judged) -> Iterator[str]:
-    if not judged:
+def _requirements(assessed: Assessed) -> Iterator[str]:
+    if not assessed:
         return
     yield "<h2>Required</h2>\n<ul>"
-    for requirement, broken in judged:
+    for requirement, broken in assessed:
         if not broken:
             yield f'<li>{escape(requirement.text)}: <span class="good">holds</span></li>'
             continue

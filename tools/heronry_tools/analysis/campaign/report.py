@@ -8,19 +8,19 @@ from heronry_manager.planner.sweep import Scope
 from heronry_tools.analysis.campaign.requirements import Offence, Requirement
 from heronry_tools.analysis.campaign.survey import Grade, PhaseSurvey, Range
 
-Judged = Sequence[tuple[Requirement, list[Offence]]]
+Assessed = Sequence[tuple[Requirement, list[Offence]]]
 _OFFENCES_SHOWN = 20
 
 
-def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: Judged) -> str:
+def text_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
     """Write tables, one paragraph a phase, and what became of the requirements."""
     kinds = f"up to {scope.faults} faults of {len(scope.elements)} elements"
     lines = [f"{spec.name}: {kinds}, {scope.set_count()} fault sets in each phase"]
     for one in surveys:
         lines += ["", *_phase_lines(one)]
-    if judged:
+    if assessed:
         lines.append("")
-    for requirement, broken in judged:
+    for requirement, broken in assessed:
         lines += _requirement_lines(requirement, broken)
     return "\n".join(lines) + "\n"
 
@@ -69,7 +69,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
         yield "  ".join(text.ljust(width) for text, width in zip(row, [*widths, 0], strict=True)).rstrip()
 
 
-def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged: Judged) -> str:
+def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], assessed: Assessed) -> str:
     """Write everything for another program."""
     document = {
         "spec": spec.name,
@@ -85,7 +85,7 @@ def json_report(spec: Spec, scope: Scope, surveys: Sequence[PhaseSurvey], judged
                     {"phase": one.phase, "down": sorted(one.down), "functions": list(one.functions)} for one in broken
                 ],
             }
-            for requirement, broken in judged
+            for requirement, broken in assessed
         ],
     }
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"

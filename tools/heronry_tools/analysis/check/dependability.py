@@ -156,10 +156,10 @@ def _bound_together(spec: Spec) -> dict[str, str]:
 def _room_to_separate(spec: Spec, findings: Findings, place: Place, group: Sequence[str]) -> None:
     placed: dict[str, str] = {}  # PE -> module
     homed = [name for name in group if homes(spec, name)]
-    at_once = sum(_placed(spec, name, placed, set()) for name in homed)
-    if at_once < len(homed):
+    immediate = sum(_placed(spec, name, placed, set()) for name in homed)
+    if immediate < len(homed):
         named = listed(f"'{name}'" for name in homed)
-        sentence = f"of {named} at most {at_once} can run at once on PEs of their own"
+        sentence = f"of {named} at most {immediate} can run at once on PEs of their own"
         findings.add(rules.SEPARATE_WITHOUT_ROOM, place, sentence, ", ".join(_where(spec, name) for name in homed))
 
 

@@ -14,7 +14,7 @@ from typing import Final
 
 from heronry_dg.check import graph as graph_check
 from heronry_dg.check import wire as wire_check
-from heronry_dg.check.judge import Check
+from heronry_dg.check.assess import Check
 from heronry_dg.check.subject import Subject
 from heronry_dg.findings import Findings
 from heronry_dg.rules import file, graph, schema, wire

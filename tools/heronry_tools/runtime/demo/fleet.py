@@ -126,7 +126,7 @@ class Fleet:
         """Where a manager listens to its operator."""
         return self.folder / f"manager-{node}.sock"
 
-    def reigning(self) -> int:
+    def active_manager(self) -> int:
         """Node of the manager that reigns, as it says itself: on a busy computer the standby may have taken over."""
         if len(self._managers) > 1:
             for node in self._managers:
@@ -138,7 +138,7 @@ class Fleet:
 
     def kill_manager(self, node: int | None = None) -> int:
         """Kill a manager with SIGKILL, or the one that reigns; gives its process number."""
-        process = self._managers.pop(self.reigning() if node is None else node)
+        process = self._managers.pop(self.active_manager() if node is None else node)
         process.kill()
         process.wait()
         for stream in (process.stdin, process.stdout):
@@ -149,7 +149,7 @@ class Fleet:
     def order(self, order: Order, place: str) -> None:
         """Give an order to the manager that reigns; raises UserError, which names the place, where it refuses."""
         try:
-            answer = call(self.control_socket(self.reigning()), order)
+            answer = call(self.control_socket(self.active_manager()), order)
         except ControlError as error:
             raise UserError(f"{place}: {error}") from None
         if not answer.done:

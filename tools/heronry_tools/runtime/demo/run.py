@@ -21,7 +21,7 @@ from heronry_tools.runtime.demo.buses import BusChoice
 from heronry_tools.runtime.demo.ear import Ear
 from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet
-from heronry_tools.runtime.demo.script import MANAGER, Act, PhaseAct, default_acts
+from heronry_tools.runtime.demo.script import MANAGER, Fault, PhaseAction, default_actions
 from heronry_tools.runtime.witness import Witness
 from heronry_wire.frame import LoggedFrame, format_log_line
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER
@@ -39,7 +39,7 @@ class Show:
 
     def __init__(self, spec: Spec, fleet: Fleet, choices: Mapping[str, BusChoice], tell: Tell) -> None:
         self._spec, self._fleet, self._choices, self._tell = spec, fleet, choices, tell
-        self._acts: list[Act | PhaseAct] = []
+        self._faults: list[Fault | PhaseAction] = []
         self._seconds = 0.0
         self._witness = Witness(spec)
         self._told: set[tuple[str, int, bool]] = set()
@@ -51,9 +51,9 @@ class Show:
         self._managers: dict[int, EventStream] = {}  # by node
         self._mute = False
 
-    def run(self, acts: Sequence[Act | PhaseAct], seconds: float, record: IO[str] | None) -> int:
+    def run(self, faults: Sequence[Fault | PhaseAction], seconds: float, record: IO[str] | None) -> int:
         """Play these acts for that long; gives 0 if at the end all that the plan serves is heard on the bus."""
-        self._acts, self._seconds = list(acts), seconds
+        self._faults, self._seconds = list(faults), seconds
         with ExitStack() as stack:
             ears = {n: stack.enter_context(Ear(choice, self._spec.buses[n])) for n, choice in self._choices.items()}
             for choice in self._choices.values():
@@ -64,7 +64,7 @@ class Show:
                     channel=choice.channel,
                     models=choice.describe(),
                 )
-            has_standby = any(isinstance(act, Act) and act.pe == MANAGER for act in acts)
+            has_standby = any(isinstance(fault, Fault) and fault.pe == MANAGER for fault in faults)
             self._events = EventStream(self._fleet.start_manager(standby=has_standby))
             self._managers[FIRST_MANAGER] = self._events
             if has_standby:
@@ -83,7 +83,7 @@ class Show:
                 self._follow(one)
             for name, ear in ears.items():
                 self._watch(name, ear, record)
-            self._act()
+            self._fault()
             self._look()
             words = self._fleet.ended()
             if words is not None:
@@ -103,9 +103,9 @@ class Show:
         return 0.0 if self._start_ns is None else (time.monotonic_ns() - self._start_ns) / 1e9
 
     def _wait_s(self) -> float:
-        if self._start_ns is None or not self._acts:
+        if self._start_ns is None or not self._faults:
             return _LOOK_S
-        return max(0.0, min(_LOOK_S, self._acts[0].at_s - self._show_s()))
+        return max(0.0, min(_LOOK_S, self._faults[0].at_s - self._show_s()))
 
     def _follow(self, one: dict[str, Any]) -> None:
         self._mute = self._mute and one["event"] != "taken_over"  # a standby tells what the manager has told already
@@ -127,7 +127,7 @@ class Show:
                     self._pending = None
                 if self._start_ns is None:
                     self._start_ns = one["t_ns"]
-                    self._acts = self._acts or [*default_acts(self._plan)]
+                    self._faults = self._faults or [*default_actions(self._plan)]
             case _:
                 pass
 
@@ -138,21 +138,21 @@ class Show:
             if record is not None:
                 record.write(format_log_line(LoggedFrame(int(seconds * 1e6) * 1000, name, frame)) + "\n")
 
-    def _act(self) -> None:
-        while self._start_ns is not None and self._acts and self._acts[0].at_s <= self._show_s():
-            act = self._acts.pop(0)
-            if isinstance(act, PhaseAct):
-                self._fleet.order(EnterPhase(act.phase), f"--phase {act.phase}")
-            elif act.pe == MANAGER:
+    def _fault(self) -> None:
+        while self._start_ns is not None and self._faults and self._faults[0].at_s <= self._show_s():
+            fault = self._faults.pop(0)
+            if isinstance(fault, PhaseAction):
+                self._fleet.order(EnterPhase(fault.phase), f"--phase {fault.phase}")
+            elif fault.pe == MANAGER:
                 self._kill_manager()
-            elif act.what == "kill":
-                self._emit("process", pe=act.pe, pid=self._fleet.kill_pe(act.pe), what="killed")
+            elif fault.what == "kill":
+                self._emit("process", pe=fault.pe, pid=self._fleet.kill_pe(fault.pe), what="killed")
             else:
-                self._emit("process", pe=act.pe, pid=self._fleet.start_pe(act.pe), what="restored")
+                self._emit("process", pe=fault.pe, pid=self._fleet.start_pe(fault.pe), what="restored")
 
     def _kill_manager(self) -> None:
         """Kill the one that reigns, and follow the other one from where it takes over."""
-        victim = self._fleet.reigning()
+        victim = self._fleet.active_manager()
         self._emit("process", pe=MANAGER, pid=self._fleet.kill_manager(victim), what="killed")
         del self._managers[victim]
         (self._events,), self._mute = self._managers.values(), True

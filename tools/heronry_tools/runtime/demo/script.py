@@ -16,7 +16,7 @@ _PHASE_PATTERN = re.compile(r"(?P<phase>[^@]+)@(?P<seconds>\d{1,6}(\.\d{1,9})?)"
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Act:
+class Fault:
     """One act: seconds after the start of the show (the first configuration runs), what, and to which PE or MANAGER."""
 
     at_s: float
@@ -25,51 +25,53 @@ class Act:
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class PhaseAct:
+class PhaseAction:
     """The operator's word: a mission phase, so many seconds after the start of the show."""
 
     at_s: float
     phase: str
 
 
-def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAct]:
+def read_phases(spec: Spec, texts: list[str]) -> list[PhaseAction]:
     """Phases in order of time; raises UserError for what cannot be read or does not exist."""
-    return sorted(_phase_act(spec, text) for text in texts)
+    return sorted(_phase_action(spec, text) for text in texts)
 
 
-def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Act]:
+def read_script(spec: Spec, kills: list[str], restores: list[str]) -> list[Fault]:
     """Acts in order of time; raises UserError for what cannot be read, does not exist or cannot be done then."""
-    acts = [_act(spec, "kill", text) for text in kills] + [_act(spec, "restore", text) for text in restores]
+    faults = [_fault(spec, "kill", text) for text in kills] + [_fault(spec, "restore", text) for text in restores]
     running = {*spec.pes, MANAGER}
-    for act in sorted(acts):
-        if (act.what == "kill") != (act.pe in running):
-            state = "runs" if act.pe in running else "does not run"
-            element = act.pe if act.pe == MANAGER else f"pe:{act.pe}"
-            raise UserError(f"--{act.what} {element}@{act.at_s:g}: {act.pe} {state} then; kill and restore in turn")
-        running ^= {act.pe}
-    return sorted(acts)
+    for fault in sorted(faults):
+        if (fault.what == "kill") != (fault.pe in running):
+            state = "runs" if fault.pe in running else "does not run"
+            element = fault.pe if fault.pe == MANAGER else f"pe:{fault.pe}"
+            raise UserError(
+                f"--{fault.what} {element}@{fault.at_s:g}: {fault.pe} {state} then; kill and restore in turn"
+            )
+        running ^= {fault.pe}
+    return sorted(faults)
 
 
-def default_acts(plan: Mapping[str, Any]) -> list[Act]:
+def default_actions(plan: Mapping[str, Any]) -> list[Fault]:
     """Acts of a demo that was given none: the PE that runs most modules is killed, and comes back."""
     runs = Counter(module["pe"] for module in plan.get("modules", {}).values())
     if not runs:
         return []
     busiest = max(runs, key=lambda pe: (runs[pe], pe))
-    return [Act(4.0, "kill", busiest), Act(9.0, "restore", busiest)]
+    return [Fault(4.0, "kill", busiest), Fault(9.0, "restore", busiest)]
 
 
-def _phase_act(spec: Spec, text: str) -> PhaseAct:
+def _phase_action(spec: Spec, text: str) -> PhaseAction:
     match = _PHASE_PATTERN.fullmatch(text)
     if match is None:
         raise UserError(f"--phase {text}: write it as NAME@SECONDS, for example --phase landing@4")
     try:
-        return PhaseAct(float(match["seconds"]), checked_phase(spec, match["phase"]))
+        return PhaseAction(float(match["seconds"]), checked_phase(spec, match["phase"]))
     except UnknownElementError as error:
         raise UserError(f"--phase {text}: {error}") from None
 
 
-def _act(spec: Spec, what: Literal["kill", "restore"], text: str) -> Act:
+def _fault(spec: Spec, what: Literal["kill", "restore"], text: str) -> Fault:
     match = _PATTERN.fullmatch(text)
     if match is None:
         example = f"for example pe:{next(iter(spec.pes))}@4 or manager@4"
@@ -77,9 +79,9 @@ def _act(spec: Spec, what: Literal["kill", "restore"], text: str) -> Act:
     if match["element"] == MANAGER and what == "restore":
         raise UserError(f"--restore {text}: a manager that was killed stays dead here, and the standby reigns")
     if match["element"] == MANAGER:
-        return Act(float(match["seconds"]), what, MANAGER)
+        return Fault(float(match["seconds"]), what, MANAGER)
     try:
         element = checked_element(spec, match["element"])
     except UnknownElementError as error:
         raise UserError(f"--{what} {text}: {error}") from None
-    return Act(float(match["seconds"]), what, element.removeprefix("pe:"))
+    return Fault(float(match["seconds"]), what, element.removeprefix("pe:"))

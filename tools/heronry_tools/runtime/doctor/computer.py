@@ -11,7 +11,7 @@ _NEEDED = ("heronry", "python-can")
 _WELCOME = ("canopen",)  # an extra
 
 
-def judge_computer(*, needs_can: bool) -> Iterator[Finding]:
+def assess_computer(*, needs_can: bool) -> Iterator[Finding]:
     """Findings about software; `needs_can`: whether the bus asked for is SocketCAN."""
     found = {name: _version(name) for name in (*_NEEDED, *_WELCOME)}
     told = ", ".join(f"{name} {number}" for name, number in found.items() if number is not None)

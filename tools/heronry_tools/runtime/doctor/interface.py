@@ -11,7 +11,7 @@ LEAST_QUEUE = 10  # frames: Linux' own default for a controller
 _ACTIVE_BELOW = 96  # of an error counter: then the controller is in ERROR-WARNING (ISO 11898-1)
 
 
-def judge_interface(name: str, interface: CanInterface | None, bitrate: int | None) -> Iterator[Finding]:
+def assess_interface(name: str, interface: CanInterface | None, bitrate: int | None) -> Iterator[Finding]:
     """Findings about an interface; `bitrate` is that of the spec's bus, in bit/s, where one is known."""
     if interface is None:
         make = f"ip link add {name} type vcan && ip link set {name} up" if name.startswith("vcan") else "ip link"
@@ -25,10 +25,10 @@ def judge_interface(name: str, interface: CanInterface | None, bitrate: int | No
         yield Finding("interface", f"{name} is down", _up(interface, bitrate))
     else:
         yield Finding("interface", f"{name} is up ({interface.kind or 'CAN'})")
-        yield from _judge_controller(interface, bitrate)
+        yield from _assess_controller(interface, bitrate)
 
 
-def _judge_controller(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
+def _assess_controller(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name = interface.name
     if interface.queue_length < LEAST_QUEUE:
         says = f"{name} queues {interface.queue_length} frames: others' tools will be refused (ENOBUFS)"
@@ -38,16 +38,16 @@ def _judge_controller(interface: CanInterface, bitrate: int | None) -> Iterator[
     if interface.restart_ms is None:
         yield Finding("controller", f"{name} has no controller: no bit rate, no errors, no bus-off")
         return
-    yield _judge_bitrate(interface, bitrate)
+    yield _assess_bitrate(interface, bitrate)
     if interface.restart_ms == 0:
         says = f"Linux leaves {name} bus-off for ever; where its driver cannot restart it, let pe-agent do so"
         yield Finding("restart", says, f"ip link set {name} down && {_up(interface, bitrate)}")
     else:
         yield Finding("restart", f"Linux restarts {name} {interface.restart_ms} ms after bus-off")
-    yield from _judge_errors(interface, bitrate)
+    yield from _assess_errors(interface, bitrate)
 
 
-def _judge_bitrate(interface: CanInterface, bitrate: int | None) -> Finding:
+def _assess_bitrate(interface: CanInterface, bitrate: int | None) -> Finding:
     name, own = interface.name, interface.bitrate
     if own is None:
         return Finding("bit rate", f"the driver of {name} does not tell its bit rate")
@@ -57,7 +57,7 @@ def _judge_bitrate(interface: CanInterface, bitrate: int | None) -> Finding:
     return Finding("bit rate", f"{name} runs at {own} bit/s" + (", as the spec says" if bitrate is not None else ""))
 
 
-def _judge_errors(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
+def _assess_errors(interface: CanInterface, bitrate: int | None) -> Iterator[Finding]:
     name, state = interface.name, interface.state
     look = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
     if state is ControllerState.BUS_OFF:

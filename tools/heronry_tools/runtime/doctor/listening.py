@@ -79,11 +79,11 @@ class Hearing:
         self._offset_ns = offset_ns
 
 
-def judge_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
+def assess_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> Iterator[Finding]:
     """Findings about what was heard in so many seconds."""
-    yield _judge_traffic(heard, seconds)
-    yield _judge_managers(heard)
-    yield from _judge_nodes(heard, expected)
+    yield _assess_traffic(heard, seconds)
+    yield _assess_managers(heard)
+    yield from _assess_nodes(heard, expected)
     if heard.clock_step_ns > CLOCK_STEP_NS:
         says = f"the clock of this computer was set by {heard.clock_step_ns / 1e6:.0f} ms: frames seem older or newer"
         yield Finding("clock", says, "timedatectl set-ntp true   (and start the nodes when the time is right)")
@@ -91,7 +91,7 @@ def judge_hearing(heard: Hearing, expected: Expected | None, seconds: float) -> 
         yield Finding("clock", "the clock of this computer was not set meanwhile")
 
 
-def judge_channels(heard: Hearing, expected: Expected | None) -> Finding:
+def assess_channels(heard: Hearing, expected: Expected | None) -> Finding:
     """Finding about a replicated bus: whether everybody who is heard is heard on both channels."""
     names = {} if expected is None else expected.pes
     everybody = set().union(*heard.on_channel.values())
@@ -106,7 +106,7 @@ def judge_channels(heard: Hearing, expected: Expected | None) -> Finding:
     return Finding("channels", f"everybody is heard on {' and on '.join(heard.on_channel)}")
 
 
-def _judge_traffic(heard: Hearing, seconds: float) -> Finding:
+def _assess_traffic(heard: Hearing, seconds: float) -> Finding:
     told = "".join(f", {kind} {times}" for kind, times in sorted(heard.errors.items()))
     if heard.is_bus_off or heard.errors:
         remedy = "look at termination (120 ohm at both ends), wiring, and the bit rate of every node"
@@ -118,18 +118,18 @@ def _judge_traffic(heard: Hearing, seconds: float) -> Finding:
     return Finding("bus", f"{heard.frames} frames in {seconds:g} s, without errors")
 
 
-def _judge_managers(heard: Hearing) -> Finding:
-    reigns = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
+def _assess_managers(heard: Hearing) -> Finding:
+    is_active = ", ".join(f"{node} (term {term})" for node, term in sorted(heard.terms.items()))
     if not heard.terms:
         return Finding("manager", "no manager is heard", "heronry manager SPEC -i socketcan -c can0")
     if len(heard.terms) > 1:
         return Finding(
-            "manager", f"two managers reign: {reigns}", "systemctl stop heronry-manager@SPEC   (on one of them)"
+            "manager", f"two managers reign: {is_active}", "systemctl stop heronry-manager@SPEC   (on one of them)"
         )
-    return Finding("manager", f"one manager reigns: {reigns}")
+    return Finding("manager", f"one manager reigns: {is_active}")
 
 
-def _judge_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]:
+def _assess_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]:
     names = {} if expected is None else expected.pes
     for node, seen in sorted(heard.incarnations.items()):
         if len(seen) > len(set(seen)):  # one, another, and the first again: no single computer does that
@@ -149,7 +149,7 @@ def _judge_nodes(heard: Hearing, expected: Expected | None) -> Iterator[Finding]
         yield Finding("nodes", f"heard: {told}")
 
 
-def judge_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
+def assess_digests(digests: dict[int, str | None], expected: Expected | None) -> Iterator[Finding]:
     """Findings about the spec that each PE says its table is of; None where it did not answer."""
     silent = [str(node) for node, digest in digests.items() if digest is None]
     if silent:

@@ -118,7 +118,7 @@ class Hub:
         if port.receive is None:
             problem = self._welcome(port, record, descriptors)
         elif is_command(record):
-            problem = self._obey(port, record)
+            problem = self._accept(port, record)
         else:
             problem = self._take_offer(port, record)
         if problem is not None:
@@ -142,7 +142,7 @@ class Hub:
             os.close(descriptor)
         return Malformed(problem)
 
-    def _obey(self, port: Port, record: bytes) -> Malformed | None:
+    def _accept(self, port: Port, record: bytes) -> Malformed | None:
         match decode_command(record):
             case {"do": "filters", "filters": None}:
                 port.set_filters(None)

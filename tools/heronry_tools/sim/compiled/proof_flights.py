@@ -10,7 +10,7 @@ from pathlib import Path
 
 from heronry_dg.loader import load
 from heronry_dg.shipped import example_specs, shipped_spec_names, shipped_spec_path
-from heronry_tools.sim.faults.drawing import drawn_acts
+from heronry_tools.sim.faults.drawing import drawn_faults
 from heronry_tools.sim.flight.outcome import Scenario, play
 
 _SECONDS = 2.0
@@ -22,9 +22,9 @@ def main() -> None:
     for file, seeds in _flights():
         spec = load(file)
         for seed, of_two in product(range(seeds), (False, True)):
-            acts = drawn_acts(spec, seed, _SECONDS, of_two=of_two, keyed=of_two)
+            faults = drawn_faults(spec, seed, _SECONDS, of_two=of_two, keyed=of_two)
             loss = _LOSS if seed % 2 else 0.0
-            scenario = Scenario(seed, _SECONDS, acts, loss, drawn=True, keyed=of_two, standby=of_two)
+            scenario = Scenario(seed, _SECONDS, faults, loss, drawn=True, keyed=of_two, standby=of_two)
             outcome = play(spec, scenario)
             print(spec.name, seed, outcome.frames, outcome.digest, *outcome.violations)
 

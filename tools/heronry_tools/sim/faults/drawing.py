@@ -24,10 +24,10 @@ from collections.abc import Sequence
 from random import Random
 
 from heronry_dg.model import Spec
-from heronry_tools.sim.faults.fault import KINDS, MANAGER, Act, drawn_kinds, possible_targets
+from heronry_tools.sim.faults.fault import KINDS, MANAGER, Fault, drawn_kinds, possible_targets
 
-_ACTS_PER_S = 0.4
-_FEWEST_ACTS = 3
+_FAULTS_PER_S = 0.4
+_FEWEST_FAULTS = 3
 _MOST_FOR_GOOD = 4
 _KIND_THERE = 0.5
 _WAITS_FOR_STATE = 0.92
@@ -45,21 +45,21 @@ _WHICH_MANAGER = (MANAGER, MANAGER, "primary", "standby")
 _MANAGERS_MORE = 2  # times as often as anything else
 _LATCHED_MORE = 3  # since mostly there is nothing to clear
 _KEYED_MORE = 4  # since few flights have a key
-_END_OF_REIGN = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
+_END_OF_MASTERSHIP = (("manager_crash", (150, 900)), ("manager_pause", (150, 500)), ("manager_cut", (150, 600)))
 _SILENCES = (("crash", (200, 900)), ("cut", (70, 400)))
 _LEADS = (*_SILENCES, ("reboot", (1, 60)))  # which is over before anybody waits for it
 _LEADS_APART_MS = 1200  # before a second one, where the first has not led there
 _BY_DEMUX = 0.7  # of what leads to "activating", where a DEMUX can
 _LOST_AFTER_MS = 200  # who is cut off, by then
-_CUT_ACROSS_REIGNS_MS = (300, 900)
-_BETWEEN_REIGNS_MS = (100, 300)
+_CUT_ACROSS_MASTERSHIPS_MS = (300, 900)
+_BETWEEN_MASTERSHIPS_MS = (100, 300)
 _MANAGERS_ALONE = 0.05  # of the seeds: their silence must stop nobody
 _LAST = 0.9  # of the chaos: what strikes later would be healed at once
 
 
-def drawn_acts(
+def drawn_faults(
     spec: Spec, seed: int, seconds: float, kinds: Sequence[str] = (), *, of_two: bool = False, keyed: bool = False
-) -> tuple[Act, ...]:
+) -> tuple[Fault, ...]:
     """Draw the acts of a seed, of these kinds or of whichever the seed likes; times are in whole milliseconds.
 
     of_two: there are two managers. keyed: they and the PEs have a key.
@@ -71,23 +71,23 @@ def drawn_acts(
     ] or ["crash"]
     alone = not kinds and random.random() < _MANAGERS_ALONE
     if alone:
-        swarm = [name for name in there if KINDS[name].strikes == MANAGER]
+        swarm = [name for name in there if KINDS[name].injections == MANAGER]
     weights = [random.choice((1, 1, 2, 5)) * _more_often(name, of_two=of_two) for name in swarm]
-    acts: set[Act] = set()
+    faults: set[Fault] = set()
     for_good = 0
-    count = max(_FEWEST_ACTS, round(_ACTS_PER_S * seconds))
+    count = max(_FEWEST_FAULTS, round(_FAULTS_PER_S * seconds))
     for name in random.choices(swarm, weights, k=count):
-        act = _drawn_act(random, name, there[name], seconds)
-        if not act.lasts_ms and KINDS[name].for_good:
+        fault = _drawn_fault(random, name, there[name], seconds)
+        if not fault.lasts_ms and KINDS[name].for_good:
             for_good += 1
             if for_good > _MOST_FOR_GOOD:
                 continue
-        acts.add(act)
-        if act.during == "orphaned":
-            acts.add(_ending_reign(random, act.at_ms, of_two=of_two))
-        elif act.during not in ("", "idle") and not alone:
-            acts.update(_leading_there(random, spec, act))
-    return tuple(sorted(acts))
+        faults.add(fault)
+        if fault.during == "orphaned":
+            faults.add(_ending_mastership(random, fault.at_ms, of_two=of_two))
+        elif fault.during not in ("", "idle") and not alone:
+            faults.update(_leading_there(random, spec, fault))
+    return tuple(sorted(faults))
 
 
 def _kinds_there(spec: Spec, kinds: Sequence[str], *, of_two: bool) -> dict[str, list[str]]:
@@ -100,7 +100,13 @@ def _more_often(name: str, *, of_two: bool) -> int:
     kind = KINDS[name]
     if _is_for_keyed(name, of_two=of_two):
         return _KEYED_MORE
-    return _LATCHED_MORE if kind.strikes == "latched" else _MANAGERS_MORE if of_two and kind.strikes == MANAGER else 1
+    return (
+        _LATCHED_MORE
+        if kind.injections == "latched"
+        else _MANAGERS_MORE
+        if of_two and kind.injections == MANAGER
+        else 1
+    )
 
 
 def _is_for_keyed(name: str, *, of_two: bool) -> bool:
@@ -108,31 +114,31 @@ def _is_for_keyed(name: str, *, of_two: bool) -> bool:
     return KINDS[name].of_keyed and not (of_two and KINDS[name].of_two)
 
 
-def _ending_reign(random: Random, at_ms: int, *, of_two: bool) -> Act:
+def _ending_mastership(random: Random, at_ms: int, *, of_two: bool) -> Fault:
     """Draw what leaves the PEs without a manager, until the other one takes over or this one is back."""
-    kind, lasts_ms = random.choice([end for end in _END_OF_REIGN if of_two or KINDS[end[0]].drawn])
-    return Act(at_ms, kind, MANAGER, random.randint(*lasts_ms))
+    kind, lasts_ms = random.choice([end for end in _END_OF_MASTERSHIP if of_two or KINDS[end[0]].drawn])
+    return Fault(at_ms, kind, MANAGER, random.randint(*lasts_ms))
 
 
-def _leading_there(random: Random, spec: Spec, act: Act) -> list[Act]:
+def _leading_there(random: Random, spec: Spec, fault: Fault) -> list[Fault]:
     """Draw losses, and returns, that make the protocol work while an act waits."""
-    others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != act.target] or [f"pe:{pe}" for pe in spec.pes]
-    if act.during != "activating":
-        return [_loss(random, act.at_ms, others, _SILENCES if act.during == "suspect" else _LEADS)]
+    others = [f"pe:{pe}" for pe in spec.pes if f"pe:{pe}" != fault.target] or [f"pe:{pe}" for pe in spec.pes]
+    if fault.during != "activating":
+        return [_loss(random, fault.at_ms, others, _SILENCES if fault.during == "suspect" else _LEADS)]
     rivals = [pe for pe in others if pe in _rivals(spec)]
     if rivals and random.random() < _BY_DEMUX:
-        return [_loss(random, act.at_ms + later_ms, rivals, _LEADS) for later_ms in (0, _LEADS_APART_MS)]
-    lost_ms = act.at_ms + _LOST_AFTER_MS
+        return [_loss(random, fault.at_ms + later_ms, rivals, _LEADS) for later_ms in (0, _LEADS_APART_MS)]
+    lost_ms = fault.at_ms + _LOST_AFTER_MS
     return [
-        Act(act.at_ms, "cut", random.choice(others), random.randint(*_CUT_ACROSS_REIGNS_MS)),
-        Act(lost_ms, "manager_crash", MANAGER, random.randint(*_BETWEEN_REIGNS_MS)),
+        Fault(fault.at_ms, "cut", random.choice(others), random.randint(*_CUT_ACROSS_MASTERSHIPS_MS)),
+        Fault(lost_ms, "manager_crash", MANAGER, random.randint(*_BETWEEN_MASTERSHIPS_MS)),
     ]
 
 
-def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Act:
+def _loss(random: Random, at_ms: int, pes: Sequence[str], leads: Sequence[tuple[str, tuple[int, int]]]) -> Fault:
     """Draw which of these PEs is lost, and how."""
     kind, lasts_ms = random.choice(leads)
-    return Act(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
+    return Fault(at_ms, kind, random.choice(pes), random.randint(*lasts_ms))
 
 
 def _rivals(spec: Spec) -> set[str]:
@@ -145,7 +151,7 @@ def _rivals(spec: Spec) -> set[str]:
     return rivals
 
 
-def _drawn_act(random: Random, name: str, targets: list[str], seconds: float) -> Act:
+def _drawn_fault(random: Random, name: str, targets: list[str], seconds: float) -> Fault:
     kind = KINDS[name]
     shortest, longest = kind.lasts_ms
     at_ms = random.randrange(max(1, round(1000 * _LAST * seconds)))
@@ -153,4 +159,4 @@ def _drawn_act(random: Random, name: str, targets: list[str], seconds: float) ->
     if random.random() < kind.for_good:
         lasts_ms = 0
     during = random.choices(list(_AIM), list(_AIM.values()))[0] if random.random() < _WAITS_FOR_STATE else ""
-    return Act(at_ms, name, random.choice(targets), lasts_ms, during, random.choice(kind.levels))
+    return Fault(at_ms, name, random.choice(targets), lasts_ms, during, random.choice(kind.levels))

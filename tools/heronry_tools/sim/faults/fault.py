@@ -74,7 +74,7 @@ _TEXT = re.compile(
 class Kind:
     """A kind of fault."""
 
-    strikes: (
+    injections: (
         str  # pe, gateway, module, device, bus, main_bus (the manager's), far_bus (others), channel, twin_pe, manager,
         # element (that the operator may fail), latched, phase
     )
@@ -248,7 +248,7 @@ LEVELS: Mapping[str, tuple[int, int]] = {
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Act:
+class Fault:
     """One fault: not before `at_ms`, for `lasts_ms` (0: for good, or in an instant)."""
 
     at_ms: int
@@ -276,7 +276,7 @@ class Act:
         return self.target.partition(":")[2]
 
 
-def read_act(spec: Spec, text: str) -> Act:
+def read_fault(spec: Spec, text: str) -> Fault:
     """Read one act; raises UserError."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
@@ -294,14 +294,14 @@ def read_act(spec: Spec, text: str) -> Act:
     if not lowest <= level <= highest:
         bounds = f"a level from {lowest} to {highest}: {kind.tells}" if highest else "no level; leave it out"
         raise UserError(f"'{text}': {match['kind']} has {bounds}")
-    return Act(
+    return Fault(
         _ms(match["at"]), match["kind"], match["target"], _ms(match["lasts"] or "0"), match["during"] or "", level
     )
 
 
-def over_s(acts: Iterable[Act]) -> float:
+def over_s(faults: Iterable[Fault]) -> float:
     """Give the seconds after which all of these acts are over."""
-    return max((act.over_ms for act in acts), default=0) / 1000
+    return max((fault.over_ms for fault in faults), default=0) / 1000
 
 
 def is_one_of_two(target: str) -> bool:
@@ -336,10 +336,10 @@ def possible_targets(spec: Spec, kind: str) -> list[str]:
         "element": {"pe": pes, "device": list(spec.devices), "module": modules, "bus": far_buses},
         "phase": {"phase": list(spec.phases)},
     }
-    strikes = KINDS[kind].strikes
-    if strikes not in names:
-        return [EVERYTHING if strikes == "latched" else MANAGER]
-    return [f"{kind}:{name}" for kind, there in names[strikes].items() for name in there]
+    injections = KINDS[kind].injections
+    if injections not in names:
+        return [EVERYTHING if injections == "latched" else MANAGER]
+    return [f"{kind}:{name}" for kind, there in names[injections].items() for name in there]
 
 
 def replicated_bus(spec: Spec, pe: str) -> str | None:

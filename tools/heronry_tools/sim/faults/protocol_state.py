@@ -80,7 +80,7 @@ class ProtocolState:
             self._returning.clear()
         self._moved()
 
-    def reigned(self, *, by_somebody: bool) -> None:
+    def had_mastership(self, *, by_somebody: bool) -> None:
         """Some manager reigns now, or nobody does."""
         if self._is_orphaned is by_somebody:
             self._is_orphaned = not by_somebody

@@ -61,7 +61,7 @@ class Coverage:
         """Expect whatever is drawn for a spec; of_two: in flights with two managers."""
         self.hits: Counter[tuple[str, str]] = Counter()
         self.entered: Counter[str] = Counter()
-        self._unjudged_ns: Counter[str] = Counter()
+        self._unverified_ns: Counter[str] = Counter()
         self._flown_ns = 0
         self._kinds = drawn_kinds(spec, of_two=of_two, keyed=True)
 
@@ -69,20 +69,20 @@ class Coverage:
         """Count one flight."""
         self.hits += outcome.hits
         self.entered += outcome.entered
-        self._unjudged_ns += outcome.unjudged
+        self._unverified_ns += outcome.unverified
         self._flown_ns += outcome.virtual_ns
 
-    def unjudged(self) -> dict[str, float]:
+    def unverified(self) -> dict[str, float]:
         """Share of the time in which a rule was not judged, in per cent, the largest first."""
-        return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unjudged_ns.most_common()}
+        return {rule: round(100 * ns / self._flown_ns, 2) for rule, ns in self._unverified_ns.most_common()}
 
     def cells(self) -> dict[tuple[str, str], int]:
         """Hits of every cell that can be reached: the kind has something to strike, and the state was entered.
 
         Nobody can give an order while no manager reigns.
         """
-        struck = {kind for kind, _ in self.hits}
-        kinds = [*self._kinds, *(kind for kind in KINDS if kind in struck and kind not in self._kinds)]
+        injected = {kind for kind, _ in self.hits}
+        kinds = [*self._kinds, *(kind for kind in KINDS if kind in injected and kind not in self._kinds)]
         cells = [(kind, state) for kind in kinds for state in self._states()]
         orders = {kind for kind in kinds if KINDS[kind].is_order}
         return {cell: self.hits[cell] for cell in cells if cell[1] != ORPHANED or cell[0] not in orders}
@@ -97,7 +97,7 @@ class Coverage:
         thin = sorted((count, kind, state) for (kind, state), count in self._thin().items())
         least = "".join(f"; {kind} in {state}: {count}" for count, kind, state in thin[:3])
         lines.append(f"{len(thin)} of {len(cells)} cells have fewer than {ENOUGH} strikes{least}")
-        shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unjudged().items())
+        shares = ", ".join(f"{rule} {share:g}%" for rule, share in self.unverified().items())
         return [*lines, f"not judged, of the time: {shares}"] if shares else lines
 
     def document(self) -> dict[str, Any]:
@@ -108,7 +108,7 @@ class Coverage:
             "entered": {state: self.entered[state] for state in STATES},
             "enough": ENOUGH,
             "thin": len(self._thin()),
-            "unjudged_percent": self.unjudged(),
+            "unjudged_percent": self.unverified(),
         }
 
     def _thin(self) -> dict[tuple[str, str], int]:

@@ -6,31 +6,31 @@ aircraft is left alone until all is well, or for longer than that may take (`ora
 
 from collections.abc import Iterable
 
-from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.silence import stopped_by_silence
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.sansio import InvariantError
 
 
-def end_flight(simulation: Simulation, strikes: Strikes, targets: Iterable[str]) -> list[Violation]:
+def end_flight(simulation: Simulation, injections: Injections, targets: Iterable[str]) -> list[Violation]:
     """End what can be ended, and give every violation; `targets` are all that anything was done to."""
     start_ns = next((event["t_ns"] for event in simulation.events_of("reconfigured")), simulation.now_ns)
-    strikes.heal()
-    silences = simulation.checks.silences(strikes.struck, simulation.now_ns)
+    injections.heal()
+    silences = simulation.checks.silences(injections.injected, simulation.now_ns)
     violations = simulation.settle()
     stopped = stopped_by_silence(simulation.spec, targets, simulation.witness, start_ns, simulation.now_ns)
     return violations + silences + stopped
 
 
-def unstruck(act: Act, text: str, strikes: Strikes) -> str | None:
+def not_injected(fault: Fault, text: str, injections: Injections) -> str | None:
     """Say that an act has struck nothing, or not in the state that it names; None where it has."""
-    state = strikes.state_of.get(act)
-    if state is not None and act.during in ("", state):
+    state = injections.state_of.get(fault)
+    if state is not None and fault.during in ("", state):
         return None
-    struck = ", ".join(f"{kind} in {now}" for kind, now in strikes.hits) or "nothing"
-    return f"'{text}' did not strike so (what did: {struck}); try another seed"
+    injected = ", ".join(f"{kind} in {now}" for kind, now in injections.hits) or "nothing"
+    return f"'{text}' did not strike so (what did: {injected}); try another seed"
 
 
 def ended_by(simulation: Simulation, error: Exception) -> list[Violation]:

@@ -25,12 +25,12 @@ from random import Random
 
 from heronry_dg.model import Spec
 from heronry_tools.console.errors import UserError
-from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Act, possible_targets
+from heronry_tools.sim.faults.fault import EVERYTHING, MANAGER, MANAGERS, Fault, possible_targets
 from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import KEY
 from heronry_tools.sim.flight.simulation import MS, Simulation
-from heronry_tools.sim.flight.strikes import Strikes
-from heronry_tools.sim.oracles.service import Struck
+from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Sent, Tampering
 from heronry_tools.sim.world.module_steps import ASKS
@@ -152,12 +152,12 @@ def fly_case(spec: Spec, case: Case) -> list[Violation]:
     """Fly a case; gives what must not be."""
     simulation = case.setup.take_off(spec)
     try:
-        strikes = begin(simulation, case.story)
-        assailant = _Assailant(simulation, case.blows, strikes.struck)
+        injections = begin(simulation, case.story)
+        assailant = _Assailant(simulation, case.blows, injections.injected)
         _fly(simulation)
         targets = [case.story.partition(" ")[2] or MANAGER]
         targets += [blow.victim if blow.kind in _DEATHS else EVERYBODY for blow in case.blows]
-        violations = end_flight(simulation, strikes, targets)
+        violations = end_flight(simulation, injections, targets)
         missed = assailant.missed() if case.named else ()
         return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]
     except UserError:
@@ -218,44 +218,44 @@ def _blows(nodes: Sequence[str], senders: list[str]) -> Iterator[Blow]:
         yield from (Blow(number, "death", victim) for victim in nodes if victim not in (MANAGER, _SEATS[1]))
 
 
-def _acts(story: str) -> tuple[Act, ...]:
+def _faults(story: str) -> tuple[Fault, ...]:
     """Give what makes the aircraft reconfigure; of some (_BY_THEIR_END) it is the end that does."""
     what, _, target = story.partition(" ")
     match what:
         case "start" | "request":
             return ()
         case "return":
-            return (Act(0, "crash", target, _AWAY_MS),)
+            return (Fault(0, "crash", target, _AWAY_MS),)
         case "fail":
-            return (Act(0, "order_fail", target),)
+            return (Fault(0, "order_fail", target),)
         case "clear" if target.startswith("module:"):
-            return Act(0, "raise", target, _RAISES_MS), Act(_AWAY_MS, "order_clear", EVERYTHING)
+            return Fault(0, "raise", target, _RAISES_MS), Fault(_AWAY_MS, "order_clear", EVERYTHING)
         case "clear":
-            return (Act(0, "order_fail", target, _AWAY_MS),)
+            return (Fault(0, "order_fail", target, _AWAY_MS),)
         case "reboot":
-            return (Act(0, what, target, _REBOOT_MS),)
+            return (Fault(0, what, target, _REBOOT_MS),)
         case "phase":
-            return (Act(0, "order_phase", f"phase:{target}"),)
+            return (Fault(0, "order_phase", f"phase:{target}"),)
         case "takeover":
-            return (Act(0, "manager_crash", MANAGER),)
+            return (Fault(0, "manager_crash", MANAGER),)
         case _:
-            return (Act(0, what, target),)
+            return (Fault(0, what, target),)
 
 
-def begin(simulation: Simulation, story: str) -> Strikes:
+def begin(simulation: Simulation, story: str) -> Injections:
     """Fly to where a story begins, and let it begin as soon as time goes on."""
     while story != "start" and (not simulation.events_of("reconfigured") or simulation.unsettled()):
         simulation.run_for(50 * MS)
         if simulation.now_ns > _STARTED_NS:
             raise UserError(f"nothing can be told of this aircraft: it does not start ({simulation.unsettled()[0]})")
-    strikes = Strikes(simulation, _acts(story), simulation.now_ns)
+    injections = Injections(simulation, _faults(story), simulation.now_ns)
     what, _, target = story.partition(" ")
     if what in _BY_THEIR_END:
         simulation.run_for(_AWAY_MS * MS - 1)
     elif what == "request":
         running = (module for pe in simulation.spec.pes for module in simulation.checks.planned(pe))
         simulation.fleet.broken_modules[next(running, "")] = f"{ASKS}{target}"
-    return strikes
+    return injections
 
 
 def _tap(simulation: Simulation, what: Callable[[Sent], None]) -> None:
@@ -277,9 +277,9 @@ def _victim(sender: str, setup: Setup) -> str:
 class _Assailant:
     """Counts the frames of a flight, and strikes."""
 
-    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...], struck: list[Struck]) -> None:
+    def __init__(self, simulation: Simulation, blows: tuple[Blow, ...], injected: list[Injected]) -> None:
         """Note in `struck` what is done, for who judges silences."""
-        self._simulation, self._blows, self._struck = simulation, blows, struck
+        self._simulation, self._blows, self._injected = simulation, blows, injected
         self._count = -1
         self._landed: set[Blow] = set()
         self._bus = simulation.wiring.buses[simulation.spec.manager.bus]
@@ -298,15 +298,15 @@ class _Assailant:
         tampering = None
         for blow in self._blows:
             if blow.number == self._count:
-                tampering = self._strike(blow, sent) or tampering
+                tampering = self._inject(blow, sent) or tampering
         return tampering
 
-    def _strike(self, blow: Blow, sent: Sent) -> Tampering | None:
+    def _inject(self, blow: Blow, sent: Sent) -> Tampering | None:
         now_ns = self._simulation.now_ns
         if self._nodes(blow.victim) and (blow.kind in _DEATHS or self._station_name(blow.victim) != sent.sender):
             self._landed.add(blow)
         if blow.kind not in _DEATHS:
-            self._struck.append(Struck(None, now_ns, now_ns))
+            self._injected.append(Injected(None, now_ns, now_ns))
         if blow.kind in ("lost", "doubled"):
             receiver = None if blow.victim == EVERYBODY else self._station_name(blow.victim)
             return Tampering(0 if blow.kind == "lost" else 2, receiver)
@@ -354,14 +354,14 @@ class _Assailant:
             seat, back_ns = MANAGERS[blow.victim] or FIRST_MANAGER, now_ns + _MANAGER_BACK_NS
             if seat in simulation.managers.running:
                 simulation.managers.kill(seat)
-                self._struck.append(Struck(None, now_ns, back_ns if returns else now_ns))
+                self._injected.append(Injected(None, now_ns, back_ns if returns else now_ns))
                 if returns:
                     simulation.at(back_ns, lambda: self._manager_back(seat))
             return
         pe, back_ns = blow.victim.removeprefix("pe:"), now_ns + _PE_BACK_NS
         if pe in simulation.fleet.running:
             simulation.fleet.kill(pe)
-            self._struck.append(Struck(blow.victim, now_ns, back_ns if returns else None))
+            self._injected.append(Injected(blow.victim, now_ns, back_ns if returns else None))
             if returns:
                 simulation.at(back_ns, lambda: simulation.fleet.restore(pe))
 

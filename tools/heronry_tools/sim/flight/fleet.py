@@ -115,11 +115,11 @@ class Fleet:
             self.running[pe].wire(cut_off=False)
         self._truth.mended(f"pe:{pe}")
 
-    def deafen(self, pe: str, duration_ns: int) -> None:
+    def fail_receiver(self, pe: str, duration_ns: int) -> None:
         """Let a PE that lives hear nothing for a while, and be heard all the same."""
-        deaf = self.running[pe]
-        deaf.wire(deaf=True)
-        self._clock.at(self._clock.now_ns + duration_ns, lambda: deaf.wire(deaf=False))
+        receive_failed = self.running[pe]
+        receive_failed.wire(receive_failed=True)
+        self._clock.at(self._clock.now_ns + duration_ns, lambda: receive_failed.wire(receive_failed=False))
 
     def _table(self, pe: str) -> PeTable:
         table = self.tables[pe]

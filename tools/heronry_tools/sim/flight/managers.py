@@ -65,15 +65,15 @@ class Managers:
     @property
     def foremost(self) -> SimulatedManager | None:
         """The manager that reigns; where none does, the first one there is."""
-        reigning = [one for one in self.running.values() if one.core.reigns]
+        active_manager = [one for one in self.running.values() if one.core.is_active]
         first = next((self.running[seat] for seat in sorted(self.running, key=abs)), None)
-        return max(reigning, key=lambda one: one.core.term, default=first)
+        return max(active_manager, key=lambda one: one.core.term, default=first)
 
     @property
     def commanding(self) -> SimulatedManager | None:
         """The manager that reigns, if its processor does not stand still."""
         manager = self.foremost
-        return manager if manager is not None and manager.is_awake and manager.core.reigns else None
+        return manager if manager is not None and manager.is_awake and manager.core.is_active else None
 
     def events_of(self, kind: str) -> list[dict[str, Any]]:
         """Events of the managers, of one kind."""
@@ -119,18 +119,20 @@ class Managers:
                     one.disk.torn(torn, self._clock.now_ns)
                     self._checks.may_forget_phase()
                 self._checks.manager_died(self._clock.now_ns, _station(number))
-        self.see_who_reigns()
+        self.see_active_manager()
 
-    def see_who_reigns(self) -> None:
+    def see_active_manager(self) -> None:
         """Tell the protocol's state whether some manager can be heard that reigns."""
-        reigning = (m for m in self.running.values() if m.core.reigns and m.is_awake and m.stations[0][1].can_send)
-        self.protocol.reigned(by_somebody=any(reigning))
+        active_manager = (
+            m for m in self.running.values() if m.core.is_active and m.is_awake and m.stations[0][1].can_send
+        )
+        self.protocol.had_mastership(by_somebody=any(active_manager))
 
     def _tell(self, seat: int, event: dict[str, Any]) -> None:
         """Take an event of a manager; of one that stands by, only what concerns itself."""
         foremost = self.foremost
-        self.see_who_reigns()
-        if foremost is not None and foremost.core.reigns and foremost is not self.running.get(seat):
+        self.see_active_manager()
+        if foremost is not None and foremost.core.is_active and foremost is not self.running.get(seat):
             if event["event"] not in _OF_A_STANDBY:
                 return
             self.events.append(event)

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from heronry_dg.model import Spec
-from heronry_tools.sim.faults.fault import KINDS, Act
-from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
+from heronry_tools.sim.faults.fault import KINDS, Fault
+from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles.violation import MISSED, Violation
 from heronry_tools.sim.world.bus import Faults
 from heronry_wire.authentication import KEY_BYTES, Key
@@ -32,7 +32,7 @@ class Scenario:
 
     seed: int
     seconds: float
-    acts: tuple[Act, ...]
+    faults: tuple[Fault, ...]
     loss: float = 0.0
     drawn: bool = False  # the acts are just those that the seed draws
     keyed: bool = False  # managers and PEs have a key; where an act needs one they have it anyway
@@ -55,7 +55,7 @@ class Outcome:
     violations: tuple[Violation, ...]
     hits: Counter[tuple[str, str]] = field(default_factory=Counter)
     entered: Counter[str] = field(default_factory=Counter)
-    unjudged: Counter[str] = field(default_factory=Counter)
+    unverified: Counter[str] = field(default_factory=Counter)
 
 
 def lossy(share: float) -> Faults:
@@ -63,14 +63,14 @@ def lossy(share: float) -> Faults:
     return Faults(share, share / 10, share / 10)
 
 
-def need_key(acts: Iterable[Act]) -> bool:
+def need_key(faults: Iterable[Fault]) -> bool:
     """Tell whether a flight with these acts has a key."""
-    return any(KINDS[act.kind].needs_key for act in acts)
+    return any(KINDS[fault.kind].needs_key for fault in faults)
 
 
 def play(spec: Spec, scenario: Scenario) -> Outcome:
     """Fly a scenario to its end."""
-    has_key = scenario.keyed or need_key(scenario.acts)
+    has_key = scenario.keyed or need_key(scenario.faults)
     simulation = Simulation(
         spec,
         scenario.seed,
@@ -93,7 +93,7 @@ def play(spec: Spec, scenario: Scenario) -> Outcome:
         simulation.waivers.promised(violations),
         hits,
         simulation.managers.protocol.entered,
-        Counter(simulation.waivers.unjudged_ns(simulation.now_ns)),
+        Counter(simulation.waivers.unverified_ns(simulation.now_ns)),
     )
 
 
@@ -103,10 +103,10 @@ def _fly(simulation: Simulation, scenario: Scenario, hits: Counter[tuple[str, st
         if simulation.now_ns > _LONGEST_START_NS:
             return [Violation(simulation.now_ns, "active", "no configuration has ever run")]
     start_ns = simulation.events_of("reconfigured")[0]["t_ns"]
-    strikes = Strikes(simulation, scenario.acts, start_ns)
-    strikes.hits = hits
+    injections = Injections(simulation, scenario.faults, start_ns)
+    injections.hits = hits
     simulation.run_until(start_ns + round(scenario.seconds * _NS_PER_S))
-    violations = end_flight(simulation, strikes, (act.target for act in scenario.acts))
-    named = () if scenario.drawn else scenario.acts
-    missed = (story for act in named if (story := unstruck(act, str(act), strikes)) is not None)
+    violations = end_flight(simulation, injections, (fault.target for fault in scenario.faults))
+    named = () if scenario.drawn else scenario.faults
+    missed = (story for fault in named if (story := not_injected(fault, str(fault), injections)) is not None)
     return violations + [Violation(simulation.now_ns, MISSED, story) for story in missed]

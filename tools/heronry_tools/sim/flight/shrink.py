@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
-from heronry_tools.sim.faults.fault import Act, over_s
+from heronry_tools.sim.faults.fault import Fault, over_s
 from heronry_tools.sim.flight.outcome import Outcome, Scenario
 from heronry_tools.sim.oracles.violation import MISSED
 
@@ -23,47 +23,47 @@ def shrunk(outcome: Outcome, fly: Callable[[Scenario], Outcome]) -> Outcome:
     rules = {violation.rule for violation in outcome.violations} - {MISSED}
     best = _whole(outcome, fly, rules)
     parts = 2
-    while len(best.scenario.acts) > 1:
-        acts = best.scenario.acts
-        smaller = _without_a_part(acts, parts, best.scenario, fly, rules)
+    while len(best.scenario.faults) > 1:
+        faults = best.scenario.faults
+        smaller = _without_a_part(faults, parts, best.scenario, fly, rules)
         if smaller is not None:
             best, parts = smaller, max(parts - 1, 2)
-        elif parts >= len(acts):
+        elif parts >= len(faults):
             break
         else:
-            parts = min(2 * parts, len(acts))
+            parts = min(2 * parts, len(faults))
     return _plainer(best, fly, rules)
 
 
 def _whole(outcome: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
     """Give the flight with its acts wholly in it, as whoever names them has it flown, where it fails then, too."""
-    scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.acts)))
+    scenario = replace(outcome.scenario, seconds=max(outcome.scenario.seconds, over_s(outcome.scenario.faults)))
     whole = outcome if scenario == outcome.scenario else fly(scenario)
     return whole if _fails(whole, rules) else outcome
 
 
 def _plainer(best: Outcome, fly: Callable[[Scenario], Outcome], rules: set[str]) -> Outcome:
     """Make each act plainer, and the flight shorter, as long as it fails."""
-    for position in range(len(best.scenario.acts)):
+    for position in range(len(best.scenario.faults)):
         for make_plain in (_without_state, _half_as_long, _half_as_long, _half_as_long):
-            acts = best.scenario.acts
-            plain = make_plain(acts[position])
-            if plain == acts[position] or plain in acts:
+            faults = best.scenario.faults
+            plain = make_plain(faults[position])
+            if plain == faults[position] or plain in faults:
                 continue
-            outcome = fly(replace(best.scenario, acts=(*acts[:position], plain, *acts[position + 1 :])))
+            outcome = fly(replace(best.scenario, faults=(*faults[:position], plain, *faults[position + 1 :])))
             if _fails(outcome, rules):
                 best = outcome
     scenario = best.scenario
-    outcome = fly(replace(scenario, seconds=min(scenario.seconds, over_s(scenario.acts) + 1)))
+    outcome = fly(replace(scenario, seconds=min(scenario.seconds, over_s(scenario.faults) + 1)))
     return outcome if _fails(outcome, rules) else best
 
 
-def _without_state(act: Act) -> Act:
-    return replace(act, during="")
+def _without_state(fault: Fault) -> Fault:
+    return replace(fault, during="")
 
 
-def _half_as_long(act: Act) -> Act:
-    return replace(act, lasts_ms=(act.lasts_ms + 1) // 2)
+def _half_as_long(fault: Fault) -> Fault:
+    return replace(fault, lasts_ms=(fault.lasts_ms + 1) // 2)
 
 
 def _fails(outcome: Outcome, rules: set[str]) -> bool:
@@ -71,12 +71,12 @@ def _fails(outcome: Outcome, rules: set[str]) -> bool:
 
 
 def _without_a_part(
-    acts: tuple[Act, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
+    faults: tuple[Fault, ...], parts: int, scenario: Scenario, fly: Callable[[Scenario], Outcome], rules: set[str]
 ) -> Outcome | None:
     """Leave out one part after the other; give the first flight that still fails."""
-    bounds = [len(acts) * i // parts for i in range(parts + 1)]
+    bounds = [len(faults) * i // parts for i in range(parts + 1)]
     for begin, end in pairwise(bounds):
-        outcome = fly(replace(scenario, acts=acts[:begin] + acts[end:], drawn=False))
+        outcome = fly(replace(scenario, faults=faults[:begin] + faults[end:], drawn=False))
         if _fails(outcome, rules):
             return outcome
     return None

@@ -31,7 +31,7 @@ from heronry_tools.sim.world.bus import Faults, Sent
 from heronry_tools.sim.world.clock import Clock
 from heronry_tools.sim.world.disk import Disk
 from heronry_tools.sim.world.frame_digest import FrameDigest
-from heronry_tools.sim.world.inspection.technician import Technician
+from heronry_tools.sim.world.inspection.diagnostic_client import DiagnosticClient
 from heronry_tools.sim.world.local_clock import LocalClocks
 from heronry_tools.sim.world.planning import Planners, Prepared, prepared
 from heronry_wire.authentication import Key
@@ -181,9 +181,9 @@ class Simulation:
         if not wire.broken:
             self.truth.is_back(f"channel:{channel}")
 
-    def inspect(self, pe: str) -> Technician:
+    def inspect(self, pe: str) -> DiagnosticClient:
         """Let somebody inspect a PE with tools for CANopen and CANaerospace, on the bus on which it is commanded."""
-        return Technician(
+        return DiagnosticClient(
             self.clock,
             self.wiring.buses[uplink_bus(self.spec, pe)],
             self.fleet.tables[pe],

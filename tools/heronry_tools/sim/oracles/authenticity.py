@@ -95,11 +95,11 @@ class AuthenticityCheck(Oracle):
 
     def seen(self, sent: Sent) -> None:
         """Take a frame of any bus, whoever has sent it."""
-        for pes, judge in ((self._pes, self._state), (self._emcys, self._emergency)):
+        for pes, assess in ((self._pes, self._state), (self._emcys, self._emergency)):
             pe = pes.get(sent.frame.can_id)
             if pe is not None:
                 if (sent.bus, sent.sender) == (pe.bus, pe.name):
-                    judge(pe, sent)
+                    assess(pe, sent)
                 return
         proven = self._proven.take(sent) if sent.bus == self._bus else None
         if proven is not None:

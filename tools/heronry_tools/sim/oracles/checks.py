@@ -14,7 +14,7 @@ from heronry_tools.sim.oracles.journal import Read
 from heronry_tools.sim.oracles.known import Known
 from heronry_tools.sim.oracles.oracle import listeners
 from heronry_tools.sim.oracles.registry import oracles
-from heronry_tools.sim.oracles.service import Struck
+from heronry_tools.sim.oracles.service import Injected
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Clash, Sent
 from heronry_tools.sim.world.replicated_port import Copy
@@ -202,6 +202,6 @@ class Checks:
         """Give what was sent since then and is not planned; `truth` is what is really down."""
         return self._known.planned_load.unplanned(t_ns, self._known.commanded.current, truth)
 
-    def silences(self, struck: Sequence[Struck], end_ns: int) -> list[Violation]:
+    def silences(self, injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent in flight without need, by what was done to the aircraft."""
-        return self._known.service.silences(self._known.witness.outages(end_ns), struck, end_ns)
+        return self._known.service.silences(self._known.witness.outages(end_ns), injected, end_ns)

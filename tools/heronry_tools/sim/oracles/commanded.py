@@ -103,9 +103,9 @@ class Commanded:
         self.epochs: dict[int, Epoch] = {}  # activated ones
         self.current: Epoch | None = None
 
-    def take(self, t_ns: int, message: ManagementMessage, *, reigns: bool = True) -> Epoch | None:
+    def take(self, t_ns: int, message: ManagementMessage, *, is_active: bool = True) -> Epoch | None:
         """Follow a command; gives an epoch once, when it has been activated and put together, or cannot be."""
-        prepared = self._prepared if reigns else self._apart
+        prepared = self._prepared if is_active else self._apart
         epoch = prepared.get(_low(message))
         match message:
             case Prepare() if epoch is None or (epoch.number, epoch.digest) != (message.epoch, message.digest):
@@ -118,7 +118,7 @@ class Commanded:
             case SliceBody() if epoch is not None:
                 epoch.bodies.setdefault(message.node, {})[message.index] = message.body
                 self._keep(epoch.heads.get(message.node), epoch.bodies[message.node])
-            case Activate() | Lease() if message.step is not Step.PREPARED and reigns:
+            case Activate() | Lease() if message.step is not Step.PREPARED and is_active:
                 named = message.epoch, message.digest
                 epoch = next((one for one in self._named(message.epoch) if (one.number, one.digest) == named), None)
                 if epoch is not None:

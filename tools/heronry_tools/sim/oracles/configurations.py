@@ -19,7 +19,7 @@ from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 
 # By digests of spec and configuration. Of thousands of configurations two may share their 24 bits.
-_JUDGED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
+_VERIFIED: dict[tuple[str, int], tuple[Configuration, list[str]]] = {}
 
 
 class ConfigurationCheck(Oracle):
@@ -33,9 +33,9 @@ class ConfigurationCheck(Oracle):
 
     def activated(self, t_ns: int, epoch: Epoch) -> None:
         """An epoch has been activated, and put together again, or cannot be."""
-        self.violations += [Violation(t_ns, "configuration", story) for story in self._judge(epoch)]
+        self.violations += [Violation(t_ns, "configuration", story) for story in self._assess(epoch)]
 
-    def _judge(self, epoch: Epoch) -> list[str]:
+    def _assess(self, epoch: Epoch) -> list[str]:
         configuration = epoch.configuration
         if configuration is None:
             return [f"epoch {epoch.number}: {epoch.flaw}"]
@@ -51,9 +51,9 @@ class ConfigurationCheck(Oracle):
 
     def _illegal(self, epoch: Epoch, configuration: Configuration) -> list[str]:
         key = (self._spec.digest, epoch.digest)
-        known = _JUDGED.get(key)
+        known = _VERIFIED.get(key)
         if known is None or known[0] != configuration:
             found = verify(self._spec, Situation(phase=self._spec.initial_phase()), configuration)
             stories = [str(v) for v in found if not (v.rule.startswith("5.") and len(self._spec.phases) > 1)]
-            known = _JUDGED[key] = configuration, stories
+            known = _VERIFIED[key] = configuration, stories
         return known[1]

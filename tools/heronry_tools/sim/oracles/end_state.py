@@ -31,7 +31,7 @@ from heronry_wire.state_frames import PeState
 
 _PATIENCE_BEATS = 3
 _NOTICED_WHEN_USED = ("device:", "module:")
-_JUDGED_LEVELS = 6  # classes A to D, utility, inputs
+_VERIFIED_LEVELS = 6  # classes A to D, utility, inputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +85,8 @@ def _unsettled(
 def _worse(spec: Spec, truth: Situation, current: Epoch | None) -> Iterator[tuple[str, str]]:
     if current is None or current.configuration is None:
         return
-    is_worth = score(spec, truth, current.configuration, None).key()[:_JUDGED_LEVELS]
-    could_be = best_at_all(spec, truth).objective.key()[:_JUDGED_LEVELS]
+    is_worth = score(spec, truth, current.configuration, None).key()[:_VERIFIED_LEVELS]
+    could_be = best_at_all(spec, truth).objective.key()[:_VERIFIED_LEVELS]
     if is_worth < could_be:
         yield "optimal", f"epoch {current.number} is worth {is_worth}, and the best plan {could_be}"
 

@@ -38,7 +38,7 @@ class EpochCheck(Oracle):
         self.last: dict[tuple[str, int], LastState] = {}  # by bus and identifier
         self._digests: dict[int, int] = {}
 
-    def news(self, sent: Sent) -> StatePage0 | StatePage1 | None:
+    def link_events(self, sent: Sent) -> StatePage0 | StatePage1 | None:
         """A state frame was sent; gives what it says where that is news."""
         key = (sent.bus, sent.frame.can_id)
         data = sent.frame.data

@@ -93,7 +93,7 @@ class FrameWatch:
         if is_on_managers_bus:
             for oracle in self._of["state_sent"]:
                 oracle.state_sent(sent.end_ns, node, sent.frame.data)
-        page = known.epochs.news(sent)
+        page = known.epochs.link_events(sent)
         last = known.epochs.last.get((sent.bus, sent.frame.can_id))
         if last is not None and last.page.state is not PeState.UNCONFIGURED and is_on_managers_bus:
             for oracle in self._of["ran"]:
@@ -160,7 +160,7 @@ class FrameWatch:
         if known.proven is not None and isinstance(message, Control):
             known.proven.commanded(manager, message)  # a session is opened for whoever believes it
         if not known.terms.judge_command(sent.end_ns, manager, message, sent.sender):
-            known.commanded.take(sent.end_ns, message, reigns=False)
+            known.commanded.take(sent.end_ns, message, is_active=False)
             return
         epoch = known.commanded.take(sent.end_ns, message)
         if epoch is not None:
@@ -184,7 +184,7 @@ class FrameWatch:
                 oracle.began(sent.end_ns)
         known.losses.alive(sent.end_ns, message)
         for oracle in self._of["alive"]:
-            oracle.alive(sent.end_ns, known.losses.counted_on)
+            oracle.alive(sent.end_ns, known.losses.available)
 
     def _tagged(self, sent: Sent) -> None:
         if sent.bus == self._bus:

@@ -84,9 +84,9 @@ class FreshnessCheck(Oracle):
                 continue
             origin = epoch.configuration.modules[wire.producer].pe
             if origin != driven.pe:
-                self._judge(driven, (wire.producer, variable), datum, self._node_of[origin])
+                self._assess(driven, (wire.producer, variable), datum, self._node_of[origin])
 
-    def _judge(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
+    def _assess(self, driven: Driven, source: tuple[str, str], datum: Datum, node: int) -> None:
         identifier, since_ns = self._identifiers[source], driven.asked_ns - self._oldest_ns[source]
         buses = self._spec.pes[driven.pe].buses
         heard = [last for bus in buses if (last := self._last.get((bus, identifier, node)))]

@@ -78,9 +78,9 @@ class JournalCheck(Oracle):
         if isinstance(message, SliceHead | SliceBody):
             return
         said = self._said.setdefault(station, _Said())
-        news = self._news(station, said, message)
+        link_events = self._link_events(station, said, message)
         _, before = self._last_read.get(station, (b"", None))
-        memory = self._memory(station) if news or message.term > said.term else None
+        memory = self._memory(station) if link_events or message.term > said.term else None
         said.term = max(said.term, message.term)
         if memory is not None:
             was_so = before is not None and not self._facts(before, message)
@@ -134,7 +134,7 @@ class JournalCheck(Oracle):
         """Take down that a manager prepares an epoch; tells whether it was the first to do so."""
         return self._prepared.setdefault(epoch, manager) == manager
 
-    def _news(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
+    def _link_events(self, manager: str, said: _Said, message: ManagementMessage) -> bool:
         """Take a command down; tells whether it shows anything new."""
         match message:
             case Prepare(_, epoch, digest) if (epoch, digest) != said.leased and self._is_first(epoch, manager):

@@ -21,6 +21,7 @@ So the bound is long only where a PE has been lost again and again (quarantine).
 
 from heronry_dg.model import Spec
 from heronry_manager.core.topology import radios, uplink_bus
+from heronry_tools.sim.oracles.active_term import ActiveTerm
 from heronry_tools.sim.oracles.end_state import unnoticed_ns
 from heronry_tools.sim.oracles.limits import (
     FORGIVEN_AFTER_NS,
@@ -31,7 +32,6 @@ from heronry_tools.sim.oracles.limits import (
     RADIO_WINDOW_PERIODS,
     START_UP_WINDOW_NS,
 )
-from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.world.station import RESTART_NS
 from heronry_wire.management import Alive
 
@@ -48,27 +48,27 @@ class Losses:
         periods_ns = [spec.buses[radio].heartbeat_ns for radio in radios(spec)]
         radio_periods = RADIO_WINDOW_PERIODS + 2 * (HOLD_DOWN_PERIODS << RADIO_DOUBLINGS)
         self._radios_ns = radio_periods * max(periods_ns, default=0)
-        self._reign = ReigningTerm(spec)
-        self._counted_on: dict[str, int] = {}  # and since when
+        self._mastership = ActiveTerm(spec)
+        self._available: dict[str, int] = {}  # and since when
         self._losses = dict.fromkeys(spec.pes, 0)
 
     def alive(self, t_ns: int, message: Alive) -> None:
         """An ALIVE was sent; of two managers at once the one that reigns counts."""
-        before = self._reign.number
-        if not self._reign.named(t_ns, message.term):
+        before = self._mastership.number
+        if not self._mastership.named(t_ns, message.term):
             return
         named = {self._names[node] for node in message.nodes if node in self._names}
         still = named if message.term == before else frozenset()  # a new reign has its own opinion of who is there
-        for pe in self._counted_on.keys() - still:
-            forgiven = t_ns - self._counted_on.pop(pe) >= FORGIVEN_AFTER_NS
+        for pe in self._available.keys() - still:
+            forgiven = t_ns - self._available.pop(pe) >= FORGIVEN_AFTER_NS
             self._losses[pe] = 1 if forgiven else self._losses[pe] + 1
-        for pe in named - self._counted_on.keys():
-            self._counted_on[pe] = t_ns
+        for pe in named - self._available.keys():
+            self._available[pe] = t_ns
 
     @property
-    def counted_on(self) -> frozenset[str]:
+    def available(self) -> frozenset[str]:
         """PEs that the last ALIVE named."""
-        return frozenset(self._counted_on)
+        return frozenset(self._available)
 
     def bound_ns(self) -> int:
         """Longest time from now on until all is well, if nothing more is done."""
@@ -78,5 +78,5 @@ class Losses:
             for pe, period_ns in self._periods.items()
         )
         new_epochs_ns = _LAST_EPOCHS * patience_ns // 4 + unnoticed_ns(self._spec)
-        at_rest_ns = RESTART_NS + 2 * self._reign.lease_ns + START_UP_WINDOW_NS + patience_ns
+        at_rest_ns = RESTART_NS + 2 * self._mastership.lease_ns + START_UP_WINDOW_NS + patience_ns
         return at_rest_ns + held_ns + self._radios_ns + new_epochs_ns

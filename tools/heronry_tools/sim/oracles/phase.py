@@ -104,8 +104,8 @@ class PhaseCheck(Oracle):
         self._known_term[node] = self._heard_term
         if is_new:
             self._acknowledged[node] = number & ~FORWARD_ONLY
-        is_obeyed = is_new or (may_count and self.named == self._names[index])
-        if is_obeyed and not self._leads_back(index, number):
+        is_accepted = is_new or (may_count and self.named == self._names[index])
+        if is_accepted and not self._leads_back(index, number):
             self._enter(t_ns, self._names[index], term)
 
     def _is_known(self, node: int, number: int) -> bool:

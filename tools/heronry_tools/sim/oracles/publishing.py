@@ -67,9 +67,9 @@ class PublishingCheck(Oracle):
         """A data frame was sent."""
         good = self._good.get((sent.bus, sent.sender))
         if good is None or sent.frame.can_id not in good:
-            self._judge(sent)
+            self._assess(sent)
 
-    def _judge(self, sent: Sent) -> None:
+    def _assess(self, sent: Sent) -> None:
         told = self._told.get(sent.sender)
         if told is None:
             return  # it has just started; what comes before its first state is seen by who counts identifiers

@@ -47,7 +47,7 @@ _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame
 _DOUBTED_NS = 30 * _SECOND_NS
 
 
-class Struck(NamedTuple):
+class Injected(NamedTuple):
     """What was done to an element, from when to when (None: for good); `element` is None where it cannot be judged."""
 
     element: str | None
@@ -80,13 +80,13 @@ class ServiceCheck(Oracle):
         self._held: list[_Held] = []
         self._missed_ns = missed_ns
         self._told_by: dict[str, str] = {}  # who has told of an element last
-        self._counted_on: list[tuple[int, frozenset[str]]] = []  # since when, and who
+        self._available: list[tuple[int, frozenset[str]]] = []  # since when, and who
         self._alive_ns = 0  # the last ALIVE
         self._late_ns = 0  # the last one that came late
         self._beat_ns = spec.buses[spec.manager.bus].heartbeat_ns
         self._called: list[tuple[int, Epoch, str | None]] = []  # epochs called by a number: when, and in which phase
         self._phases: list[tuple[int, str | None]] = []
-        self._reigns: list[int] = []  # when they began
+        self._is_active: list[int] = []  # when they began
         self._idle: list[tuple[int, int]] = []  # from when to when nobody ran anything
         self._ran_ns = 0  # when somebody did last
         self._lease_ns = LEASE_PERIODS * spec.buses[spec.manager.bus].heartbeat_ns
@@ -140,9 +140,9 @@ class ServiceCheck(Oracle):
         """ALIVE names these PEs."""
         self._late_ns = t_ns if self._is_late(t_ns) else self._late_ns
         self._alive_ns = t_ns
-        _, before = self._counted_on[-1] if self._counted_on else (0, frozenset[str]())
+        _, before = self._available[-1] if self._available else (0, frozenset[str]())
         if pes != before:
-            self._counted_on.append((t_ns, pes))
+            self._available.append((t_ns, pes))
         for called_ns, epoch, phase in self._called:
             if t_ns - called_ns <= self._lease_ns:
                 past_ns = t_ns - called_ns + _UNDER_WAY_NS
@@ -156,7 +156,7 @@ class ServiceCheck(Oracle):
         for one in self._held:
             if self._missed_ns(self._told_by.get(one.element, "")) >= one.from_ns:
                 one.is_certain = False
-        self._reigns.append(t_ns)
+        self._is_active.append(t_ns)
         self._called.clear()
 
     def ran(self, t_ns: int) -> None:
@@ -229,15 +229,15 @@ class ServiceCheck(Oracle):
         spans = pairwise([(0, self._spec.initial_phase()), *self._phases, (to_ns + 1, None)])
         return [name for (since_ns, name), (over_ns, _) in spans if since_ns <= to_ns and from_ns < over_ns]
 
-    def silences(self, outages: Iterable[Outage], struck: Sequence[Struck], end_ns: int) -> list[Violation]:
+    def silences(self, outages: Iterable[Outage], injected: Sequence[Injected], end_ns: int) -> list[Violation]:
         """Give the critical functions that were silent for too long without need."""
         self.ran(end_ns)
-        return [found for outage in outages if (found := self._silence(outage, struck, end_ns)) is not None]
+        return [found for outage in outages if (found := self._silence(outage, injected, end_ns)) is not None]
 
-    def _silence(self, outage: Outage, struck: Sequence[Struck], end_ns: int) -> Violation | None:
+    def _silence(self, outage: Outage, injected: Sequence[Injected], end_ns: int) -> Violation | None:
         function = self._spec.functions[outage.function]
-        moments = {moment for one in struck for moment in (one.from_ns, one.to_ns) if moment is not None}
-        moments |= {t_ns for t_ns, _ in (*self._counted_on, *self._phases)}
+        moments = {moment for one in injected for moment in (one.from_ns, one.to_ns) if moment is not None}
+        moments |= {t_ns for t_ns, _ in (*self._available, *self._phases)}
         moments |= {moment for one in self._held for moment in (one.from_ns, one.to_ns) if moment is not None}
         moments |= {moment for time in self._starts() for moment in time}
         to_ns = end_ns if outage.to_ns is None else outage.to_ns
@@ -245,29 +245,29 @@ class ServiceCheck(Oracle):
         for begin_ns, over_ns in pairwise(within):
             if over_ns - begin_ns <= self.longest_ns:
                 continue
-            now = self._situation(begin_ns, over_ns, struck)
+            now = self._situation(begin_ns, over_ns, injected)
             if now is not None and self._could_serve(outage.function, now):
                 quiet_ms = (over_ns - begin_ns) / 1e6
                 story = f"{function.name} was silent for {quiet_ms:.0f} ms in which nothing more was done, and a plan"
                 return Violation(begin_ns, "service", f"{story} for {sorted(now.down)} serves it")
         return None
 
-    def _situation(self, begin_ns: int, over_ns: int, struck: Sequence[Struck]) -> Situation | None:
+    def _situation(self, begin_ns: int, over_ns: int, injected: Sequence[Injected]) -> Situation | None:
         """What is down in a time in which nothing changes; None where nobody can tell."""
-        hit = [s for s in struck if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
+        hit = [s for s in injected if s.from_ns <= begin_ns and (s.to_ns is None or s.to_ns >= over_ns)]
         starts = any(from_ns <= begin_ns and over_ns <= to_ns for from_ns, to_ns in self._starts())
         if starts or any(one.element is None for one in hit):
             return None
         elements = {one.element for one in hit if one.element is not None}
         down = elements | self._held_at(begin_ns, begin_ns)
-        counted_on = next((pes for t_ns, pes in reversed(self._counted_on) if t_ns <= begin_ns), frozenset[str]())
-        down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in counted_on}
+        available = next((pes for t_ns, pes in reversed(self._available) if t_ns <= begin_ns), frozenset[str]())
+        down |= {f"pe:{pe}" for pe in self._spec.pes if pe not in available}
         phase = next((name for t_ns, name in reversed(self._phases) if t_ns <= begin_ns), self._spec.initial_phase())
         return Situation(frozenset(down), self._limits(over_ns), phase)
 
     def _starts(self) -> Iterator[tuple[int, int]]:
         """From when to when nobody ran anything in the start-up window of a reign."""
-        for began_ns in self._reigns:
+        for began_ns in self._is_active:
             for from_ns, to_ns in self._idle:
                 first_ns, last_ns = max(began_ns, from_ns), min(began_ns + START_UP_WINDOW_NS, to_ns)
                 if first_ns < last_ns:

@@ -16,12 +16,12 @@
   but with the digest that it had. Of two stations that each have a copy of one journal neither can know which numbers
   the other one takes: what one of them prepared first may be another epoch of the other one (`manager_copied`).
 
-What a deposed manager still says is judged here alone: nobody else has to believe it (`reigning_term`).
+What a deposed manager still says is judged here alone: nobody else has to believe it (`active_term`).
 """
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.active_term import ActiveTerm
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
-from heronry_tools.sim.oracles.reigning_term import ReigningTerm
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import NO_EPOCH, Lease, ManagementMessage, Prepare, SliceBody, SliceHead, is_newer
 from heronry_wire.protocol_times import LEASE_PERIODS
@@ -39,15 +39,15 @@ class TermCheck(Oracle):
         self._own: dict[str, int] = {}  # term of each station: there may be two of one number
         self._leased: dict[str, tuple[int, int]] = {}  # the same: in which term which epoch
         self._has_key, self._is_split, self._bus = has_key, False, spec.manager.bus
-        self._reign = ReigningTerm(spec, has_key=has_key)
+        self._mastership = ActiveTerm(spec, has_key=has_key)
         # By epoch: the first that announced it, and which station said so; "" on a former disk.
         self._prepared: dict[int, tuple[str, Prepare]] = {}
         self._adopted: dict[tuple[int, int], int] = {}  # by epoch and digest: the highest term whose LEASE has named it
         self._twins: dict[str, str] = {}  # stations of one number, each by the other one
         self._taken: dict[tuple[str, int], tuple[int, int, int]] = {}  # by bus and node: incarnation, epoch, term
         self._voices: dict[int, dict[str, tuple[int, int]]] = {}  # by term and station: first and last time
-        self._together_ns = _TOGETHER_LEASES * self._reign.lease_ns
-        self._apart_ns = self._reign.lease_ns * _APART_PERIODS // LEASE_PERIODS
+        self._together_ns = _TOGETHER_LEASES * self._mastership.lease_ns
+        self._apart_ns = self._mastership.lease_ns * _APART_PERIODS // LEASE_PERIODS
 
     def bus_split(self, _t_ns: int, bus: str, is_split: bool) -> None:
         """The managers' bus is broken in the middle, or whole again: who was apart has not met yet."""
@@ -59,7 +59,7 @@ class TermCheck(Oracle):
         """A manager was heard on the managers' bus; tells whether it reigns, as far as anybody there can know."""
         if isinstance(message, SliceHead | SliceBody):
             own = self._own.get(station, 0)
-            return own == self._reign.number or self._reign.is_claimed(own, station)
+            return own == self._mastership.number or self._mastership.is_claimed(own, station)
         term = message.term
         if self._manager_of.setdefault(term, manager) != manager:
             self._tell(t_ns, "reign", f"managers {self._manager_of[term]} and {manager} both speak for term {term}")
@@ -70,12 +70,12 @@ class TermCheck(Oracle):
             self._prepares(t_ns, station, message)
         elif isinstance(message, Lease) and message.epoch != NO_EPOCH:
             self._leases(t_ns, station, message)
-        return self._reign.named(t_ns, term, station)
+        return self._mastership.named(t_ns, term, station)
 
     def tagged(self, t_ns: int, station: str) -> None:
         """A station has sent a TAG on the managers' bus: what it has said before can be believed."""
         self._meet(t_ns, station, self._own.get(station, 0))
-        self._reign.tagged(t_ns, station)
+        self._mastership.tagged(t_ns, station)
 
     def manager_copied(self, station: str, twin: str) -> None:
         """A twin of a manager is about to start, with a copy of that one's disk in the place of what it had."""
@@ -86,7 +86,7 @@ class TermCheck(Oracle):
         """A station has sent an ALIVE on the managers' bus; tells whether it reigns, and can be believed."""
         if not self._has_key:
             self._meet(t_ns, station, term)
-        return self._reign.named(t_ns, term, station) and not self._reign.is_claimed(term, station)
+        return self._mastership.named(t_ns, term, station) and not self._mastership.is_claimed(term, station)
 
     def manager_died(self, _t_ns: int, station: str) -> None:
         """A manager has died: whoever is started there may know nothing."""

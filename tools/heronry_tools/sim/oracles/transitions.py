@@ -53,9 +53,9 @@ class TransitionCheck(Oracle):
         steps = (Step.GO, Step.GO_ALL) if message.step is Step.GO else (Step.GO_ALL,)
         if epoch.configuration is not None:
             told = {pe: self._told[pe] for pe, node in self._node_of.items() if epoch.has(node) and pe in self._told}
-            self.violations += [Violation(t_ns, "transition", story) for story in self._judge(epoch, told, steps)]
+            self.violations += [Violation(t_ns, "transition", story) for story in self._assess(epoch, told, steps)]
 
-    def _judge(self, epoch: Epoch, told: Mapping[str, StatePage0], steps: tuple[Step, ...]) -> list[str]:
+    def _assess(self, epoch: Epoch, told: Mapping[str, StatePage0], steps: tuple[Step, ...]) -> list[str]:
         assert epoch.configuration is not None
         broken = {pe for pe, page in told.items() if page.epoch == epoch.number}
         ran = {pe for pe, page in told.items() if page.state is not PeState.UNCONFIGURED}

@@ -53,7 +53,7 @@ class Waivers:
         """Give those of what was promised."""
         return tuple(one for one in violations if not self.cover(one.rule, one.t_ns, one.since_ns))
 
-    def unjudged_ns(self, end_ns: int) -> dict[str, int]:
+    def unverified_ns(self, end_ns: int) -> dict[str, int]:
         """How much of the time up to `end_ns` each rule was not judged."""
         rules = frozenset[str]().union(*(one.rules for one in self._all))
         return {rule: self._length_ns(rule, end_ns) for rule in sorted(rules)}

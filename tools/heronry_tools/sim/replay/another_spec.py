@@ -8,17 +8,17 @@ and the first of them says why.
 from collections.abc import Iterable, Iterator
 
 from heronry_dg.model import Spec
-from heronry_tools.sim.replay.recording import Reign
+from heronry_tools.sim.replay.recording import Mastership
 from heronry_tools.sim.replay.rerun import Remark
 from heronry_wire.configuration_slice import slice_digest
 from heronry_wire.management import SLICE_BYTES_PER_FRAME, Prepare, SliceBody, SliceHead, decode_command
 from heronry_wire.pe_table import PeTable
 
 
-def of_another_spec(spec: Spec, reign: Reign, on_board: Iterable[PeTable]) -> Remark | None:
+def of_another_spec(spec: Spec, mastership: Mastership, on_board: Iterable[PeTable]) -> Remark | None:
     """Say that a reign was flown with another spec; None where it may be this one. `on_board`: what was made ahead."""
     called = {one.digest for table in on_board for one in table.preloaded()}
-    clues = list(_clues(spec, reign, called))
+    clues = list(_clues(spec, mastership, called))
     if not clues or any(fits for _, _, fits in clues):
         return None
     t_ns, prepared, _ = clues[0]
@@ -30,12 +30,12 @@ def of_another_spec(spec: Spec, reign: Reign, on_board: Iterable[PeTable]) -> Re
     return Remark(t_ns, text, differs=True)
 
 
-def _clues(spec: Spec, reign: Reign, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
+def _clues(spec: Spec, mastership: Mastership, called: set[int]) -> Iterator[tuple[int, Prepare, bool]]:
     """Give each time and epoch at which it can be told whether a reign is of this spec, and whether it is."""
     prepared: Prepare | None = None
     heads: dict[int, SliceHead] = {}
     bodies: dict[int, dict[int, bytes]] = {}
-    for t_ns, command, frame in reign.said:
+    for t_ns, command, frame in mastership.said:
         message = decode_command(command, frame.data)
         match message:
             case Prepare() if message != prepared:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from difflib import SequenceMatcher
 from typing import Literal
 
-from heronry_tools.sim.replay.recording import Decision, Reign
+from heronry_tools.sim.replay.recording import Decision, Mastership
 from heronry_tools.sim.replay.rerun import Remark, Rerun
 
 Taken = Literal["both", "recorded", "replayed"]
@@ -29,7 +29,7 @@ class Compared:
 class Comparison:
     """All of a reign, in the order of time."""
 
-    reign: Reign
+    mastership: Mastership
     entries: list[Compared | Remark]
 
     def differences(self) -> int:
@@ -38,18 +38,18 @@ class Comparison:
 
     def decisions(self) -> int:
         """Count the decisions of the recording."""
-        return len(self.reign.decisions)
+        return len(self.mastership.decisions)
 
 
-def compared(reign: Reign, rerun: Rerun) -> Comparison:
+def compared(mastership: Mastership, rerun: Rerun) -> Comparison:
     """Put a reign beside its replay."""
-    entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(reign, rerun)]
+    entries: list[Compared | Remark] = [*rerun.remarks, *_decisions(mastership, rerun)]
     entries.sort(key=lambda entry: entry.t_ns)  # stable: of one moment the remarks come first
-    return Comparison(reign, entries)
+    return Comparison(mastership, entries)
 
 
-def _decisions(reign: Reign, rerun: Rerun) -> Iterator[Compared]:
-    ours, theirs = rerun.decisions, reign.decisions
+def _decisions(mastership: Mastership, rerun: Rerun) -> Iterator[Compared]:
+    ours, theirs = rerun.decisions, mastership.decisions
     matcher = SequenceMatcher(None, theirs, ours, autojunk=False)
     for tag, i1, i2, j1, j2 in matcher.get_opcodes():
         if tag == "equal":

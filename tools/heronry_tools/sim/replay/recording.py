@@ -43,7 +43,7 @@ class Decision:
 
 
 @dataclass(slots=True)
-class Reign:
+class Mastership:
     """One manager's time in a recording; times in ns of the recording."""
 
     node: int
@@ -93,20 +93,20 @@ def on_the_managers_bus(spec: Spec, frames: Sequence[LoggedFrame], channel: str 
     return [one for one in on_the_bus if merge.take(names.index(one.channel), one.frame, one.time_ns)]
 
 
-def reigns(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Reign]:
+def is_active(spec: Spec, frames: Sequence[LoggedFrame]) -> list[Mastership]:
     """Every reign on the manager's bus, in order of their first LEASE."""
-    found: list[Reign] = []
+    found: list[Mastership] = []
     for logged in frames:
         node, command = _COMMANDS.get(logged.frame.can_id, (None, None))
         if node is not None and command is not None and not logged.frame.extended:
             _follow(found, node, command, logged)
     listening_ns = t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
-    for reign in found:
-        began_ns = reign.first_ns - listening_ns
-        reign.heard = [
+    for mastership in found:
+        began_ns = mastership.first_ns - listening_ns
+        mastership.heard = [
             (logged.time_ns, logged.frame)
             for logged in frames
-            if began_ns <= logged.time_ns <= reign.last_ns and _SAID_BY.get(logged.frame.can_id) != reign.node
+            if began_ns <= logged.time_ns <= mastership.last_ns and _SAID_BY.get(logged.frame.can_id) != mastership.node
         ]
     return found
 
@@ -131,18 +131,18 @@ def note(decisions: list[Decision], decision: Decision | None) -> None:
         decisions.append(decision)
 
 
-def _follow(found: list[Reign], node: int, command: Command, logged: LoggedFrame) -> None:
+def _follow(found: list[Mastership], node: int, command: Command, logged: LoggedFrame) -> None:
     """Count a command to the reign of its sender; a LEASE with another term begins a new one."""
     t_ns, frame = logged.time_ns, logged.frame
-    reign = next((known for known in reversed(found) if known.node == node), None)
+    mastership = next((known for known in reversed(found) if known.node == node), None)
     message = decode_command(command, frame.data)
     if isinstance(message, Lease):
-        if reign is None or reign.term != message.term:
-            reign = Reign(node, message.term, t_ns, t_ns, message.epoch)
-            found.append(reign)
-        reign.last_ns = t_ns
-        reign.leases.append((t_ns, message))
-    if reign is None:
+        if mastership is None or mastership.term != message.term:
+            mastership = Mastership(node, message.term, t_ns, t_ns, message.epoch)
+            found.append(mastership)
+        mastership.last_ns = t_ns
+        mastership.leases.append((t_ns, message))
+    if mastership is None:
         return
-    reign.said.append((t_ns, command, frame))
-    note(reign.decisions, decision_of(node, t_ns, frame))
+    mastership.said.append((t_ns, command, frame))
+    note(mastership.decisions, decision_of(node, t_ns, frame))

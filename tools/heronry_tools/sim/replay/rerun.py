@@ -41,7 +41,7 @@ from heronry_manager.core.vocabulary import Emit, ManagerEvent, PlanReady, Reque
 from heronry_manager.planner.exact import Planner
 from heronry_manager.planner.greedy.planner import Greedy
 from heronry_tools.sim.oracles.commanded import Commanded
-from heronry_tools.sim.replay.recording import Decision, Reign, decision_of, note
+from heronry_tools.sim.replay.recording import Decision, Mastership, decision_of, note
 from heronry_tools.sim.world.planning import Prepared, prepared_with
 from heronry_wire.frame import Malformed
 from heronry_wire.management import decode_command
@@ -117,24 +117,24 @@ class Planners:
 class Rerun:
     """The replay of one reign: `decisions` and `remarks` fill while it runs."""
 
-    def __init__(self, planners: Planners, reign: Reign) -> None:
+    def __init__(self, planners: Planners, mastership: Mastership) -> None:
         self.decisions: list[Decision] = []
         self.remarks: list[Remark] = []
-        self._planners, self._reign = planners, reign
+        self._planners, self._mastership = planners, mastership
         spec = planners.spec
-        self._recorded = _configurations(planners, reign)
+        self._recorded = _configurations(planners, mastership)
         self._answer: _Answer | None = None
         self._ended = False
-        began_ns = reign.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
-        memory = Memory(term=reign.term - 1)  # the term that follows is the recorded one
-        self._core = ManagerCore(spec, reign.node, memory, began_ns, on_board=planners.ahead.numbers)
+        began_ns = mastership.first_ns - t_lease_ns(spec.buses[spec.manager.bus].heartbeat_ns)
+        memory = Memory(term=mastership.term - 1)  # the term that follows is the recorded one
+        self._core = ManagerCore(spec, mastership.node, memory, began_ns, on_board=planners.ahead.numbers)
 
     def run(self) -> None:
         """Replay all of it."""
-        for t_ns, frame in self._reign.heard:
+        for t_ns, frame in self._mastership.heard:
             self._until(t_ns)
             self._step(t_ns, Received(0, frame))
-        self._until(self._reign.last_ns)
+        self._until(self._mastership.last_ns)
 
     def _until(self, t_ns: int) -> None:
         """Let pass what is due before a moment: deadlines, and answers of the planner."""
@@ -156,7 +156,7 @@ class Rerun:
         for action in self._core.step(now_ns, event):
             match action:
                 case Send(frame=frame):
-                    note(self.decisions, decision_of(self._reign.node, now_ns, frame))
+                    note(self.decisions, decision_of(self._mastership.node, now_ns, frame))
                 case RequestPlan():
                     self._answer = self._find_answer(now_ns, action)
                 case Emit(event=told):
@@ -175,7 +175,7 @@ class Rerun:
         """Find out what the planner answered, and when; None where it did not, or not in time."""
         likeliest_last = list(self._planners.plans(asked))[::-1]
         known = {self._planners.digest(plan.configuration): (name, plan) for name, plan in likeliest_last}
-        prepared = [d for d in self._reign.decisions if d.what == "PREPARE" and d not in self.decisions]
+        prepared = [d for d in self._mastership.decisions if d.what == "PREPARE" and d not in self.decisions]
         following = next((d for d in prepared if d.t_ns >= now_ns - _EARLY_NS), None)
         adopted = self._adopted(now_ns, following)
         if adopted in known:
@@ -192,9 +192,9 @@ class Rerun:
         """Digest that LEASE speaks of though nothing has been prepared in this reign yet; None: there is none."""
         if self.decisions:
             return None
-        until_ns = self._reign.last_ns if following is None else following.t_ns
+        until_ns = self._mastership.last_ns if following is None else following.t_ns
         return next(
-            (lease.digest for t_ns, lease in self._reign.leases if now_ns <= t_ns < until_ns and lease.epoch), None
+            (lease.digest for t_ns, lease in self._mastership.leases if now_ns <= t_ns < until_ns and lease.epoch), None
         )
 
     def _as_plan(self, asked: RequestPlan, configuration: Configuration | None) -> Plan | None:
@@ -219,10 +219,10 @@ def _answer(at_ns: int, asked: RequestPlan, name: str, plan: Plan) -> _Answer:
     return _Answer(at_ns, PlanReady(asked.request, plan), Remark(at_ns, f"{name}{without}{phase}"))
 
 
-def _configurations(planners: Planners, reign: Reign) -> dict[int, Configuration]:
+def _configurations(planners: Planners, mastership: Mastership) -> dict[int, Configuration]:
     """Configurations that were sent or called, and activated, in a reign, by digest."""
     commanded, found = Commanded(planners.spec, planners.ahead.tables.values()), {}
-    for t_ns, command, frame in reign.said:
+    for t_ns, command, frame in mastership.said:
         message = decode_command(command, frame.data)
         epoch = None if isinstance(message, Malformed) else commanded.take(t_ns, message)
         if epoch is not None and epoch.configuration is not None:

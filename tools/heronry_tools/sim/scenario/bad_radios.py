@@ -34,10 +34,10 @@ def disturbance(faults: Iterable[Deed], elapsed_ns: int) -> Disturbance:
     """What one bus is like at a time of the script."""
     levels = dict.fromkeys(KINDS, 0) | {"collapse": 1}
     for deed in faults:
-        act = deed.fault
-        assert act is not None
-        if deed.at_ns <= elapsed_ns and (not act.lasts_ms or elapsed_ns < deed.at_ns + act.lasts_ms * _NS_PER_MS):
-            levels[act.kind] = max(levels[act.kind], act.level or 1)
+        fault = deed.fault
+        assert fault is not None
+        if deed.at_ns <= elapsed_ns and (not fault.lasts_ms or elapsed_ns < deed.at_ns + fault.lasts_ms * _NS_PER_MS):
+            levels[fault.kind] = max(levels[fault.kind], fault.level or 1)
     return Disturbance(levels["collapse"], 1000 if levels["link_cut"] or levels["channel_loss"] else levels["omission"])
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from heronry_tools.sim.scenario.judgement import Verdict
+from heronry_tools.sim.scenario.evaluation import Verdict
 from heronry_tools.sim.scenario.script import Script
 
 

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 from heronry_tools.console.errors import UserError
 from heronry_tools.sim.faults.fault import MANAGERS
-from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, unstruck
+from heronry_tools.sim.flight.end_of_flight import end_flight, ended_by, not_injected
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import KEY, lossy, need_key
 from heronry_tools.sim.flight.simulation import MS, Simulation
-from heronry_tools.sim.flight.strikes import Strikes
-from heronry_tools.sim.oracles.service import Struck
+from heronry_tools.sim.oracles.service import Injected
+from heronry_tools.sim.scenario.evaluation import Evaluation
 from heronry_tools.sim.scenario.flown import Flown
-from heronry_tools.sim.scenario.judgement import Judgement
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.script import ORDERS, Deed, Script
 from heronry_tools.sim.scenario.trace import deed_line, differences, event_line
@@ -34,7 +34,7 @@ def _take_off(script: Script) -> Simulation:
         contingencies=script.contingencies,
         standby=script.has_standby,
         key=KEY if script.has_key or need_key(script.faults) else None,
-        planners=Planners.AT_ONCE if script.is_unforeseen else Planners.BEST,
+        planners=Planners.IMMEDIATE if script.is_unforeseen else Planners.BEST,
         absent=[element.removeprefix("pe:") for element in script.without],
     )
 
@@ -49,19 +49,19 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
     flight.wiring.tap(script.spec.manager.bus, lambda sent: heard.see(sent.end_ns, sent.frame))
     lines: tuple[str, ...] = ()  # of a flight that a core has ended there are none
     try:
-        strikes, deeds = _play(flight, script)
+        injections, deeds = _play(flight, script)
         lines = _decided(flight, deeds)
-        violations = _end(flight, script, strikes)
+        violations = _end(flight, script, injections)
     except UserError:
         raise
     except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
         violations = [str(violation) for violation in ended_by(flight, error)]
-    judgement = Judgement(script.spec, heard, _start_ns(flight))
+    evaluation = Evaluation(script.spec, heard, _start_ns(flight))
     return Flown(
         script,
         "the simulator",
         script.end_ns / 1e9,
-        tuple(judgement.verdict(one) for one in script.expectations),
+        tuple(evaluation.verdict(one) for one in script.expectations),
         tuple(violations),
         lines,
         differences(script.file, lines) if lines and is_compared else None,
@@ -69,27 +69,27 @@ def fly(script: Script, *, is_compared: bool = True) -> Flown:
     )
 
 
-def _play(flight: Simulation, script: Script) -> tuple[Strikes, list[tuple[int, str]]]:
+def _play(flight: Simulation, script: Script) -> tuple[Injections, list[tuple[int, str]]]:
     """Do what the script says, up to its end; gives the lines of the deeds, and how many events there were before."""
     _begin(flight, script)
     start_ns = _start_ns(flight)
-    strikes, deeds = Strikes(flight, script.faults, start_ns), []
+    injections, deeds = Injections(flight, script.faults, start_ns), []
     for deed in script.deeds:
         flight.run_until(start_ns + deed.at_ns)
         deeds.append((len(flight.events), deed_line(deed.at_ns / 1e9, deed.text)))
         _do(flight, script, deed)
     flight.run_until(start_ns + script.end_ns)
-    return strikes, deeds
+    return injections, deeds
 
 
-def _end(flight: Simulation, script: Script, strikes: Strikes) -> list[str]:
+def _end(flight: Simulation, script: Script, injections: Injections) -> list[str]:
     """Bring the flight to its end; gives what must not be."""
-    strikes.struck += _struck(flight, script)
-    violations = end_flight(flight, strikes, (deed.target for deed in script.deeds))
-    return [*_missed(script, strikes), *map(str, flight.waivers.promised(violations))]
+    injections.injected += _injected(flight, script)
+    violations = end_flight(flight, injections, (deed.target for deed in script.deeds))
+    return [*_missed(script, injections), *map(str, flight.waivers.promised(violations))]
 
 
-def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
+def _injected(flight: Simulation, script: Script) -> Iterator[Injected]:
     """Give what was done besides faults, as far as it can be judged.
 
     Of two managers the death of one is an instant, since the other one reigns. When an actuator that sticks is noticed
@@ -102,15 +102,15 @@ def _struck(flight: Simulation, script: Script) -> Iterator[Struck]:
             restored[deed.target] = at_ns
         elif deed.what == "kill":
             for_good = at_ns if is_manager and flight.managers.running else None
-            yield Struck(None if is_manager else deed.target, at_ns, restored.pop(deed.target, for_good))
+            yield Injected(None if is_manager else deed.target, at_ns, restored.pop(deed.target, for_good))
         elif deed.what == "stick":
-            yield Struck(None, at_ns, None)
+            yield Injected(None, at_ns, None)
 
 
-def _missed(script: Script, strikes: Strikes) -> Iterator[str]:
+def _missed(script: Script, injections: Injections) -> Iterator[str]:
     """Say which faults have struck nothing, or not in the state that the script names."""
     for deed in script.deeds:
-        story = None if deed.fault is None else unstruck(deed.fault, deed.text, strikes)
+        story = None if deed.fault is None else not_injected(deed.fault, deed.text, injections)
         if story is not None:
             yield f"{script.file}:{deed.line}: {story}"
 

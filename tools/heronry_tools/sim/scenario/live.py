@@ -28,8 +28,8 @@ from heronry_tools.runtime.demo.event_stream import EventStream
 from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 from heronry_tools.sim.faults.fault import MANAGERS
 from heronry_tools.sim.scenario.bad_radios import KINDS, BadRadios
+from heronry_tools.sim.scenario.evaluation import Evaluation
 from heronry_tools.sim.scenario.flown import Flown
-from heronry_tools.sim.scenario.judgement import Judgement
 from heronry_tools.sim.scenario.observations import Observations
 from heronry_tools.sim.scenario.process_deeds import Step, can_be_done, steps
 from heronry_tools.sim.scenario.script import EXAMPLE, ORDERS, Deed, Expectation, Script
@@ -133,7 +133,7 @@ class _Show:
         self._steps = steps(script.deeds)
         self._events: dict[int, EventStream] = {}  # by the manager's node
         self._starting_ns = {step.deed.at_ns for step in self._steps if step.what == "restore"}
-        self._struck: dict[int, int] = {}  # by the line of a deed, the node of the manager that it struck
+        self._injected: dict[int, int] = {}  # by the line of a deed, the node of the manager that it struck
         self._served: list[str] = []  # functions, by the last plan
         self._runs_ns: int | None = None  # since when the first configuration runs
         self._start_ns: int | None = None
@@ -155,19 +155,19 @@ class _Show:
                 self._follow(event)
             self._take_frames()
             self._begin()
-            self._act()
+            self._fault()
             words = self._fleet.ended()
             if words is None and self._start_ns is None and time.monotonic() - begun_s > _LONGEST_START_S:
                 words = f"no configuration ran within {_LONGEST_START_S:.0f} s"
             if words is not None:
                 raise UserError(f"{self._script.file}: {words}")
         assert self._start_ns is not None
-        judgement = Judgement(self._script.spec, self._heard, self._start_ns, int(SLACK_NS * self._patience))
+        evaluation = Evaluation(self._script.spec, self._heard, self._start_ns, int(SLACK_NS * self._patience))
         return Flown(
             self._script,
             where,
             self._script.end_ns / 1e9,
-            tuple(judgement.verdict(self._given_time(one)) for one in self._script.expectations),
+            tuple(evaluation.verdict(self._given_time(one)) for one in self._script.expectations),
             tuple(f"two drivers at once: {a.module} and {b.module}" for a, b in self._heard.witness.rivals),
             tuple(self._trace),
         )
@@ -215,7 +215,7 @@ class _Show:
         for seconds, frame in self._ear.hear():
             self._heard.see(int(seconds * 1e9) + self._wall_to_monotonic_ns, frame)
 
-    def _act(self) -> None:
+    def _fault(self) -> None:
         while self._deeds and self._deeds[0].at_ns <= self._elapsed_ns():
             deed = self._deeds.pop(0)
             self._trace.append(deed_line(deed.at_ns / 1e9, deed.text))
@@ -238,11 +238,11 @@ class _Show:
                 raise UserError(f"{place}: {error}") from None
 
     def _do_to_manager(self, step: Step) -> None:
-        """Strike the manager that is meant, and end that for the very one that was struck."""
-        node = self._struck.get(step.deed.line) if step.is_last else MANAGERS[step.target]
+        """Inject the manager that is meant, and end that for the very one that was struck."""
+        node = self._injected.get(step.deed.line) if step.is_last else MANAGERS[step.target]
         if node is None:
-            node = FIRST_MANAGER if step.what == "restore" else self._fleet.reigning()
-        self._struck[step.deed.line] = node
+            node = FIRST_MANAGER if step.what == "restore" else self._fleet.active_manager()
+        self._injected[step.deed.line] = node
         match step.what:
             case "kill":
                 del self._events[node]

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from heronry_tools.sim.scenario.evaluation import Verdict
 from heronry_tools.sim.scenario.flown import Flown
-from heronry_tools.sim.scenario.judgement import Verdict
 
 
 def text_report(flown: Flown) -> list[str]:

@@ -48,7 +48,7 @@ from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElemen
 from heronry_tools.console.errors import UserError
 from heronry_tools.console.spec_argument import load_spec, named_function, spec_path
 from heronry_tools.sim.faults.bounds import LONGEST_S, read_share
-from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Act, is_one_of_two, read_act
+from heronry_tools.sim.faults.fault import KINDS, MANAGERS, Fault, is_one_of_two, read_fault
 
 ORDERS: Mapping[str, Callable[[str], EnterPhase | FailElement | ClearElement]] = {
     "phase": EnterPhase,
@@ -85,7 +85,7 @@ class Deed:
     what: str  # kill, restore, phase, fail, clear, stick, fault
     target: str
     text: str
-    fault: Act | None = None
+    fault: Fault | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class Script:
     loss: float = 0.0
 
     @property
-    def faults(self) -> tuple[Act, ...]:
+    def faults(self) -> tuple[Fault, ...]:
         """What is done that only a simulator can do."""
         return tuple(deed.fault for deed in self.deeds if deed.fault is not None)
 
@@ -275,14 +275,14 @@ class _Reader:
         if runs != (deed.what == "kill"):
             self._refuse(f"{deed.target} {'runs' if runs else 'does not run'} then; kill and restore in turn")
 
-    def _fault(self, at_ns: int, words: list[str]) -> Act:
+    def _fault(self, at_ns: int, words: list[str]) -> Fault:
         plain = list(words)
         for position, word in enumerate(words[:-1]):
             if word == "for":
                 plain[position + 1] = _plain_seconds(self._ns(words[position + 1]))
         assert self.spec is not None
         try:
-            return read_act(self.spec, f"{_plain_seconds(at_ns)} {' '.join(plain)}")
+            return read_fault(self.spec, f"{_plain_seconds(at_ns)} {' '.join(plain)}")
         except UserError as error:
             self._refuse(str(error))
 

@@ -158,12 +158,17 @@ class SimulatedBus:
         self._audience.clear()
 
     def wire(
-        self, station: Station, *, cut_off: bool | None = None, mute: bool | None = None, deaf: bool | None = None
+        self,
+        station: Station,
+        *,
+        cut_off: bool | None = None,
+        transmit_failed: bool | None = None,
+        receive_failed: bool | None = None,
     ) -> None:
         """Break the wire of a station, in both directions or in one, or mend it; what is not said stays."""
         station.cut_off = station.cut_off if cut_off is None else cut_off
-        station.mute = station.mute if mute is None else mute
-        station.deaf = station.deaf if deaf is None else deaf
+        station.transmit_failed = station.transmit_failed if transmit_failed is None else transmit_failed
+        station.receive_failed = station.receive_failed if receive_failed is None else receive_failed
         station.reconsider()
         self._wake(station)
 

@@ -70,10 +70,12 @@ class Node:
         for bus, station in self.stations:
             bus.leave(station)
 
-    def wire(self, *, cut_off: bool | None = None, mute: bool | None = None, deaf: bool | None = None) -> None:
+    def wire(
+        self, *, cut_off: bool | None = None, transmit_failed: bool | None = None, receive_failed: bool | None = None
+    ) -> None:
         """Break all its wires, in both directions or in one, or mend them; it lives on."""
         for bus, station in self.stations:
-            bus.wire(station, cut_off=cut_off, mute=mute, deaf=deaf)
+            bus.wire(station, cut_off=cut_off, transmit_failed=transmit_failed, receive_failed=receive_failed)
 
     def pause(self, duration_ns: int) -> None:
         """Let its processor stand still from now on; a pause within a longer one changes nothing."""

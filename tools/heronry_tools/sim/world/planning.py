@@ -84,7 +84,7 @@ class Planners(Enum):
     """Who stands behind a manager's planning policy."""
 
     BEST = "the exact planner"
-    AT_ONCE = "the greedy planner, and for what has time the exact one"
+    IMMEDIATE = "the greedy planner, and for what has time the exact one"
     GREEDY = "the greedy planner"
     ALL = "the greedy planner, the exact one, and a pre-planner"
 
@@ -115,7 +115,7 @@ def best_at_all(spec: Spec, now: Situation) -> Plan:
     return best_plan(spec, now, None) if known is None else known
 
 
-def plan_at_once(spec: Spec, now: Situation, running: Placement | None) -> Plan:
+def immediate_plan(spec: Spec, now: Situation, running: Placement | None) -> Plan:
     """Give the plan that a manager without a solver flies; raises InvariantError where the judge refuses it."""
     (decided,) = Planners.GREEDY.policy(spec, None).step(RequestPlan(0, now, running))
     return plan_of(decided)

@@ -26,11 +26,11 @@ from heronry_tools.sim.world.planning import Planners, best_plan
 from heronry_wire.sansio import require
 
 _LOOKED_UP_NS = 100_000  # how long a look at what was made ahead takes
-_AT_ONCE_NS = 3_000_000  # how long a greedy plan and the judge take
+_IMMEDIATE_NS = 3_000_000  # how long a greedy plan and the judge take
 _TAKES_NS = {
     Source.CONTINGENCIES: _LOOKED_UP_NS,
     Source.PRE_PLANNED: _LOOKED_UP_NS,
-    Source.IMMEDIATE: _AT_ONCE_NS,
+    Source.IMMEDIATE: _IMMEDIATE_NS,
 }
 
 

@@ -61,8 +61,8 @@ class Station:
     can_hear: bool = True  # so does this
     present: bool = True
     cut_off: bool = False  # neither sends nor hears
-    deaf: bool = False  # sends
-    mute: bool = False  # hears
+    receive_failed: bool = False  # sends
+    transmit_failed: bool = False  # hears
     off: bool = False  # bus-off
     stands_back_until_ns: int = 0  # only what is more urgent than data moves there
     stalled: bool = False  # its processor stands still: nothing moves from the queue to the mailbox
@@ -74,8 +74,8 @@ class Station:
 
     def reconsider(self) -> None:
         """Something about its wires has changed: work out anew what it can do."""
-        self.can_send = self.present and not (self.cut_off or self.mute or self.off)
-        self.can_hear = self.present and not (self.cut_off or self.deaf or self.off)
+        self.can_send = self.present and not (self.cut_off or self.transmit_failed or self.off)
+        self.can_hear = self.present and not (self.cut_off or self.receive_failed or self.off)
 
     @property
     def is_passive(self) -> bool:

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from random import Random
 
-from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.faults.forger import Forger
-from heronry_tools.sim.flight.injection.strike import End, Strike
+from heronry_tools.sim.flight.injection.inject import End, Inject
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.stranger import Stranger
@@ -19,22 +19,22 @@ _CORRUPT_SHARE = 0.2
 _FORGE_SHARE = 0.02
 
 
-def _babble(simulation: Simulation, act: Act, _: Random) -> End:
-    wires = simulation.wiring.wires[act.name]
-    return _leaving([Stranger(simulation.clock, wire, Frame(act.level, bytes(8))) for wire in wires])
+def _babble(simulation: Simulation, fault: Fault, _: Random) -> End:
+    wires = simulation.wiring.wires[fault.name]
+    return _leaving([Stranger(simulation.clock, wire, Frame(fault.level, bytes(8))) for wire in wires])
 
 
-def _rogue(simulation: Simulation, act: Act, random: Random) -> End:
+def _rogue(simulation: Simulation, fault: Fault, random: Random) -> End:
     identifier = random.choice(simulation.fleet.data_identifiers)
     every_ns = random.randint(1, 20) * MS
-    frame, wires = Frame(identifier, bytes(8)), simulation.wiring.wires[act.name]
+    frame, wires = Frame(identifier, bytes(8)), simulation.wiring.wires[fault.name]
     return _leaving([Stranger(simulation.clock, wire, frame, every_ns) for wire in wires])
 
 
-def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
-    if act.name not in simulation.fleet.running:
+def _twin(simulation: Simulation, fault: Fault, random: Random) -> End | None:
+    if fault.name not in simulation.fleet.running:
         return None
-    pe = simulation.spec.pes[act.name]
+    pe = simulation.spec.pes[fault.name]
     page = StatePage0(PeState.UNCONFIGURED, PeFlags(0), random.randrange(256), 0, 0, 0)
     said = Frame(state_id(pe.node_id), page.encode())
     return _leaving(
@@ -46,8 +46,8 @@ def _twin(simulation: Simulation, act: Act, random: Random) -> End | None:
     )
 
 
-def _attack(simulation: Simulation, act: Act, random: Random) -> End:
-    return _leaving([Forger(simulation.clock, wire, random) for wire in simulation.wiring.wires[act.name]])
+def _attack(simulation: Simulation, fault: Fault, random: Random) -> End:
+    return _leaving([Forger(simulation.clock, wire, random) for wire in simulation.wiring.wires[fault.name]])
 
 
 def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
@@ -58,11 +58,11 @@ def _leaving(uninvited: Sequence[Stranger | Forger]) -> End:
     return leave
 
 
-def _alter(uses: frozenset[Use], share: float) -> Strike:
+def _alter(uses: frozenset[Use], share: float) -> Inject:
     """Change what is received, one frame in so many."""
 
-    def strike(simulation: Simulation, act: Act, random: Random) -> End:
-        wires = simulation.wiring.wires[act.name]
+    def inject(simulation: Simulation, fault: Fault, random: Random) -> End:
+        wires = simulation.wiring.wires[fault.name]
         simulation.checks.altered()
 
         def alter(sent: Sent) -> Frame | None:
@@ -81,10 +81,10 @@ def _alter(uses: frozenset[Use], share: float) -> Strike:
             wire.corrupt = alter
         return end
 
-    return strike
+    return inject
 
 
-BY_ATTACKERS: dict[str, Strike] = {
+BY_ATTACKERS: dict[str, Inject] = {
     "babble": _babble,
     "rogue": _rogue,
     "twin": _twin,

@@ -3,22 +3,22 @@
 from dataclasses import replace
 from random import Random
 
-from heronry_tools.sim.faults.fault import Act
-from heronry_tools.sim.flight.injection.strike import End, Strike
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.flight.injection.inject import End, Inject
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_wire.identifiers import MANAGER_NODES
 
 
-def _channel_loss(simulation: Simulation, act: Act, _: Random) -> End:
-    simulation.break_channel(act.name)
-    return lambda: simulation.mend_channel(act.name)
+def _channel_loss(simulation: Simulation, fault: Fault, _: Random) -> End:
+    simulation.break_channel(fault.name)
+    return lambda: simulation.mend_channel(fault.name)
 
 
-def _bus_split(simulation: Simulation, act: Act, random: Random) -> End:
+def _bus_split(simulation: Simulation, fault: Fault, random: Random) -> End:
     """Break a bus in the middle: the managers are on two sides, and each PE is on one of them."""
     managers = [f"manager {node}" for node in random.sample(MANAGER_NODES, 2)]
     beyond = {managers[0], *(pe for pe in simulation.spec.pes if random.randrange(2))}
-    wires, one_way = simulation.wiring.wires[act.name], act.level == 1
+    wires, one_way = simulation.wiring.wires[fault.name], fault.level == 1
 
     def apart(sender: str, receiver: str) -> bool:
         return (sender in beyond) > (receiver in beyond) or (not one_way and (receiver in beyond) > (sender in beyond))
@@ -26,21 +26,21 @@ def _bus_split(simulation: Simulation, act: Act, random: Random) -> End:
     def end() -> None:
         for wire in wires:
             wire.apart = None
-        simulation.checks.bus_split(simulation.now_ns, act.name, False)
+        simulation.checks.bus_split(simulation.now_ns, fault.name, False)
 
     for wire in wires:
         wire.apart = apart
-    simulation.checks.bus_split(simulation.now_ns, act.name, True)
+    simulation.checks.bus_split(simulation.now_ns, fault.name, True)
     return end
 
 
-def _share(field: str) -> Strike:
+def _share(field: str) -> Inject:
     """Set one of the probabilities of a bus."""
 
-    def strike(simulation: Simulation, act: Act, _: Random) -> End:
-        wires, before = simulation.wiring.wires[act.name], getattr(simulation.wiring.faults, field)
+    def inject(simulation: Simulation, fault: Fault, _: Random) -> End:
+        wires, before = simulation.wiring.wires[fault.name], getattr(simulation.wiring.faults, field)
         for wire in wires:
-            wire.faults = replace(wire.faults, **{field: act.level / 1000})
+            wire.faults = replace(wire.faults, **{field: fault.level / 1000})
 
         def end() -> None:
             for wire in wires:
@@ -48,11 +48,11 @@ def _share(field: str) -> Strike:
 
         return end
 
-    return strike
+    return inject
 
 
-def _burst(simulation: Simulation, act: Act, _: Random) -> End:
-    wires = simulation.wiring.wires[act.name]
+def _burst(simulation: Simulation, fault: Fault, _: Random) -> End:
+    wires = simulation.wiring.wires[fault.name]
     for wire in wires:
         wire.noisy += 1
 
@@ -63,10 +63,10 @@ def _burst(simulation: Simulation, act: Act, _: Random) -> End:
     return end
 
 
-def _collapse(simulation: Simulation, act: Act, _: Random) -> End:
-    wires = simulation.wiring.wires[act.name]
+def _collapse(simulation: Simulation, fault: Fault, _: Random) -> End:
+    wires = simulation.wiring.wires[fault.name]
     for wire in wires:
-        wire.slowdown = act.level
+        wire.slowdown = fault.level
 
     def end() -> None:
         for wire in wires:
@@ -75,12 +75,12 @@ def _collapse(simulation: Simulation, act: Act, _: Random) -> End:
     return end
 
 
-def _link(direction: str) -> Strike:
+def _link(direction: str) -> Inject:
     """Break the link of every gateway of a far bus, in one direction or in both."""
 
-    def strike(simulation: Simulation, act: Act, _: Random) -> End | None:
+    def inject(simulation: Simulation, fault: Fault, _: Random) -> End | None:
         gateways = [pe for pe in simulation.fleet.running.values() if len({bus.name for bus, _ in pe.stations}) > 1]
-        wires = [wire for pe in gateways for wire in pe.stations if wire[0].name == act.name]
+        wires = [wire for pe in gateways for wire in pe.stations if wire[0].name == fault.name]
         for bus, station in wires:
             bus.wire(station, **{direction: True})
 
@@ -90,10 +90,10 @@ def _link(direction: str) -> Strike:
 
         return end if wires else None
 
-    return strike
+    return inject
 
 
-ON_BUSES: dict[str, Strike] = {
+ON_BUSES: dict[str, Inject] = {
     "channel_loss": _channel_loss,
     "bus_split": _bus_split,
     "loss": _share("loss"),
@@ -102,6 +102,6 @@ ON_BUSES: dict[str, Strike] = {
     "burst": _burst,
     "collapse": _collapse,
     "link_cut": _link("cut_off"),
-    "link_up_only": _link("mute"),
-    "link_down_only": _link("deaf"),
+    "link_up_only": _link("transmit_failed"),
+    "link_down_only": _link("receive_failed"),
 }

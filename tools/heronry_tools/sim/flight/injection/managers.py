@@ -3,30 +3,30 @@
 from collections.abc import Callable
 from random import Random
 
-from heronry_tools.sim.faults.fault import MANAGERS, Act
-from heronry_tools.sim.flight.injection.strike import End, Strike, loosen, nothing
+from heronry_tools.sim.faults.fault import MANAGERS, Fault
+from heronry_tools.sim.flight.injection.inject import End, Inject, loosen, nothing
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.simulated_manager import SimulatedManager
 
 _OF_WHO_COUNTS_AGAIN = frozenset(("silence",))  # whom PEs with a key take for somebody who replays
 
 
-def _on_manager(do: Callable[[SimulatedManager, Act, Random], End]) -> Strike:
-    """Strike the manager that an act means, if it runs; what ends it is done to that very one."""
-    return _in_seat(lambda simulation, seat, act, random: do(simulation.managers.running[seat], act, random))
+def _on_manager(do: Callable[[SimulatedManager, Fault, Random], End]) -> Inject:
+    """Inject the manager that an act means, if it runs; what ends it is done to that very one."""
+    return _in_seat(lambda simulation, seat, fault, random: do(simulation.managers.running[seat], fault, random))
 
 
-def _in_seat(do: Callable[[Simulation, int, Act, Random], End | None]) -> Strike:
-    """Strike the manager that an act means, known by its seat, if it runs."""
+def _in_seat(do: Callable[[Simulation, int, Fault, Random], End | None]) -> Inject:
+    """Inject the manager that an act means, known by its seat, if it runs."""
 
-    def strike(simulation: Simulation, act: Act, random: Random) -> End | None:
-        node, foremost = MANAGERS[act.target], simulation.managers.foremost
+    def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
+        node, foremost = MANAGERS[fault.target], simulation.managers.foremost
         for seat, one in simulation.managers.running.items():
             if one.running and (seat == node or (node is None and one is foremost)):
-                return do(simulation, seat, act, random)
+                return do(simulation, seat, fault, random)
         return None
 
-    return strike
+    return inject
 
 
 def _dies(simulation: Simulation, seat: int, torn: Random | None) -> End:
@@ -37,23 +37,23 @@ def _dies(simulation: Simulation, seat: int, torn: Random | None) -> End:
     return lambda: managers.start(seat) if seat > 0 and seat not in managers.running else None
 
 
-def _crash(simulation: Simulation, seat: int, _act: Act, _random: Random) -> End:
+def _crash(simulation: Simulation, seat: int, _fault: Fault, _random: Random) -> End:
     return _dies(simulation, seat, None)
 
 
-def _power(simulation: Simulation, seat: int, _act: Act, random: Random) -> End:
+def _power(simulation: Simulation, seat: int, _fault: Fault, random: Random) -> End:
     return _dies(simulation, seat, random)
 
 
-def _double(simulation: Simulation, seat: int, act: Act, _: Random) -> End | None:
+def _double(simulation: Simulation, seat: int, fault: Fault, _: Random) -> End | None:
     managers = simulation.managers
     if seat < 0 or -seat in managers.running:
         return None
-    managers.double(seat, standby=act.level == 0)
+    managers.double(seat, standby=fault.level == 0)
     return lambda: managers.kill(-seat)
 
 
-def _disk_full(simulation: Simulation, seat: int, _act: Act, _random: Random) -> End:
+def _disk_full(simulation: Simulation, seat: int, _fault: Fault, _random: Random) -> End:
     disk = simulation.managers.running[seat].disk
     disk.refuses = True
     simulation.checks.may_forget_phase()
@@ -65,31 +65,31 @@ def _disk_full(simulation: Simulation, seat: int, _act: Act, _random: Random) ->
     return end
 
 
-def _loose(simulation: Simulation, seat: int, _act: Act, random: Random) -> End:
+def _loose(simulation: Simulation, seat: int, _fault: Fault, random: Random) -> End:
     return loosen(simulation, simulation.managers.running[seat], random)
 
 
-def _pause(manager: SimulatedManager, act: Act, _: Random) -> End:
-    manager.pause(act.lasts_ms * MS)
+def _pause(manager: SimulatedManager, fault: Fault, _: Random) -> End:
+    manager.pause(fault.lasts_ms * MS)
     return nothing
 
 
-def _clock_jump(manager: SimulatedManager, act: Act, _: Random) -> End:
-    manager.jump(act.level * MS)
+def _clock_jump(manager: SimulatedManager, fault: Fault, _: Random) -> End:
+    manager.jump(fault.level * MS)
     return nothing
 
 
-def _wire(direction: str) -> Strike:
+def _wire(direction: str) -> Inject:
     """Break the wires of a manager, in one direction or in both."""
 
-    def do(manager: SimulatedManager, _act: Act, _random: Random) -> End:
+    def do(manager: SimulatedManager, _fault: Fault, _random: Random) -> End:
         manager.wire(**{direction: True})
         return lambda: manager.wire(**{direction: False}) if manager.running else None
 
     return _on_manager(do)
 
 
-ON_MANAGERS: dict[str, Strike] = {
+ON_MANAGERS: dict[str, Inject] = {
     "manager_crash": _in_seat(_crash),
     "manager_power": _in_seat(_power),
     "manager_double": _in_seat(_double),
@@ -98,6 +98,6 @@ ON_MANAGERS: dict[str, Strike] = {
     "manager_pause": _on_manager(_pause),
     "manager_clock_jump": _on_manager(_clock_jump),
     "manager_cut": _wire("cut_off"),
-    "manager_mute": _wire("mute"),
-    "manager_deaf": _wire("deaf"),
+    "manager_mute": _wire("transmit_failed"),
+    "manager_deaf": _wire("receive_failed"),
 }

@@ -2,35 +2,35 @@
 
 from random import Random
 
-from heronry_tools.sim.faults.fault import Act
-from heronry_tools.sim.flight.injection.strike import End, Strike, nothing
+from heronry_tools.sim.faults.fault import Fault
+from heronry_tools.sim.flight.injection.inject import End, Inject, nothing
 from heronry_tools.sim.flight.simulation import Simulation
 
 _BIAS = 40.0
 
 
-def _module(simulation: Simulation, act: Act, _: Random) -> End:
+def _module(simulation: Simulation, fault: Fault, _: Random) -> End:
     broken = simulation.fleet.broken_modules
-    broken[act.name] = act.kind
-    simulation.truth.excuse(act.name)
+    broken[fault.name] = fault.kind
+    simulation.truth.excuse(fault.name)
 
     def end() -> None:
-        broken.pop(act.name, None)
+        broken.pop(fault.name, None)
 
     return end
 
 
-def _dead(simulation: Simulation, act: Act, _: Random) -> End:
-    simulation.fail_device(act.name, "dead")
+def _dead(simulation: Simulation, fault: Fault, _: Random) -> End:
+    simulation.fail_device(fault.name, "dead")
     return nothing
 
 
-def _bias(simulation: Simulation, act: Act, _: Random) -> End:
-    simulation.fail_device(act.name, "bias", _BIAS)
+def _bias(simulation: Simulation, fault: Fault, _: Random) -> End:
+    simulation.fail_device(fault.name, "bias", _BIAS)
     return nothing
 
 
-ON_MODULES_AND_DEVICES: dict[str, Strike] = {
+ON_MODULES_AND_DEVICES: dict[str, Inject] = {
     "raise": _module,
     "unfit": _module,
     "wrong": _module,

@@ -3,113 +3,113 @@
 from collections.abc import Callable
 from random import Random
 
-from heronry_tools.sim.faults.fault import KINDS, Act, replicated_bus
-from heronry_tools.sim.flight.injection.strike import End, Strike, in_turns, loosen, nothing
+from heronry_tools.sim.faults.fault import KINDS, Fault, replicated_bus
+from heronry_tools.sim.flight.injection.inject import End, Inject, in_turns, loosen, nothing
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.simulated_pe import SimulatedPe
 
 _STARTS_AGAIN_MS = (5, 200)
 
 
-def _on_pe(do: Callable[[SimulatedPe, Act, Random], End]) -> Strike:
-    """Strike a PE that lives; what ends it is done to that very incarnation."""
+def _on_pe(do: Callable[[SimulatedPe, Fault, Random], End]) -> Inject:
+    """Inject a PE that lives; what ends it is done to that very incarnation."""
 
-    def strike(simulation: Simulation, act: Act, random: Random) -> End | None:
-        pe = simulation.fleet.running.get(act.name)
+    def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
+        pe = simulation.fleet.running.get(fault.name)
         if pe is None:
             return None
-        end = do(pe, act, random)
+        end = do(pe, fault, random)
         return lambda: end() if pe.running else None
 
-    return strike
+    return inject
 
 
-def _on_living(do: Callable[[Simulation, Act, Random], End | None]) -> Strike:
-    """Strike where a PE of that name lives; what ends it is done to whatever runs under its name then."""
+def _on_living(do: Callable[[Simulation, Fault, Random], End | None]) -> Inject:
+    """Inject where a PE of that name lives; what ends it is done to whatever runs under its name then."""
 
-    def strike(simulation: Simulation, act: Act, random: Random) -> End | None:
-        return do(simulation, act, random) if act.name in simulation.fleet.running else None
+    def inject(simulation: Simulation, fault: Fault, random: Random) -> End | None:
+        return do(simulation, fault, random) if fault.name in simulation.fleet.running else None
 
-    return strike
-
-
-def _crash(simulation: Simulation, act: Act, _: Random) -> End:
-    simulation.fleet.kill(act.name)
-    return lambda: simulation.fleet.restore(act.name)
+    return inject
 
 
-def _brownout(simulation: Simulation, act: Act, random: Random) -> End:
+def _crash(simulation: Simulation, fault: Fault, _: Random) -> End:
+    simulation.fleet.kill(fault.name)
+    return lambda: simulation.fleet.restore(fault.name)
+
+
+def _brownout(simulation: Simulation, fault: Fault, random: Random) -> End:
     fleet = simulation.fleet
 
     def turn() -> int:
-        if act.name in fleet.running:
-            fleet.kill(act.name)
+        if fault.name in fleet.running:
+            fleet.kill(fault.name)
         else:
-            fleet.restore(act.name)
+            fleet.restore(fault.name)
         return random.randint(*_STARTS_AGAIN_MS) * MS
 
     over = in_turns(simulation, turn)
 
     def end() -> None:
         over()
-        fleet.restore(act.name)
+        fleet.restore(fault.name)
 
     return end
 
 
-def _stale_table(simulation: Simulation, act: Act, _: Random) -> End:
+def _stale_table(simulation: Simulation, fault: Fault, _: Random) -> End:
     """A PE is restarted with the table of another spec, and at the end with the right one."""
     fleet = simulation.fleet
 
     def restart() -> None:
-        fleet.kill(act.name)
-        fleet.restore(act.name)
+        fleet.kill(fault.name)
+        fleet.restore(fault.name)
 
     def end() -> None:
-        fleet.make_fresh(act.name)
-        if act.name in fleet.running:
+        fleet.make_fresh(fault.name)
+        if fault.name in fleet.running:
             restart()
 
-    fleet.make_stale(act.name)
+    fleet.make_stale(fault.name)
     restart()
     return end
 
 
-def _mute(pe: SimulatedPe, _act: Act, _random: Random) -> End:
-    pe.wire(mute=True)
-    return lambda: pe.wire(mute=False)
+def _transmit_failed(pe: SimulatedPe, _fault: Fault, _random: Random) -> End:
+    pe.wire(transmit_failed=True)
+    return lambda: pe.wire(transmit_failed=False)
 
 
-def _deaf(pe: SimulatedPe, _act: Act, _random: Random) -> End:
-    pe.wire(deaf=True)
-    return lambda: pe.wire(deaf=False)
+def _receive_failed(pe: SimulatedPe, _fault: Fault, _random: Random) -> End:
+    pe.wire(receive_failed=True)
+    return lambda: pe.wire(receive_failed=False)
 
 
-def _cut(simulation: Simulation, act: Act, _: Random) -> End:
-    simulation.fleet.cut(act.name)
-    return lambda: simulation.fleet.mend(act.name)
+def _cut(simulation: Simulation, fault: Fault, _: Random) -> End:
+    simulation.fleet.cut(fault.name)
+    return lambda: simulation.fleet.mend(fault.name)
 
 
-def _half_cut(simulation: Simulation, act: Act, _: Random) -> End | None:
-    pe, name = simulation.fleet.running[act.name], replicated_bus(simulation.spec, act.name)
+def _half_cut(simulation: Simulation, fault: Fault, _: Random) -> End | None:
+    pe, name = simulation.fleet.running[fault.name], replicated_bus(simulation.spec, fault.name)
     if name is None:
         return None
-    wire = simulation.wiring.wires[name][act.level - 1]
+    wire = simulation.wiring.wires[name][fault.level - 1]
     station = next(station for bus, station in pe.stations if bus is wire)
     wire.wire(station, cut_off=True)
     return lambda: wire.wire(station, cut_off=False) if station.present else None
 
 
-def _loose(simulation: Simulation, act: Act, random: Random) -> End:
-    return loosen(simulation, simulation.fleet.running[act.name], random)
+def _loose(simulation: Simulation, fault: Fault, random: Random) -> End:
+    return loosen(simulation, simulation.fleet.running[fault.name], random)
 
 
-def _pause(pe: SimulatedPe, act: Act, _random: Random) -> End:
-    pe.pause(act.lasts_ms * MS)
+def _pause(pe: SimulatedPe, fault: Fault, _random: Random) -> End:
+    pe.pause(fault.lasts_ms * MS)
     return nothing
 
 
-def _slow(pe: SimulatedPe, _act: Act, random: Random) -> End:
+def _slow(pe: SimulatedPe, _fault: Fault, random: Random) -> End:
     pe.steps.slow = random
 
     def end() -> None:
@@ -118,26 +118,26 @@ def _slow(pe: SimulatedPe, _act: Act, random: Random) -> End:
     return end
 
 
-def _stuck(simulation: Simulation, act: Act, _: Random) -> End:
-    pe = simulation.fleet.running[act.name]
+def _stuck(simulation: Simulation, fault: Fault, _: Random) -> End:
+    pe = simulation.fleet.running[fault.name]
     pe.steps.stuck = True
     for module in pe.modules:
         simulation.truth.excuse(module)
     return pe.unstick
 
 
-def _clock_jump(pe: SimulatedPe, act: Act, _random: Random) -> End:
-    pe.jump(act.level * MS)
+def _clock_jump(pe: SimulatedPe, fault: Fault, _random: Random) -> End:
+    pe.jump(fault.level * MS)
     return nothing
 
 
-def _bus_off(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+def _bus_off(pe: SimulatedPe, _fault: Fault, _random: Random) -> End:
     for bus, station in pe.stations:
         bus.turn_off(station)
     return nothing
 
 
-def _bad_transmitter(pe: SimulatedPe, _act: Act, _random: Random) -> End:
+def _bad_transmitter(pe: SimulatedPe, _fault: Fault, _random: Random) -> End:
     for _, station in pe.stations:
         station.fails = True
 
@@ -148,8 +148,8 @@ def _bad_transmitter(pe: SimulatedPe, _act: Act, _random: Random) -> End:
     return end
 
 
-def _late(pe: SimulatedPe, act: Act, random: Random) -> End:
-    pe.outbox.delays = lambda: random.randrange(act.level * MS)
+def _late(pe: SimulatedPe, fault: Fault, random: Random) -> End:
+    pe.outbox.delays = lambda: random.randrange(fault.level * MS)
 
     def end() -> None:
         pe.outbox.delays = None
@@ -157,24 +157,24 @@ def _late(pe: SimulatedPe, act: Act, random: Random) -> End:
     return end
 
 
-def _inspect(simulation: Simulation, act: Act, _: Random) -> End:
-    technician = simulation.inspect(act.name)
+def _inspect(simulation: Simulation, fault: Fault, _: Random) -> End:
+    diagnostic_client = simulation.inspect(fault.name)
 
     def end() -> None:
-        if not technician.is_done and act.lasts_ms >= KINDS[act.kind].lasts_ms[0]:
-            simulation.checks.wrong(simulation.now_ns, f"{act.name}: the inspection has not come to its end")
-        technician.leave()
+        if not diagnostic_client.is_done and fault.lasts_ms >= KINDS[fault.kind].lasts_ms[0]:
+            simulation.checks.wrong(simulation.now_ns, f"{fault.name}: the inspection has not come to its end")
+        diagnostic_client.leave()
 
     return end
 
 
-ON_PES: dict[str, Strike] = {
+ON_PES: dict[str, Inject] = {
     "crash": _on_living(_crash),
     "reboot": _on_living(_crash),
     "brownout": _on_living(_brownout),
     "stale_table": _on_living(_stale_table),
-    "mute": _on_pe(_mute),
-    "deaf": _on_pe(_deaf),
+    "mute": _on_pe(_transmit_failed),
+    "deaf": _on_pe(_receive_failed),
     "cut": _on_living(_cut),
     "half_cut": _on_living(_half_cut),
     "loose": _on_living(_loose),

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 from heronry_tools.sim.flight.injection.attackers import BY_ATTACKERS
 from heronry_tools.sim.flight.injection.buses import ON_BUSES
+from heronry_tools.sim.flight.injection.inject import Inject
 from heronry_tools.sim.flight.injection.managers import ON_MANAGERS
 from heronry_tools.sim.flight.injection.modules_and_devices import ON_MODULES_AND_DEVICES
 from heronry_tools.sim.flight.injection.orders import BY_OPERATOR
 from heronry_tools.sim.flight.injection.pes import ON_PES
-from heronry_tools.sim.flight.injection.strike import Strike
 
-STRIKES: Mapping[str, Strike] = {
+STRIKES: Mapping[str, Inject] = {
     **ON_PES,
     **ON_MANAGERS,
     **ON_BUSES,

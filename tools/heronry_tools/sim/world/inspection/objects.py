@@ -11,6 +11,7 @@ from heronry_wire.canopen_objects import (
     ERROR_HISTORY,
     ERROR_REGISTER,
     HEARTBEAT_TIME,
+    MASTERSHIP,
     MODULE_IMAGES,
     MODULE_INDICES,
     MODULE_MODES,
@@ -19,7 +20,6 @@ from heronry_wire.canopen_objects import (
     OBJECTS,
     PROGRAM_CONTROL,
     PROGRAM_DATA,
-    REIGN,
     SPEC,
     STATE,
     STORED_EDS,
@@ -86,8 +86,8 @@ class Objects(Topic):
         manager, lease = self._heard.lease or (0, None)
         for sub_index, value in enumerate((manager, 0 if lease is None else lease.term), start=1):
             if manager and is_flying:
-                yield from self.read(REIGN, sub_index, value)
-        yield from self.read(REIGN, 3, int(is_flying))
+                yield from self.read(MASTERSHIP, sub_index, value)
+        yield from self.read(MASTERSHIP, 3, int(is_flying))
         modules, running = self._table.modules, self._running() if is_flying else {}
         for position, module in enumerate(modules, start=1):
             mode = running.get(module.name)

@@ -7,12 +7,12 @@ what a fault had done to a PE that has died since died with it.
 from collections.abc import Callable
 from random import Random
 
-from heronry_tools.sim.faults.fault import Act
+from heronry_tools.sim.faults.fault import Fault
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.node import Node
 
 End = Callable[[], None]
-Strike = Callable[[Simulation, Act, Random], End | None]
+Inject = Callable[[Simulation, Fault, Random], End | None]
 
 _PLUGS = ((True, False), (False, True), (True, True), (False, False))  # mute, deaf
 _PLUG_HOLDS_MS = (6, 40, 200)  # at most, so or so
@@ -45,8 +45,8 @@ def loosen(simulation: Simulation, node: Node, random: Random) -> End:
     def turn() -> int | None:
         if not node.running:
             return None
-        mute, deaf = random.choice(_PLUGS)
-        node.wire(mute=mute, deaf=deaf)
+        transmit_failed, receive_failed = random.choice(_PLUGS)
+        node.wire(transmit_failed=transmit_failed, receive_failed=receive_failed)
         return random.randint(1, random.choice(_PLUG_HOLDS_MS)) * MS
 
     over = in_turns(simulation, turn)
@@ -54,6 +54,6 @@ def loosen(simulation: Simulation, node: Node, random: Random) -> End:
     def end() -> None:
         over()
         if node.running:
-            node.wire(mute=False, deaf=False)
+            node.wire(transmit_failed=False, receive_failed=False)
 
     return end

@@ -37,7 +37,7 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class Assessed:
     """One file and what was found, with the lines in which it was found."""
 
     file: str
@@ -48,20 +48,20 @@ class Judged:
         """Text of a line with a finding; empty where the file has no such line."""
         return self.lines.get(number, "")
 
-    def errors_alone(self) -> "Judged":
+    def errors_alone(self) -> "Assessed":
         """The same file without its warnings."""
         return replace(self, findings=tuple(one for one in self.findings if one.severity is Severity.ERROR))
 
 
-def judge(
+def assess(
     data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice = Choice()
-) -> Judged:
+) -> Assessed:
     """Judge a file. `checks` by the beginning of the codes that they find; `rules` are all that a comment may name."""
     with loader.collector_at_rest():
-        return _judge(data, file, checks, rules, choice)
+        return _assess(data, file, checks, rules, choice)
 
 
-def _judge(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice) -> Judged:
+def _assess(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[str, Rule], choice: Choice) -> Assessed:
     findings = Findings(file)
     loaded = loader.read(data, file, findings)
     said = read_instructions(data, rules, findings)
@@ -74,7 +74,7 @@ def _judge(data: bytes, file: str, checks: Mapping[str, Check], rules: Mapping[s
     if loaded is not None:
         told += _unused(file, said, used, tuple(ran), choice)
     told = [_raised(finding, said, choice) for finding in told]
-    return Judged(file, tuple(sorted(told)), _lines_at({finding.place.line for finding in told}, data))
+    return Assessed(file, tuple(sorted(told)), _lines_at({finding.place.line for finding in told}, data))
 
 
 def _lines_at(numbers: set[int], data: bytes) -> dict[int, str]:

@@ -13,7 +13,7 @@ def critical_and_utility(simulation: Simulation) -> tuple[object, object]:
     return objective["critical"], objective["utility"]
 
 
-@pytest.mark.parametrize("planners", [Planners.AT_ONCE, Planners.GREEDY, Planners.ALL], ids=lambda one: one.name)
+@pytest.mark.parametrize("planners", [Planners.IMMEDIATE, Planners.GREEDY, Planners.ALL], ids=lambda one: one.name)
 @pytest.mark.parametrize("spec", [elevator_and_chute(), two_tails()], ids=lambda spec: spec.name)
 def test_every_pe_may_be_lost_and_come_back(spec: Spec, planners: Planners) -> None:
     for seed, pe in enumerate(spec.pes):
@@ -28,7 +28,7 @@ def test_every_pe_may_be_lost_and_come_back(spec: Spec, planners: Planners) -> N
 
 
 def test_the_whole_aircraft_without_its_flight_computer_ends_with_the_best_plan() -> None:
-    simulation = flying(big_blue(), planners=Planners.AT_ONCE)
+    simulation = flying(big_blue(), planners=Planners.IMMEDIATE)
     simulation.fleet.kill("flight")
     simulation.run_for(600 * MS)
     assert list(simulation.settle()) == []
@@ -63,7 +63,7 @@ def test_what_the_pre_planner_has_answered_is_at_hand() -> None:
 
 
 def test_a_fault_while_the_best_plan_is_looked_for_is_answered_at_once() -> None:
-    simulation = flying(big_blue(), planners=Planners.AT_ONCE, decide_ns=200 * MS)
+    simulation = flying(big_blue(), planners=Planners.IMMEDIATE, decide_ns=200 * MS)
     simulation.fleet.kill("flight")
     while not simulation.events_of("reconfigured")[1:]:
         simulation.run_for(5 * MS)

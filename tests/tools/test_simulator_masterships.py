@@ -36,7 +36,7 @@ def test_managers_that_keep_to_their_terms_are_well() -> None:
     assert check.violations == []
 
 
-def test_an_epoch_that_a_later_reign_adopts_is_of_that_one() -> None:
+def test_an_epoch_that_a_later_mastership_adopts_is_of_that_one() -> None:
     for digest, is_seen in ((7, False), (8, True)):
         check = terms()
         check.judge_command(3, 126, Lease(3, 1, Step.GO_ALL, digest), "manager 126")

@@ -10,12 +10,12 @@ from lab.conformance import (
     manager_reacting,
     manager_standing_by,
     manager_telling,
+    pe_accepting,
     pe_alone,
     pe_answering,
     pe_between,
     pe_failing,
     pe_keyed,
-    pe_obeying,
     pe_serving,
     pe_speaking,
     pe_staging,
@@ -24,10 +24,10 @@ from lab.conformance import (
     player,
 )
 
-Drill = Callable[[], None]
+ConformanceTest = Callable[[], None]
 _FILES = (
     pe_speaking,
-    pe_obeying,
+    pe_accepting,
     pe_serving,
     pe_answering,
     pe_staging,
@@ -45,23 +45,25 @@ _FILES = (
 )
 
 
-def _drills_of(file: ModuleType) -> Iterator[Drill]:
+def _drills_of(file: ModuleType) -> Iterator[ConformanceTest]:
     """Every public function of a file, in the order in which they stand there."""
     for name, found in vars(file).items():
         if isfunction(found) and found.__module__ == file.__name__ and not name.startswith("_"):
             yield found
 
 
-DRILLS: Mapping[str, Drill] = {
-    f"{file.__name__.rpartition('.')[2]}.{drill.__name__}": drill for file in _FILES for drill in _drills_of(file)
+CONFORMANCE_TESTS: Mapping[str, ConformanceTest] = {
+    f"{file.__name__.rpartition('.')[2]}.{conformance_test.__name__}": conformance_test
+    for file in _FILES
+    for conformance_test in _drills_of(file)
 }
 
 
-def drilled(name: str) -> tuple[str | None, str]:
+def conforms(name: str) -> tuple[str | None, str]:
     """Play a drill; gives what went wrong, if anything did, and a digest of all frames."""
     said = player.begin()
     try:
-        DRILLS[name]()
+        CONFORMANCE_TESTS[name]()
     except Exception as error:  # noqa: BLE001 - whatever a core dies of is what is looked for
         return f"{type(error).__name__}: {error}".partition("\n")[0][:200], said.so_far()
     return None, said.so_far()

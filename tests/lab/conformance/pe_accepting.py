@@ -20,7 +20,7 @@ def _is_answered(pe: PeUnderTest, term: int, manager: int = 126) -> bool:
     return bool(pe.pages_0(began_ns))
 
 
-def the_highest_term_is_obeyed() -> None:
+def the_highest_term_is_accepted() -> None:
     """From 1 to 4095; a lower one no more; the same one of another manager never."""
     pe = PeUnderTest()
     pe.run(10)

@@ -30,7 +30,7 @@ from heronry_wire.sansio import Received
 from heronry_wire.state_frames import StatePage0, StatePage1, decode_state
 
 
-class Technician:
+class DiagnosticClient:
     """Inspects one PE from now on, until all has been seen or he leaves."""
 
     def __init__(

@@ -18,10 +18,10 @@ from heronry_manager.core import radio_links
 from heronry_manager.core.known_situation import KnownSituation
 from heronry_manager.core.vocabulary import ClearElement, EnterPhase, FailElement
 from heronry_tools.runtime.witness import Outage
-from heronry_tools.sim.faults.fault import read_act
+from heronry_tools.sim.faults.fault import read_fault
+from heronry_tools.sim.flight.injections import Injections
 from heronry_tools.sim.flight.outcome import Scenario, play
 from heronry_tools.sim.flight.simulation import Simulation
-from heronry_tools.sim.flight.strikes import Strikes
 from heronry_tools.sim.oracles import limits as promised
 from heronry_tools.sim.oracles.checks import Checks
 from heronry_tools.sim.oracles.commanded import Epoch
@@ -30,7 +30,7 @@ from heronry_tools.sim.oracles.liveness import Losses
 from heronry_tools.sim.oracles.oracle import StateSaid
 from heronry_tools.sim.oracles.phase import PhaseCheck
 from heronry_tools.sim.oracles.queues import QueueCheck
-from heronry_tools.sim.oracles.service import ServiceCheck, Struck
+from heronry_tools.sim.oracles.service import Injected, ServiceCheck
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.oracles.waivers import Waivers
 from heronry_tools.sim.world.bus import Sent
@@ -202,13 +202,13 @@ def test_the_bound_doubles_with_every_loss_of_a_pe_up_to_a_minute_and_forgets_wh
         alive(losses, times * S, *PES)
         assert held_down_ns(losses) == min(shortest_ns << (times - 1), LONGEST_HOLD_DOWN_NS) - shortest_ns
         alive(losses, times * S + 1, *PES - {"tail_pe"})
-    assert losses.counted_on == PES - {"tail_pe"}
+    assert losses.available == PES - {"tail_pe"}
     alive(losses, 20 * S, *PES)
     alive(losses, 80 * S, *PES - {"tail_pe"})
     assert held_down_ns(losses) == shortest_ns
 
 
-def test_a_reign_may_end_with_a_loss_that_it_did_not_tell_and_a_deposed_one_is_not_heard() -> None:
+def test_a_mastership_may_end_with_a_loss_that_it_did_not_tell_and_a_deposed_one_is_not_heard() -> None:
     losses, shortest_ns = Losses(elevator_and_chute()), HOLD_DOWN_PERIODS * 20 * MS
     alive(losses, 1, *PES)
     alive(losses, 2)
@@ -220,21 +220,21 @@ def test_a_reign_may_end_with_a_loss_that_it_did_not_tell_and_a_deposed_one_is_n
     alive(losses, 6, "tail_pe", term=5)
     assert held_down_ns(losses) == 7 * shortest_ns
     alive(losses, 7, term=1)
-    assert losses.counted_on == {"tail_pe"}
+    assert losses.available == {"tail_pe"}
 
 
-def test_whoever_speaks_reigns_once_a_higher_term_has_fallen_silent() -> None:
+def test_whoever_speaks_is_active_once_a_higher_term_has_fallen_silent() -> None:
     losses, lease_ns = Losses(elevator_and_chute()), LEASE_PERIODS * 20 * MS
     alive(losses, 1, *PES, term=5)  # in a part of the aircraft that had been cut off
     alive(losses, 1 + lease_ns, "tail_pe", term=2)
-    assert losses.counted_on == PES
+    assert losses.available == PES
     alive(losses, 2 + lease_ns, "tail_pe", term=2)
-    assert losses.counted_on == {"tail_pe"}
+    assert losses.available == {"tail_pe"}
 
 
 def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
     simulation = flying(two_tails())
-    simulation.fleet.running["tail_pe"].wire(mute=True)  # for good, and nobody is told
+    simulation.fleet.running["tail_pe"].wire(transmit_failed=True)  # for good, and nobody is told
     bound_ns = simulation.checks.liveness_bound_ns()
     begun_ns = simulation.now_ns
     assert "tail_pe is healthy, and silent" in [violation.story for violation in simulation.settle()]
@@ -244,10 +244,10 @@ def test_what_does_not_come_right_within_the_bound_is_a_violation() -> None:
 # Nothing critical is silent without need
 
 
-def judged(check: ServiceCheck, *struck: Struck, function: str = "elevator", lasts_ns: int = 5 * S) -> list[str]:
+def assessed(check: ServiceCheck, *injected: Injected, function: str = "elevator", lasts_ns: int = 5 * S) -> list[str]:
     """What is said of a function that is silent from the tenth second on."""
     outage = Outage(function, 10 * S, 10 * S + lasts_ns)
-    return [violation.story for violation in check.silences([outage], struck, 30 * S)]
+    return [violation.story for violation in check.silences([outage], injected, 30 * S)]
 
 
 @pytest.fixture
@@ -258,9 +258,9 @@ def service() -> ServiceCheck:
 
 
 def test_a_critical_function_that_is_silent_for_long_for_no_reason_is_seen(service: ServiceCheck) -> None:
-    (story,) = judged(service)
+    (story,) = assessed(service)
     assert story == "elevator was silent for 5000 ms in which nothing more was done, and a plan for [] serves it"
-    assert judged(service, lasts_ns=service.longest_ns) == []
+    assert assessed(service, lasts_ns=service.longest_ns) == []
     lasting = Outage("elevator", 10 * S, None)
     assert len(service.silences([lasting], (), 30 * S)) == 1
 
@@ -278,27 +278,27 @@ def beats(check: ServiceCheck, pes: frozenset[str], period_ns: int = 20 * MS) ->
         check.alive(5 * S - before * period_ns + MS, pes)
 
 
-def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, reigned: bool = False) -> list[str]:
+def called(service: ServiceCheck, alive_ns: int, pes: frozenset[str], *, had_mastership: bool = False) -> list[str]:
     """What is said of an epoch that serves nothing, called by number at 5 s and staged by all, at the next ALIVE."""
     beats(service, PES)
     service.activated(5 * S + MS, epoch_for_nothing(two_tails(), 5 * S, contingency=3))
     assert service.violations == []
-    if reigned:
+    if had_mastership:
         service.began(alive_ns)
     service.alive(alive_ns, pes)
     return [violation.story for violation in service.violations]
 
 
-def test_who_stages_what_is_called_by_its_number_takes_part_if_it_is_counted_on(service: ServiceCheck) -> None:
+def test_who_stages_what_is_called_by_its_number_takes_part_if_it_is_available(service: ServiceCheck) -> None:
     assert "could be with []" in called(service, 5 * S + 15 * MS, PES)[0]
 
 
-def test_who_is_not_counted_on_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
+def test_who_is_not_available_takes_no_part_even_if_that_is_told_later(service: ServiceCheck) -> None:
     assert called(service, 5 * S + 15 * MS, frozenset()) == []
 
 
 def test_who_took_part_is_not_known_where_the_manager_dies_first(service: ServiceCheck) -> None:
-    assert called(service, 5 * S + 15 * MS, PES, reigned=True) == []
+    assert called(service, 5 * S + 15 * MS, PES, had_mastership=True) == []
     assert called(service, 6 * S, PES) == []
 
 
@@ -333,53 +333,55 @@ def test_who_may_have_been_away_between_two_beats_of_a_slow_manager_need_not_hav
 
 
 def test_it_may_be_silent_where_no_plan_serves_it_or_nobody_can_tell(service: ServiceCheck) -> None:
-    assert judged(service, Struck("pe:control_pe", 9 * S, None), Struck("pe:tail_pe", 9 * S, 16 * S)) == []
-    assert judged(service, Struck(None, 9 * S, 16 * S)) == []
-    (story,) = judged(service, Struck("pe:tail_pe", 9 * S, None), Struck("pe:control_pe", 5 * S, 6 * S))
+    assert assessed(service, Injected("pe:control_pe", 9 * S, None), Injected("pe:tail_pe", 9 * S, 16 * S)) == []
+    assert assessed(service, Injected(None, 9 * S, 16 * S)) == []
+    (story,) = assessed(service, Injected("pe:tail_pe", 9 * S, None), Injected("pe:control_pe", 5 * S, 6 * S))
     assert "a plan for ['pe:tail_pe'] serves it" in story
 
 
-def test_a_reign_that_begins_where_nobody_runs_anything_may_wait_for_its_start_up_window(service: ServiceCheck) -> None:
+def test_a_mastership_that_begins_where_nobody_runs_anything_may_wait_for_its_start_up_window(
+    service: ServiceCheck,
+) -> None:
     service.ran(10 * S)
     service.began(11 * S)
     service.ran(16 * S)
-    assert judged(service, lasts_ns=7 * S) == []
-    (story,) = judged(service, lasts_ns=8 * S)  # of these two seconds after the window
+    assert assessed(service, lasts_ns=7 * S) == []
+    (story,) = assessed(service, lasts_ns=8 * S)  # of these two seconds after the window
     assert "silent for 2000 ms" in story
 
 
-def test_where_somebody_flies_a_new_reign_is_no_excuse(service: ServiceCheck) -> None:
+def test_where_somebody_flies_a_new_mastership_is_no_excuse(service: ServiceCheck) -> None:
     service.began(10 * S)
     for tick in range(1, 600):
         service.ran(tick * 50 * MS)
-    assert len(judged(service)) == 1
+    assert len(assessed(service)) == 1
 
 
 def test_time_begins_anew_with_whatever_happens_meanwhile(service: ServiceCheck) -> None:
-    steps = [Struck("pe:tail_pe", (9 + i) * S, (10 + i) * S) for i in range(6)]
-    assert judged(service, *steps) == []
+    steps = [Injected("pe:tail_pe", (9 + i) * S, (10 + i) * S) for i in range(6)]
+    assert assessed(service, *steps) == []
 
 
-def test_who_is_not_counted_on_and_what_was_acknowledged_is_down(service: ServiceCheck) -> None:
+def test_who_is_not_available_and_what_was_acknowledged_is_down(service: ServiceCheck) -> None:
     position = list(two_tails().modules).index("elevator_control")
     service.commanded(5 * S, "manager 126", Control(1, 94, Operation.ACKNOWLEDGE, ElementKind.MODULE, position))
-    assert judged(service) == []
+    assert assessed(service) == []
     other = ServiceCheck(two_tails())
     other.alive(S, PES - {"tail_pe", "control_pe"})
-    assert judged(other) == []
+    assert assessed(other) == []
 
 
 def test_what_the_operator_has_failed_is_down_until_it_is_cleared(service: ServiceCheck) -> None:
     for later_ns in (0, MS):
         service.failed(9 * S + later_ns, "module:elevator_control")
-    assert judged(service) == []
+    assert assessed(service) == []
     service.cleared(9 * S + 2 * MS, "pe:tail_pe", WELL, everywhere=True)
-    assert judged(service) == []
+    assert assessed(service) == []
     service.cleared(9 * S + 3 * MS, "module:elevator_control", WELL, everywhere=True)
-    assert len(judged(service)) == 1
+    assert len(assessed(service)) == 1
 
 
-def test_what_a_pe_has_told_is_unknown_to_the_next_reign_if_it_may_have_missed_a_word_since() -> None:
+def test_what_a_pe_has_told_is_unknown_to_the_next_mastership_if_it_may_have_missed_a_word_since() -> None:
     missed_ns = {"tail_pe": 6 * S}
     service = ServiceCheck(two_tails(), lambda pe: missed_ns.get(pe, 0))
     for index, pe, t_ns in ((0, "tail_pe", 7 * S), (1, "tail_pe", 5 * S), (2, "control_pe", 5 * S)):
@@ -421,8 +423,8 @@ def test_an_epoch_may_serve_the_phase_before_that_was_left_while_it_was_prepared
 
 def test_what_is_cleared_was_reported_rightly_and_is_well_until_it_is_reported_again() -> None:
     simulation = flying(two_tails())
-    struck = (read_act(simulation.spec, "0.01 raise module:servo_driver_1 for 0.5"),)
-    Strikes(simulation, struck, simulation.now_ns)
+    injected = (read_fault(simulation.spec, "0.01 raise module:servo_driver_1 for 0.5"),)
+    Injections(simulation, injected, simulation.now_ns)
     simulation.run_for(400 * MS)
     assert "module:servo_driver_1" in simulation.truth.situation.down
     reply = simulation.operator.say(ClearElement("module:servo_driver_1"))
@@ -451,9 +453,9 @@ def test_what_the_operator_says_is_the_truth_and_he_says_it_again_to_who_may_not
 # The cores are found out where they fail to do what they say
 
 
-def flown(spec: Spec, *acts: str, seconds: float = 4.0) -> list[tuple[str, str]]:
+def flown(spec: Spec, *faults: str, seconds: float = 4.0) -> list[tuple[str, str]]:
     """What the judges say of a flight with these acts."""
-    scenario = Scenario(0, seconds, tuple(read_act(spec, act) for act in acts))
+    scenario = Scenario(0, seconds, tuple(read_fault(spec, fault) for fault in faults))
     return [(violation.rule, violation.story) for violation in play(spec, scenario).violations]
 
 
@@ -476,28 +478,28 @@ def test_a_manager_that_plans_with_what_has_failed_is_seen(monkeypatch: pytest.M
     monkeypatch.setattr(
         KnownSituation,
         "down",
-        lambda self: frozenset(f"pe:{pe}" for pe in self._spec.pes if not self._health.is_counted_on(pe)),
+        lambda self: frozenset(f"pe:{pe}" for pe in self._spec.pes if not self._health.is_available(pe)),
     )
-    for act in ("1 order_fail device:elevator_servo_1", "1 order_fail module:servo_driver_1"):
-        assert "legal" in {rule for rule, _ in flown(two_tails(), act)}, act
+    for fault in ("1 order_fail device:elevator_servo_1", "1 order_fail module:servo_driver_1"):
+        assert "legal" in {rule for rule, _ in flown(two_tails(), fault)}, fault
 
 
 def test_an_actuator_that_moves_late_and_without_permission_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    acts = ("1 overrun module:servo_driver_1 for 1", "1.04 pause pe:tail_pe for 0.6")
-    assert flown(two_tails(), *acts) == []
+    faults = ("1 overrun module:servo_driver_1 for 1", "1.04 pause pe:tail_pe for 0.6")
+    assert flown(two_tails(), *faults) == []
 
     def without_asking(self: RunningModules, running: Any, writes: tuple[Value, ...]) -> None:
         self._turn.out += [Drive(running.entry.index, value) for value in writes]
 
     monkeypatch.setattr(RunningModules, "_drive", without_asking)
-    assert "exclusion" in {rule for rule, _ in flown(two_tails(), *acts)}
+    assert "exclusion" in {rule for rule, _ in flown(two_tails(), *faults)}
 
 
 def test_a_module_that_drives_nothing_and_is_given_what_is_old_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    acts = ("1 stuck pe:sensor_pe for 1",)
-    assert flown(elevator_and_chute(), *acts) == []
+    faults = ("1 stuck pe:sensor_pe for 1",)
+    assert flown(elevator_and_chute(), *faults) == []
     monkeypatch.setattr(mailboxes, "FRESH_PERIODS", 1000)
-    (story,) = [story for rule, story in flown(elevator_and_chute(), *acts) if rule == "freshness"]
+    (story,) = [story for rule, story in flown(elevator_and_chute(), *faults) if rule == "freshness"]
     assert story.startswith("chute_logic on control_pe is given altitude of high_quality_altitude, last heard")
 
 
@@ -516,14 +518,14 @@ def test_a_rule_is_waived_from_its_fault_on_until_all_has_settled_and_no_other_i
     assert waivers.promised([*known, *early]) == (known[1], early[0])
     waivers.begin(frozenset(("clash", "reign")), 6 * S).to_ns = 8 * S
     waivers.begin(frozenset(), 0)
-    assert waivers.unjudged_ns(10 * S) == {"clash": 4 * S, "reign": 3 * S}
-    assert waivers.unjudged_ns(8 * S) == {"clash": 3 * S, "reign": 2 * S}
+    assert waivers.unverified_ns(10 * S) == {"clash": 4 * S, "reign": 3 * S}
+    assert waivers.unverified_ns(8 * S) == {"clash": 3 * S, "reign": 2 * S}
 
 
 def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
     simulation = flying(two_tails())
-    struck = (read_act(simulation.spec, "0.01 wrong module:elevator_control for 0.1"),)
-    Strikes(simulation, struck, simulation.now_ns)
+    injected = (read_fault(simulation.spec, "0.01 wrong module:elevator_control for 0.1"),)
+    Injections(simulation, injected, simulation.now_ns)
     simulation.run_for(500 * MS)
     report = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 0)
     (device, *_) = simulation.spec.devices
@@ -535,19 +537,19 @@ def test_what_was_reported_long_after_data_were_wrong_is_judged() -> None:
     assert f"device:{device}" in simulation.truth.situation.down
     assert rules(simulation) == []
     other = flying(two_tails())
-    Strikes(other, struck, other.now_ns)
+    Injections(other, injected, other.now_ns)
     other.run_for(500 * MS)
     other.checks.see(late)
     assert [rule for rule, _ in rules(other)] == ["blame"]
 
 
 def test_what_is_forged_is_judged_where_there_is_a_key() -> None:
-    act = read_act(two_tails(), "0.1 forge bus:can0 for 0.2")
+    fault = read_fault(two_tails(), "0.1 forge bus:can0 for 0.2")
     for key in (None, KEY):
         simulation = flying(two_tails(), key=key)
-        strikes = Strikes(simulation, (act,), simulation.now_ns)
+        injections = Injections(simulation, (fault,), simulation.now_ns)
         simulation.run_for(S)
-        assert strikes.hits.total() == 1
+        assert injections.hits.total() == 1
         assert simulation.waivers.cover("exclusion", simulation.now_ns + 100 * S) == (key is None)
 
 
@@ -617,7 +619,7 @@ def test_a_request_counts_anew_from_who_starts_anew() -> None:
 
 
 @pytest.mark.parametrize("of_two", [False, True])
-def test_in_another_term_a_request_counts_again_only_where_that_reign_may_not_know_of_it(of_two: bool) -> None:
+def test_in_another_term_a_request_counts_again_only_where_that_mastership_may_not_know_of_it(of_two: bool) -> None:
     check, _ = phases(of_two=of_two)
     requests(check, "glide", 1)
     check.ordered(S, "ascent", 1)
@@ -642,7 +644,7 @@ def test_a_phase_may_be_told_before_the_request_for_it_is_acknowledged() -> None
     assert begun == ["glide", "landing"]
 
 
-def test_a_new_reign_goes_on_in_the_phase_that_was_or_is_requested() -> None:
+def test_a_new_mastership_goes_on_in_the_phase_that_was_or_is_requested() -> None:
     check, begun = phases()
     check.ordered(S, "glide", 1)
     assert tells(check, 2 * S, "glide", term=2) == []
@@ -695,7 +697,7 @@ def test_an_answer_from_before_an_order_was_on_its_way() -> None:
     assert tells(check, 3 * S, "glide") == ["glide is told in term 1, and asked for was ascent"]
 
 
-def test_what_a_deposed_manager_promises_binds_nobody_who_reigns() -> None:
+def test_what_a_deposed_manager_promises_binds_nobody_the_active_manager() -> None:
     check, begun = phases(of_two=True)
     assert tells(check, 0, "ascent", term=5) == []
     check.ordered(S, "glide", 4)
@@ -737,7 +739,7 @@ def test_a_handover_is_a_newer_epoch_or_any_other_one_of_a_higher_term() -> None
     assert turns((1, 51), (2, 40), (2, 40)) == [f"{again} 40"]
 
 
-def test_where_nobody_reigns_and_the_other_one_is_not_heard_it_may_have_let_go() -> None:
+def test_where_nobody_is_active_and_the_other_one_is_not_heard_it_may_have_let_go() -> None:
     assert turns((1, 51), (1, 52), (1, 52), leased=False, spoken=False) == []
     assert turns((1, 51), (1, 52), (1, 52), leased=False) != []
     assert turns((1, 51), (1, 52), (1, 52), spoken=False) != []
@@ -781,7 +783,7 @@ def test_where_a_higher_term_is_silent_the_one_before_goes_on_with_its_own_numbe
     assert turns((1, 51), (2, 60), (1, 50)) != []
 
 
-def test_the_judges_know_the_limits_that_are_promised() -> None:
+def test_the_oracles_know_the_limits_that_are_promised() -> None:
     assert {name: value for name, value in vars(promised).items() if name.isupper()} == {
         "LEASE_PERIODS": protocol_times.LEASE_PERIODS,
         "CHANNEL_REPORT_NS": protocol_times.CHANNEL_REPORT_NS,
@@ -811,10 +813,10 @@ def test_what_is_not_critical_or_not_wanted_in_the_phase_may_be_silent() -> None
         for phase in spec.phases
         if not function.priority_in(phase) and any(function.priority_in(other) for other in spec.phases)
     )
-    assert judged(check(spec, unwanted[1]), function=unwanted[0], lasts_ns=15 * S) == []
+    assert assessed(check(spec, unwanted[1]), function=unwanted[0], lasts_ns=15 * S) == []
 
 
-def test_the_strikes_tell_what_they_did_and_until_when() -> None:
+def test_the_injects_tell_what_they_did_and_until_when() -> None:
     simulation = flying(two_tails())
     start_ns = simulation.now_ns
     texts = (
@@ -823,9 +825,11 @@ def test_the_strikes_tell_what_they_did_and_until_when() -> None:
         "0.1 loss bus:can0 for 0.2 level 1",
         "0.4 bus_off pe:control_pe",
     )
-    strikes = Strikes(simulation, tuple(read_act(simulation.spec, text) for text in texts), start_ns)
+    injections = Injections(simulation, tuple(read_fault(simulation.spec, text) for text in texts), start_ns)
     simulation.run_for(500 * MS)
-    assert {(one.element, one.from_ns - start_ns, one.to_ns and one.to_ns - start_ns) for one in strikes.struck} == {
+    assert {
+        (one.element, one.from_ns - start_ns, one.to_ns and one.to_ns - start_ns) for one in injections.injected
+    } == {
         ("pe:tail_pe", 0, None),
         ("pe:sensor_pe", 100 * MS, 300 * MS),
         (None, 100 * MS, 300 * MS),
@@ -838,5 +842,5 @@ def test_no_phase_and_no_fault_leaves_every_critical_function_of_every_aircraft_
         check = ServiceCheck(spec)
         check.alive(0, PES)
         critical = [f.name for f in spec.functions.values() if f.criticality_in(None) in "ABCD"]
-        assert [name for name in critical if judged(check, function=name)] == critical
+        assert [name for name in critical if assessed(check, function=name)] == critical
         assert Situation() == Situation(frozenset(), {}, spec.initial_phase())

@@ -12,7 +12,7 @@ from heronry_dg.situation import survivors
 from heronry_dg.traffic import identifiers
 from heronry_dg.verify import verify
 from planner.enumerator import Enumerator, TooManyError
-from planner.mutants import MUTATIONS, Tally, canonical, judge_mutants, mutated
+from planner.mutants import MUTATIONS, Tally, canonical, mutants_of_verifier, mutated
 from planner.random_specs import features, random_case
 from thoroughness import part_of
 
@@ -41,11 +41,11 @@ def test_they_agree_on_what_is_legal_and_on_its_worth(rng: random.Random) -> Non
             assert (violations == []) == (canonical(changed) in known), violations
 
 
-def test_every_kind_of_mutation_makes_something_illegal_that_the_judge_rejects() -> None:
+def test_every_kind_of_mutation_makes_something_illegal_that_the_verifier_rejects() -> None:
     tally = Tally(Counter(), Counter(), Counter(), Counter(), [])
     for seed in range(120):
         with suppress(TooManyError):
-            judge_mutants(random.Random(seed), tally, origins=1)
+            mutants_of_verifier(random.Random(seed), tally, origins=1)
     assert tally.wrong == []
     assert tally.rejected == tally.illegal
     assert {kind: tally.illegal[kind] for kind in MUTATIONS if not tally.illegal[kind]} == {}

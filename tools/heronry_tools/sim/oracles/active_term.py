@@ -12,7 +12,7 @@ from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 
 
-class ReigningTerm:
+class ActiveTerm:
     """Follows the terms that are named on the managers' bus."""
 
     def __init__(self, spec: Spec, *, has_key: bool = False) -> None:

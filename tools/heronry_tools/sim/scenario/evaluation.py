@@ -35,7 +35,7 @@ class Verdict:
     seen: str
 
 
-class Judgement:
+class Evaluation:
     """Judges the expectations of one flight."""
 
     def __init__(self, spec: Spec, heard: Observations, start_ns: int, slack_ns: int = 0) -> None:

@@ -1,0 +1,118 @@
+"""The acts of one flight: each strikes at its time, or in the state that it waits for, and is ended in time.
+
+What was struck, and when, is kept for who judges the flight (`struck`). How each kind strikes is in `injection`.
+
+Every act draws from a generator of its own, seeded by the run's seed and the act's text, so that leaving one act out of
+a list changes nothing about the others: a failing list can be made shorter.
+"""
+
+from collections import Counter
+from random import Random
+
+from heronry_tools.sim.faults.fault import KINDS, WAITS_MS, Fault, replicated_bus
+from heronry_tools.sim.flight.injection.inject import End
+from heronry_tools.sim.flight.injection.table import STRIKES
+from heronry_tools.sim.flight.simulation import MS, Simulation
+from heronry_tools.sim.oracles.service import Injected
+from heronry_tools.sim.oracles.waivers import REPORTS, Waiver
+
+_OF_ONE_ELEMENT = ("element", "pe", "gateway", "module", "device", "channel", "twin_pe")
+_INTO_STATE_NS = (0, 100_000, 500_000, 2 * MS)
+
+
+class Injections:
+    """Carries out the acts of one run; `hits` counts them by kind and by the state in which they struck."""
+
+    def __init__(self, simulation: Simulation, faults: tuple[Fault, ...], start_ns: int) -> None:
+        """Schedule the acts, counted from `start_ns`."""
+        self.hits: Counter[tuple[str, str]] = Counter()
+        self.injected: list[Injected] = []
+        self.state_of: dict[Fault, str] = {}  # in which each act has struck
+        self._simulation = simulation
+        self._ends: dict[Fault, End] = {}
+        self._begun: dict[Fault, int] = {}
+        self._waivers: dict[Fault, Waiver] = {}
+        self._healed = False
+        for fault in faults:
+            self._schedule(fault, start_ns + fault.at_ms * MS)
+
+    def heal(self) -> None:
+        """End whatever can be ended; nothing strikes any more."""
+        self._healed = True
+        for fault in list(self._ends):
+            self._end(fault)
+        self._simulation.operator.insist()
+
+    def _schedule(self, fault: Fault, at_ns: int) -> None:
+        simulation = self._simulation
+        if not fault.during:
+            simulation.at(at_ns, lambda: self._inject(fault))
+            return
+        self._wait(fault, at_ns, self._random(fault))
+        simulation.at(at_ns + WAITS_MS * MS, lambda: self._inject(fault))
+
+    def _wait(self, fault: Fault, not_before_ns: int, random: Random) -> None:
+        """Inject a moment after its state has begun; where that is over by then, the next time."""
+        simulation = self._simulation
+
+        def inject() -> None:
+            if simulation.managers.protocol.now == fault.during:
+                self._inject(fault)
+            elif fault not in self._begun:
+                self._wait(fault, simulation.now_ns, random)
+
+        delay_ns = random.choice(_INTO_STATE_NS)
+        simulation.managers.protocol.when(
+            fault.during, not_before_ns, lambda: simulation.at(simulation.now_ns + delay_ns, inject)
+        )
+
+    def _inject(self, fault: Fault) -> None:
+        if self._healed or fault in self._begun:
+            return
+        self._begun[fault] = self._simulation.now_ns
+        state = self._simulation.managers.protocol.now
+        end = STRIKES[fault.kind](self._simulation, fault, self._random(fault))
+        if end is None:
+            return
+        self._simulation.managers.see_active_manager()
+        self.hits[fault.kind, state] += 1
+        self.state_of[fault] = state
+        self._waivers[fault] = self._simulation.waivers.begin(self._unpromised(fault), self._begun[fault])
+        if fault.lasts_ms:
+            self._ends[fault] = end
+            self._simulation.at(self._simulation.now_ns + fault.lasts_ms * MS, lambda: self._end(fault))
+        else:
+            self._note(fault, None)
+
+    def _end(self, fault: Fault) -> None:
+        end = self._ends.pop(fault, None)
+        if end is not None:
+            end()
+            self._simulation.managers.see_active_manager()
+            self._note(fault, self._simulation.now_ns)
+
+    def _note(self, fault: Fault, to_ns: int | None) -> None:
+        """Keep what was done for whoever judges the flight; a fault in an instant leaves nothing behind."""
+        kind = KINDS[fault.kind]
+        of_one = kind.injections in _OF_ONE_ELEMENT and not kind.excuses
+        from_ns = self._begun[fault]
+        if to_ns is None and not kind.for_good:
+            to_ns = from_ns
+        if not kind.lasting:
+            self._waivers[fault].to_ns = to_ns
+        self.injected.append(Injected(self._element(fault) if of_one else None, from_ns, to_ns))
+
+    def _unpromised(self, fault: Fault) -> frozenset[str]:
+        """Rules that nobody can promise while an act is around."""
+        kind = KINDS[fault.kind]
+        if kind.promised_with_key and self._simulation.key is not None:
+            return frozenset()
+        return kind.unpromised | ({REPORTS} if kind.excuses else frozenset())
+
+    def _element(self, fault: Fault) -> str:
+        """What is as good as down; who has one channel alone is as well served as everybody would be with that one."""
+        bus = replicated_bus(self._simulation.spec, fault.name) if KINDS[fault.kind].injections == "twin_pe" else None
+        return fault.target if bus is None else f"channel:{bus}.{fault.level}"
+
+    def _random(self, fault: Fault) -> Random:
+        return Random(f"{self._simulation.seed} {fault}")
