@@ -88,6 +88,16 @@ def test_what_another_manager_does_otherwise_is_nobodys_fault(advisor: OneManage
     assert advisor.frames == []
 
 
+def test_what_was_advised_is_adopted_once_every_pe_is_active_in_it(advisor: OneManager) -> None:
+    advisor.start(fly=False)
+    digest = advisor.compiler.configuration(advisor.answer().configuration).digest
+    for state in (PeState.PARTIAL, PeState.ACTIVE):
+        assert advisor.of("adopted") == []
+        for pe in advisor.spec.pes:
+            advisor.live(pe, state, epoch=30, digest=digest)
+    assert advisor.last("adopted")["epoch"] == 30
+
+
 # Beside a manager that reigns, in flight
 
 
@@ -113,12 +123,16 @@ class Beside:
 
     def bring_about(self, found: Plan, epoch: int) -> None:
         """The same, with the slices: it may be overheard."""
+        self.activate(found, epoch)
+        self.run(found, epoch)
+
+    def activate(self, found: Plan, epoch: int) -> None:
+        """The manager says it all, and no PE has done it yet."""
         compiled = self.one.compiler.configuration(found.configuration)
         for node, body in compiled.slices.items():
             self.say(*([Prepare(2, epoch, compiled.digest)] if node == 92 else []))
             self.say(*slice_messages(node, epoch, body, PHASES.digest))
-        self.say(Activate(2, epoch, Step.GO_ALL, compiled.digest))
-        self.run(found, epoch)
+        self.say(*(said(2, epoch, Step.GO_ALL, compiled.digest) for said in (Activate, Lease)))
 
     def fly(self, beats: int) -> None:
         for _ in range(beats):
@@ -176,6 +190,14 @@ def test_what_runs_and_is_not_known_is_called_so_until_the_next_epoch(beside: Be
     assert beside.status()["functions"]["elevator"]["served"] is True
     assert beside.one.requests[-1].running == {"control": ("only", "left"), "drive_right": ("only", "right")}
     assert beside.one.of("advice") == []
+
+
+def test_of_what_is_overheard_and_runs_nowhere_yet_nothing_is_said(beside: Beside) -> None:
+    beside.run(None, 30)
+    beside.fly(60)
+    beside.activate(without("device:servo_left"), 31)
+    beside.one.answer()
+    assert (beside.one.of("unknown_epoch"), beside.one.of("advice")) == ([], [])
 
 
 def test_it_advises_from_what_another_manager_has_brought_about(beside: Beside) -> None:

@@ -10,6 +10,7 @@ import pytest
 from heronry_dg.loader import loads
 from heronry_manager.core.manager import ManagerCore
 from heronry_manager.core.memory import NOTHING
+from heronry_manager.core.settings import START_UP_WINDOW_NS
 from heronry_manager.core.vocabulary import AskStatus, OperatorSaid, Reply
 from heronry_wire.authentication import (
     NO_EMERGENCY,
@@ -111,6 +112,25 @@ def pe(manager: OneManager) -> Pe:
     one.ask()
     assert one.session is not None
     return one
+
+
+def test_a_manager_that_fell_silent_waits_for_proof_as_at_its_start() -> None:
+    manager = OneManager(key=KEY)
+    manager.start(fly=False)
+    manager.pass_time(START_UP_WINDOW_NS)
+    for pe in manager.spec.pes:
+        manager.die(pe)
+    manager.pass_time(1_000 * MS)
+    assert manager.of("hears_nobody")
+    manager.live("left")
+    begun_ns = manager.now_ns
+    assert not manager.core.reigns
+    manager.pass_time(200 * MS)
+    assert manager.core.reigns
+    asked = len(manager.requests)
+    manager.pass_time(START_UP_WINDOW_NS - 300 * MS)
+    assert (len(manager.requests), manager.core.reigns) == (asked, True)
+    assert manager.now_ns - begun_ns < START_UP_WINDOW_NS
 
 
 def test_nobody_is_answered_while_the_manager_only_listens_or_advises() -> None:
