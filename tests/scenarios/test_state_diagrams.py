@@ -132,7 +132,7 @@ MACHINES = (
     Machine("ARMED FIRED", _Watch, look=lambda x: {"": "ARMED" if x.armed else "FIRED"}),
     Machine("SETTLING FOLLOWED GONE", RadioLinks, look=radios),
     Machine("WELL LOST", ChannelWatch, look=lambda x: dict.fromkeys(x._lost, "LOST")),
-    Machine("ASKING IN_SESSION", PeAuthenticity, look=lambda x: {"": "IN_SESSION" if x._session() else "ASKING"}),
+    Machine("ASKING IN_SESSION", PeAuthenticity, look=lambda x: {"": "IN_SESSION" if x._states.session else "ASKING"}),
     Machine("NO_SESSION OFFERED OPEN", Authenticity, look=sessions),
 )
 TABLES = {"standing": standing.TRANSITIONS, "epochs": reconfiguration.TRANSITIONS, "mastership": mastership.TRANSITIONS}
