@@ -98,6 +98,33 @@ def test_noise_about_a_step_moves_nothing(link: Link) -> None:
     assert link.changes == [("limited", 600)]
 
 
+def test_more_bandwidth_counts_after_a_hold_down_as_low_as_it_was_meanwhile(link: Link) -> None:
+    link.repeat(100, 2)
+    link.repeat(1000, 5)
+    link.report(500)
+    link.repeat(1000, 4)
+    assert link.changes == [("limited", 80)]
+    link.report(1000)
+    assert link.changes == [("limited", 80), ("limited", 400)]
+    link.repeat(1000, 11)
+    assert link.changes[-1] == ("limited", 1000)
+    assert link.links.limits() == {}
+
+
+def test_gone_and_back_and_who_returns_finds_the_step_of_the_moment(link: Link) -> None:
+    link.report(0, LinkState.GONE)
+    link.report(0, LinkState.GONE)
+    assert link.changes == [("gone", 0)]
+    assert link.links.limits() == {}
+    link.anybody_beyond = False
+    for usable in (300, 90, 170):
+        link.report(usable)
+    assert link.changes[1:] == [("back", 1000), ("limited", 250), ("limited", 80), ("limited", 160)]
+    link.anybody_beyond = True
+    link.report(1000)
+    assert link.changes[-1] == ("limited", 160)
+
+
 def test_a_dip_begins_the_hold_down_anew(link: Link) -> None:
     link.repeat(300, 2)
     for _ in range(5):

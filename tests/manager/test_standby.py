@@ -219,6 +219,18 @@ def test_a_fault_that_a_pe_tells_is_left_to_the_manager_that_is_active(pair: Pai
     assert pair.standby.memory.latched == {}
 
 
+def test_the_frames_of_a_deposed_manager_are_not_followed(pair: Pair) -> None:
+    lease = Lease(4, 0, Step.PREPARED, 0)
+    pair.standby.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
+    pair.standby.hear(command_frame(lease, 127))
+    before = pair.standby.memory
+    pair.share()
+    stale = Control(3, 0, Operation.HOLDS, ElementKind.PHASE, 2)
+    pair.standby.hear(command_frame(Lease(3, 0, Step.PREPARED, 0)))
+    pair.standby.hear(command_frame(stale))
+    assert pair.standby.memory == before
+
+
 def test_in_flight_127_waits_for_126_no_longer_than_three_leases() -> None:
     manager = standing_by(127)
     for pe in PHASES.pes:
