@@ -6,7 +6,7 @@ from heronry_dg.model import Bus, Spec
 from heronry_manager.contingency.on_board import ContingencyNumbers
 from heronry_wire.authentication import Key
 from heronry_wire.identifiers import FIRST_MANAGER
-from heronry_wire.protocol_times import LEASE_PERIODS, START_UP_WINDOW_NS
+from heronry_wire.protocol_times import START_UP_WINDOW_NS, t_lease_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class ManagerSettings:
     @property
     def lease_ns(self) -> int:
         """T_lease of that bus."""
-        return LEASE_PERIODS * self.bus.heartbeat_ns
+        return t_lease_ns(self.bus.heartbeat_ns)
 
     @property
     def goes_first(self) -> bool:

@@ -23,12 +23,12 @@ anew, though it may only be unheard (docs/limits.md).
 from collections.abc import Iterable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Driven, Moved
 from heronry_wire.management import Activate, Lease, ManagementMessage, Step, is_newer
-from heronry_wire.protocol_times import LEASE_PERIODS
 
 _Thing = tuple[str, str | int]
 _Holder = tuple[str, str]

@@ -18,6 +18,7 @@ because it hears nobody, know in which phase a higher one was that has fallen si
 from collections.abc import Callable
 
 from heronry_dg.model import Spec
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import (
@@ -29,7 +30,6 @@ from heronry_wire.management import (
     ManagementMessage,
     Operation,
 )
-from heronry_wire.protocol_times import LEASE_PERIODS
 
 
 class PhaseCheck(Oracle):

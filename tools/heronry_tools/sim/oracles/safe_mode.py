@@ -14,11 +14,11 @@ from heronry_dg.configuration import Configuration
 from heronry_dg.model import Spec
 from heronry_dg.traffic import identifiers
 from heronry_tools.sim.oracles.commanded import Commanded
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.steps_seen import Driven
-from heronry_wire.protocol_times import LEASE_PERIODS
 from heronry_wire.state_frames import PeFlags
 
 

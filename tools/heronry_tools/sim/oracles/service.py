@@ -32,7 +32,13 @@ from heronry_dg.situation import Situation
 from heronry_manager.core.topology import radios, uplink_bus
 from heronry_tools.runtime.witness import Outage
 from heronry_tools.sim.oracles.commanded import Epoch, elements_by_kind
-from heronry_tools.sim.oracles.limits import HOLD_DOWN_PERIODS, PATIENCE_PERIODS, RADIO_STEPS, START_UP_WINDOW_NS
+from heronry_tools.sim.oracles.limits import (
+    HOLD_DOWN_PERIODS,
+    LEASE_PERIODS,
+    PATIENCE_PERIODS,
+    RADIO_STEPS,
+    START_UP_WINDOW_NS,
+)
 from heronry_tools.sim.oracles.oracle import Oracle
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_tools.sim.world.bus import Sent
@@ -40,7 +46,6 @@ from heronry_tools.sim.world.planning import critical_at_best
 from heronry_wire.frame import Malformed
 from heronry_wire.gateway_report import PER_MILLE, LinkReport, decode_link
 from heronry_wire.management import Control, ElementKind, Emergency, ManagementMessage, Operation
-from heronry_wire.protocol_times import LEASE_PERIODS
 
 _SECOND_NS = 1_000_000_000
 _UNDER_WAY_NS = 5_000_000  # from the manager's decision to the end of its frame

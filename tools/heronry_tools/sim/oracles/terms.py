@@ -21,10 +21,10 @@ What a deposed manager still says is judged here alone: nobody else has to belie
 
 from heronry_dg.model import Spec
 from heronry_tools.sim.oracles.active_term import ActiveTerm
+from heronry_tools.sim.oracles.limits import LEASE_PERIODS
 from heronry_tools.sim.oracles.oracle import Oracle, StateSaid
 from heronry_tools.sim.oracles.violation import Violation
 from heronry_wire.management import NO_EPOCH, Lease, ManagementMessage, Prepare, SliceBody, SliceHead, is_newer
-from heronry_wire.protocol_times import LEASE_PERIODS
 
 _TOGETHER_LEASES, _APART_PERIODS = 2, 3
 
