@@ -124,12 +124,12 @@ def test_a_manager_that_fell_silent_waits_for_proof_as_at_its_start() -> None:
     assert manager.of("hears_nobody")
     manager.live("left")
     begun_ns = manager.now_ns
-    assert not manager.core.reigns
+    assert not manager.core.is_active
     manager.pass_time(200 * MS)
-    assert manager.core.reigns
+    assert manager.core.is_active
     asked = len(manager.requests)
     manager.pass_time(START_UP_WINDOW_NS - 300 * MS)
-    assert (len(manager.requests), manager.core.reigns) == (asked, True)
+    assert (len(manager.requests), manager.core.is_active) == (asked, True)
     assert manager.now_ns - begun_ns < START_UP_WINDOW_NS
 
 

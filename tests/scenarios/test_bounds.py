@@ -72,7 +72,7 @@ def lost_cut_off_and_back(name: str, pe: str, seed: int) -> Iterator[tuple[Fault
     yield FaultClass.PE_RETURNS, taken_ns(simulation, back_ns)
     other = flying(SPECS[name](), seed + 100)
     cut_ns = other.now_ns
-    other.cut(pe)
+    other.fleet.cut(pe)
     other.run_for(longest_ns)
     yield FaultClass.PARTITION, taken_ns(other, cut_ns)
 

@@ -56,11 +56,11 @@ def test_a_flight_with_a_channel_pulled_is_the_same_flight(untouched: Simulation
 
 
 def test_without_a_fault_both_channels_carry_the_same_and_nobody_tells_anything(untouched: Simulation) -> None:
-    for first, second in untouched.wires.values():
+    for first, second in untouched.wiring.wires.values():
         assert (first.frames, first.busy_bits) == (second.frames, second.busy_bits)
     emergencies = {emcy_id(pe.node_id) for pe in untouched.spec.pes.values()}
     assert not any(sent.frame.can_id in emergencies for sent in untouched.trace)
-    assert len(untouched.trace) == sum(bus.frames for bus in untouched.buses.values())
+    assert len(untouched.trace) == sum(bus.frames for bus in untouched.wiring.buses.values())
 
 
 def test_the_same_seed_gives_the_same_frames_on_both_channels() -> None:

@@ -65,7 +65,7 @@ def test_a_fleet_that_restarts_around_one_that_does_not_gets_new_epochs() -> Non
 
 def test_the_manager_dies_at_the_end_of_every_message() -> None:
     recorded = flying(two_tails(), keep_trace=True)
-    recorded.kill("tail_pe")
+    recorded.fleet.kill("tail_pe")
     recorded.run_for(500 * MS)
     known_ns = recorded.events_of("pe_lost")[-1]["t_ns"]
     wrong = {}

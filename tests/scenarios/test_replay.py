@@ -39,4 +39,4 @@ def test_another_process_gives_the_same_frames() -> None:
 def test_watching_a_flight_does_not_change_it() -> None:
     watched, unwatched = flying(two_tails(), keep_trace=True), flying(two_tails())
     assert watched.digest() == unwatched.digest()
-    assert len(watched.trace) == sum(bus.frames for bus in watched.buses.values())
+    assert len(watched.trace) == sum(bus.frames for bus in watched.wiring.buses.values())

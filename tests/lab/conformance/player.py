@@ -108,11 +108,11 @@ class UnderTest:
 
 
 def demand(holds: bool, story: str) -> None:
-    """Raise DrillError where something does not hold."""
+    """Raise ConformanceError where something does not hold."""
     if not holds:
         raise ConformanceError(story)
 
 
 def equal(found: object, wanted: object, what: str) -> None:
-    """Raise DrillError where something is not as it should be."""
+    """Raise ConformanceError where something is not as it should be."""
     demand(found == wanted, f"{what}: {found}, and not {wanted}")

@@ -16,7 +16,8 @@ WIRE = Path("dbc/heronry_wire")
 CODEC = (
     "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags "
     "configuration_slice contingency_block controller errors frame gateway_report identification identifiers layout "
-    "management node_services packing pe_table sansio sdo standard_identifiers timing transmit_queue"
+    "management nmt node_services packing pe_table protocol_times sansio sdo standard_identifiers state_frames "
+    "timing transmit_queue"
 )
 SHELL = (  # of the wire: what touches sockets, interfaces and files
     "__init__ bus_arguments bus_opening can_interface eds key_file link python_can replicated_link service_manager "
