@@ -1,4 +1,4 @@
-# What a person types here. `make` alone explains; nothing has to be installed by hand but Python 3.11 or newer.
+# The commands for developers; `make` alone lists them. Nothing has to be installed by hand but Python 3.11 or newer.
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test soak coverage lint clean
@@ -8,7 +8,7 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 PYTEST := .venv/bin/pytest
 FRESH := .venv/bin/heronry sim --seconds 5 --jobs 0 --seed $(shell date +%s)
 
-# Demos and tests start hundreds of Pythons: what one of them has compiled, the next need not compile again.
+# Demos and tests start hundreds of Python processes: with bytecode files only the first one compiles a module.
 unexport PYTHONDONTWRITEBYTECODE
 
 help:
@@ -16,10 +16,10 @@ help:
 	@echo
 	@echo '  make demo      watch an aircraft lose processors and keep flying (first time: installs into .venv)'
 	@echo '                 options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
-	@echo '  make test      tests, in minutes: ordinary ones, live processes, a real SocketCAN vcan0, and flights of fresh seeds'
-	@echo '  make soak      the same, and all that is long, to its end: for a night'
-	@echo '  make coverage  the ordinary ones, long ones too, and which branches of the code they miss'
-	@echo '  make lint      style, types, and which room may import which'
+	@echo '  make test      tests, in minutes: without processes, with processes, on a real SocketCAN vcan0, and flights of new seeds'
+	@echo '  make soak      the same with all long tests, complete: for a night'
+	@echo '  make coverage  tests without processes, long ones too, and which branches of the code they miss'
+	@echo '  make lint      style, types, which package may import which, retired words in prose'
 	@echo '  make clean     remove .venv and everything that tools left in this folder'
 	@echo
 	@echo 'Then, in .venv/bin: heronry --help and pe-agent --help. For a vcan0 where the kernel has none: tools/with-vcan --help'
@@ -27,11 +27,12 @@ help:
 demo: .venv/ready-to-run
 	@.venv/bin/heronry demo $(ARGS)
 
-# Four runs: in parallel what computes; in parallel, and more than there are processors, what starts processes and mostly
-# waits for them; one by one what holds only where this computer keeps up with heartbeats; and on a CAN bus what needs
-# one. Processes are flown by this computer's clock, and it may stand still for longer than a heartbeat: what fails there
-# is tried once more, and said to have been. Then flights that nobody has flown yet: one that goes wrong prints what
-# replays it. Both targets do all of this: what is long (tests/thoroughness.py) in part in `test`, to its end in `soak`.
+# Four runs of pytest: tests that compute, in parallel; tests that start processes and mostly wait for them, more of them
+# at a time than there are processors; tests that pass only where this computer keeps up with heartbeats, one by one; and
+# tests that need a CAN bus. Processes fly by this computer's clock, which may stand still for longer than a heartbeat: a
+# test of these that fails is run once more, and reported as such. Then flights with seeds never flown before: one that
+# goes wrong prints the command that replays it. `test` and `soak` do all of this; `test` runs the long tests
+# (tests/thoroughness.py) in part, `soak` completely.
 test: BUT := and not soak
 test: FLIGHTS := 40
 test: FLIGHTS_OF_BIG_BLUE := 8
@@ -50,7 +51,7 @@ test soak: .venv/ready-to-test
 	$(FRESH) tests/scenarios/both_sides.dg.yaml --standby --runs $(FLIGHTS)
 	$(FRESH) big_blue --runs $(FLIGHTS_OF_BIG_BLUE)
 
-# By branches, and with all that is long: no part of `make test`. Cores and codec have to have all of them.
+# By branches, with the complete long tests; not part of `make test`. Every branch of cores and codec has to be run.
 coverage: .venv/ready-to-test
 	$(PYTEST) -m 'not live and not vcan' -n 2 --dist worksteal --cov
 	.venv/bin/coverage report --fail-under 100 --include "$$(.venv/bin/python -m lab.mutation.flight_code)"
@@ -60,7 +61,7 @@ lint: .venv/ready-to-test
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
 	.venv/bin/lint-imports
-	$(PYTEST) tests/wire/test_bytes_of_frames.py
+	$(PYTEST) tests/wire/test_bytes_of_frames.py tests/lab/tests/test_retired_words.py
 	.venv/bin/heronry check --quiet dg_specs
 
 clean:
@@ -68,7 +69,7 @@ clean:
 	rm -rf .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
-# Stamps: what .venv holds is as new as pyproject.toml. All that testing needs includes all that running needs.
+# Stamps: .venv was installed from this pyproject.toml. What testing needs includes what running needs.
 .venv/ready-to-run: pyproject.toml
 	@tools/prepare-venv manager,watch
 	@touch $@

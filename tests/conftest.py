@@ -1,4 +1,4 @@
-"""What holds for all tests: an example may take as long as it takes; how fast code is, benchmarks say."""
+"""Settings for all tests: a hypothesis example has no time limit, since benchmarks measure speed."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from thoroughness import part_of
 settings.register_profile("untimed", settings.default, deadline=None, max_examples=part_of(100))
 settings.load_profile("untimed")
 
-# Markers that few files have: a run that asks for one of them alone imports no other file.
+# Markers that few files have: a run that selects one of them alone imports no other file.
 _RARE = ("live", "timing", "vcan")
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out files that do not name the marker asked for: to import them all takes a user-mode Linux a minute."""
+    """Leave out files that do not name the selected marker: to import them all takes a user-mode Linux a minute."""
     asked = config.getoption("markexpr").split(" ")[0]
     if asked in _RARE and collection_path.name.startswith("test_") and collection_path.suffix == ".py":
         return f"pytest.mark.{asked}" not in collection_path.read_text(encoding="utf-8") or None

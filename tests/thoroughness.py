@@ -1,8 +1,8 @@
-"""How much of what is long is tried: a part of it in `make test`, all of it in `make soak` and `make coverage`.
+"""How much of the long tests runs: a part of them in `make test`, all of them in `make soak` and `make coverage`.
 
 Two ways. A case among many, or a whole test, has the marker `soak`: `make test` leaves those out by `-m 'not soak'`. An
-enumeration by numbers, or by drawn examples, asks here how far it is to go; HERONRY_SOAK=1 in the environment says: to
-its end.
+enumeration by numbers, or by drawn examples, takes its length from these functions; HERONRY_SOAK=1 in the environment
+makes it complete.
 """
 
 import os

@@ -1,1 +1,1 @@
-"""The laboratory: what tests heronry itself, and is never shipped."""
+"""The laboratory: programs that test heronry itself, and are never shipped."""

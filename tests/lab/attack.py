@@ -1,18 +1,18 @@
-"""Attacks on a PE with a key: a great many commands that are not what they seem, and what becomes of each.
+"""Attacks on a PE with a key: a great many commands that a true manager did not send, and what the PE does with each.
 
-    forged      bytes and a tag as somebody without the key would make them up, or a true pair with bits changed
-    replayed    a true command and its TAG, said before
+    forged      bytes and a tag made up without the key, or a true pair with bits changed
+    replayed    a true command and its TAG, sent before
     reordered   a true command that arrives after a later one
     truncated   a true command cut short, with its TAG
     foreign     a command tagged with the key of another fleet
 
-The PE is the core that flies, and a true manager leads it all the while: between the attacks its commands must be
-believed, or whoever believes nothing would pass. After every attack all that a command could change is compared with
-what it was (`_Watch`), by what the PE does and says, not by what its verifier thinks.
+The PE is the core that flies, and a true manager commands it between the attacks: it must accept these commands, for a
+PE that accepts no command at all would pass every attack. After every attack all that a command could change is
+compared with its value before (`_Watch`): what the PE does and sends, not what its verifier of tags concludes.
 
     python -m lab.attack --count 1000000 --seed 1
 
-It also tells what the tags cost: the load of management on each bus of a spec that flies, without and with a key.
+The program also prints what the tags cost: the share of each bus that commands take, without and with a key.
 """
 
 import argparse
@@ -55,7 +55,7 @@ from lab.peers import PlayedManager, SteppedCore
 _MS = 1_000_000
 _NS_PER_S = 1_000_000_000
 _TERM = 3
-_LED_EVERY = 64  # attacks between two true beats
+_LED_EVERY = 64  # attacks between two beats of the true manager
 _REMEMBERED = 4096
 _BEAT_NS = 101 * _MS  # longer than a command waits for its TAG
 _COMMANDS = tuple(command for command in Command if command is not Command.TAG)
@@ -71,7 +71,7 @@ class _Watch:
         self._core = core
 
     def seen(self) -> tuple[object, ...]:
-        """What it is now."""
+        """Give the present values."""
         core = self._core
         assert core.authenticity is not None
         running, staged = core.reconfiguration.running, core.staging.staged
@@ -84,10 +84,10 @@ class _Watch:
 
 
 class Attacked:
-    """One PE, its true manager, and whoever attacks."""
+    """One PE, its true manager, and the attacker."""
 
     def __init__(self, spec: Spec, seed: int) -> None:
-        """Lead the first PE of a spec until it believes its manager."""
+        """Command the first PE of a spec until it accepts its manager."""
         self._random = Random(seed)
         self.accepted: Counter[str] = Counter()
         self.attacks: Counter[str] = Counter()
@@ -101,7 +101,7 @@ class Attacked:
         foreign = Key(self._random.randbytes(KEY_BYTES))
         self._foreign = [PlayedManager(node, _TERM + 1, foreign) for node in (FIRST_MANAGER, LAST_MANAGER)]
         self._said: list[Pair] = []
-        self._waiting: set[Frame] = set()  # commands that were heard since the last beat, whatever became of them
+        self._waiting: set[Frame] = set()  # commands received since the last beat, accepted or not
         self._kinds: dict[str, Callable[[], list[Frame]]] = {
             "forged": self._forged,
             "replayed": self._replayed,
@@ -123,7 +123,7 @@ class Attacked:
         return list(self._kinds)
 
     def attack(self, kind: str) -> None:
-        """Attack once, and see whether anything has come of it."""
+        """Attack once, and count the attack as accepted if the PE has changed or has not counted a refusal."""
         if self.attacks.total() % _LED_EVERY == 0:
             self._lead()
         frames = self._kinds[kind]()
@@ -136,22 +136,22 @@ class Attacked:
             self.accepted[kind] += 1
 
     def _meet(self) -> None:
-        """Let the PE ask, and answer it."""
+        """Let the PE send its nonce, and answer it."""
         asked: list[int] = []
         while not asked:
             asked = self._pe.nonces(_MS, self._node)
         self._pe.hear(*self._manager.welcome(self._node, asked[0]))
         self._lead()
-        assert self._core.mastership.term == _TERM, "the true manager is not believed"
+        assert self._core.mastership.term == _TERM, "the PE does not accept the true manager"
 
     def _lead(self) -> None:
-        """A beat of the true manager, which must be believed."""
+        """Send a beat of the true manager, which the PE must accept."""
         self._waiting.clear()
         self._pe.pass_time(_BEAT_NS)
         for pair in (self._true(Command.LEASE), self._true(Command.ALIVE)):
             self._say(pair)
         ping = self._true(Command.PING)
-        assert self._pe.hear(*ping), "a true PING is not answered"
+        assert self._pe.hear(*ping), "the PE does not answer a true PING"
 
     def _say(self, pair: Pair) -> list[Action]:
         self._said.append(pair)
@@ -160,13 +160,13 @@ class Attacked:
         return self._pe.hear(*pair)
 
     def _is_question(self, action: Action) -> bool:
-        """Tell whether it asks for a fresh start: to be more cautious is no harm."""
+        """Tell whether an action is a nonce, which asks for a new session: an attack may cause that without harm."""
         return isinstance(action, Send) and isinstance(decode_state(action.frame.data), StatePage2)
 
-    # What can be said
+    # Commands
 
     def _payload(self, command: Command, term: int = _TERM) -> bytes:
-        """A command that would do something."""
+        """Give a command that would change the PE if it were accepted."""
         draw, node = self._random.randrange, self._node
         match command:
             case Command.LEASE:
@@ -188,7 +188,7 @@ class Attacked:
                 return Control(term, node, self._random.choice(operations), draw(1 << 16), draw(1 << 16)).encode()
 
     def _frame(self, term: int = _TERM, manager: int = FIRST_MANAGER) -> Frame:
-        """A command that does not wait for its TAG already: with a true one that would be a true command."""
+        """Give a command that is not waiting for its TAG already: with a true TAG it would be a true command."""
         while True:
             command = self._random.choice(_COMMANDS)
             frame = Frame(management_id(manager, command), self._payload(command, term))
@@ -234,7 +234,7 @@ class Attacked:
 
 
 def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
-    """Share of each bus that commands take while nothing changes: ten seconds after the first configuration runs."""
+    """Give the share of each bus that commands take in steady flight, in the ten seconds after the first deployment."""
     simulation = Simulation(spec, 1, key=key)
     bits: Counter[str] = Counter()
 
@@ -252,7 +252,7 @@ def management_load(spec: Spec, key: Key | None) -> dict[str, float]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Attack, and print what came of it; returns 1 if anything was accepted, or not counted."""
+    """Attack, and print the figures; returns 1 if the PE accepted an attack, or did not count it."""
     parser = argparse.ArgumentParser(prog="python -m lab.attack", description="Attack a PE with a key.")
     parser.add_argument("spec", nargs="?", default="big_blue", metavar="SPEC", help="default: big_blue")
     parser.add_argument("--count", type=int, default=100_000, metavar="N", help="attacks of all kinds together")

@@ -1,4 +1,4 @@
-"""Cut sets against plain enumeration: every fault set is asked about for itself, and nothing is remembered.
+"""Cut sets against plain enumeration: each fault set has a search of its own, and no result is reused.
 
     python -m lab.cut_set_enumeration                       every shipped spec, sets of up to two faults
     python -m lab.cut_set_enumeration big_blue --order 1
@@ -69,12 +69,12 @@ def _enumerated(
 
 
 def shipped() -> list[str]:
-    """Every spec that comes with this package, the examples among them."""
+    """Give the names of all shipped specs, the examples among them."""
     return [*shipped_spec_names(), *map(str, example_specs())]
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Compare for the specs that are named, or all that are shipped; gives the exit code."""
+    """Compare for the specs on the command line, or for all shipped ones; gives the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("specs", metavar="SPEC", nargs="*", help="default: every shipped spec")
     parser.add_argument("--order", type=int, default=2)

@@ -1,11 +1,11 @@
-"""Who is on the other side of a bus, played: a manager, as a PE hears it, and a PE, as a manager hears it.
+"""The other nodes of a bus, played: a manager, as a PE hears it, and a PE, as a manager hears it.
 
-They only make frames. Who hears them is the caller's: a core that is stepped by hand, a simulated bus, an oracle, or
-whatever speaks frames.
+They only make frames. The caller gives these to a receiver: a core that is stepped by hand, a simulated bus, or an
+oracle.
 
     SteppedCore     a core, whose time passes by hand
-    PlayedManager   says commands, each with its TAG where there is a key, and answers nonces
-    ProvenStates    adds to a PE's states what proves them, in the session that its manager has opened
+    PlayedManager   makes commands, each with its TAG where there is a key, and answers nonces
+    ProvenStates    adds tags to a PE's states, in the session that its manager has opened
 """
 
 from collections.abc import Iterable
@@ -34,12 +34,12 @@ Action = TypeVar("Action")
 
 
 def command_frame(message: ManagementMessage, manager: int = FIRST_MANAGER) -> Frame:
-    """The frame of a command."""
+    """Give the frame of a command."""
     return Frame(management_id(manager, COMMAND_OF[type(message)]), message.encode())
 
 
 def slice_messages(node: int, epoch: int, part: Slice | bytes, spec_digest: str) -> list[SliceHead | SliceBody]:
-    """Head and bodies of a PE's slice."""
+    """Give head and bodies of a PE's slice."""
     body = part if isinstance(part, bytes) else part.encode()
     head = SliceHead(node, epoch & 0xFF, len(body), slice_digest(spec_digest, body))
     chunks = [body[at : at + SLICE_BYTES_PER_FRAME] for at in range(0, len(body), SLICE_BYTES_PER_FRAME)]
@@ -47,13 +47,13 @@ def slice_messages(node: int, epoch: int, part: Slice | bytes, spec_digest: str)
 
 
 class Core(Protocol[Event_contra, Action]):
-    """The shape of everything that decides."""
+    """The interface of every core."""
 
     def step(self, now_ns: int, event: Event_contra | Received | Tick) -> list[Action]:
-        """Give an event; gives what is to be done."""
+        """Process an event; gives the actions."""
 
     def next_deadline_ns(self) -> int | None:
-        """When it wants to be called at the latest."""
+        """Give the latest time of the next call (ns); None: no call is needed."""
 
 
 class SteppedCore(Generic[Event_contra, Action]):
@@ -63,15 +63,15 @@ class SteppedCore(Generic[Event_contra, Action]):
         self.core, self.now_ns = core, now_ns
 
     def give(self, event: Event_contra | Received | Tick) -> list[Action]:
-        """Give an event now."""
+        """Process an event at the present time."""
         return self.core.step(self.now_ns, event)
 
     def hear(self, *frames: Frame, port: int = 0) -> list[Action]:
-        """Frames come."""
+        """Receive frames."""
         return [action for frame in frames for action in self.give(Received(port, frame))]
 
     def pass_time(self, duration_ns: int, *, most_ticks: int = 1 << 20) -> list[Action]:
-        """Let time pass; what is due after so many ticks is never called for."""
+        """Let time pass; stops after `most_ticks` deadlines, those due later are left out."""
         end_ns, actions = self.now_ns + duration_ns, list[Action]()
         for _ in range(most_ticks):
             due_ns = self.core.next_deadline_ns()
@@ -83,42 +83,42 @@ class SteppedCore(Generic[Event_contra, Action]):
         return actions
 
     def nonces(self, duration_ns: int, node: int) -> list[int]:
-        """Let time pass; what a PE with a key asks meanwhile."""
+        """Let time pass; gives the nonces that a PE with a key sends meanwhile."""
         return nonces_in(self.pass_time(duration_ns), node)
 
 
 def nonces_in(actions: Iterable[object], node: int) -> list[int]:
-    """What a PE with a key asks, among what it says."""
+    """Give the nonces of a PE with a key among its actions."""
     sends = [action for action in actions if isinstance(action, Send)]
     pages = [decode_state(send.frame.data) for send in sends if send.frame.can_id == state_id(node)]
     return [page.nonce for page in pages if isinstance(page, StatePage2)]
 
 
 class PlayedManager:
-    """What a manager says."""
+    """The frames of a manager."""
 
     def __init__(self, node: int = FIRST_MANAGER, term: int = 1, key: Key | None = None) -> None:
-        """term: only counts with a key; a command names its own."""
+        """term: used with a key alone; a command has its own."""
         self.node = node
         self.signer = None if key is None else CommandSigner(key, node, term)
 
     def frames(self, *messages: ManagementMessage) -> list[Frame]:
-        """Commands, each with its TAG where there is a key."""
+        """Give the frames of commands, each with its TAG where there is a key."""
         return [frame for message in messages for frame in self.tagged(command_frame(message, self.node))]
 
     def tagged(self, frame: Frame) -> list[Frame]:
-        """A frame, with its TAG where there is a key and a number left."""
+        """Give a frame, with its TAG where there is a key and a number left."""
         tag = None if self.signer is None else self.signer.tag(frame)
         return [frame] if tag is None else [frame, tag]
 
     def welcome(self, node: int, nonce: int) -> list[Frame]:
-        """Answer a PE that has asked; only a manager with a key can."""
+        """Answer the nonce of a PE; only a manager with a key can."""
         assert self.signer is not None
         return list(self.signer.welcome(node, nonce))
 
     @property
     def session(self) -> Session:
-        """The session that its last welcome has opened."""
+        """Give the session that the last welcome has opened."""
         assert self.signer is not None
         return Session(self.node, self.signer.term, self.signer.number)
 
@@ -135,9 +135,9 @@ class ProvenStates:
     def prove(
         self, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY, *, stride: int = 1, is_true: bool = True
     ) -> Frame:
-        """A page 0 with the number of its beat, which also proves an EMCY; or a page 1.
+        """Give a page 0 with the number of its beat, which also proves an EMCY; or a page 1.
 
-        stride: from this beat to the next; more is as if some were lost. is_true: without, it carries the tag 0.
+        stride: from this beat to the next; above 1 as if frames were lost. is_true: False gives the tag 0.
         """
         beat, said_of_it = PAGE_1_BEAT, NO_EMERGENCY
         if isinstance(page, StatePage0):
@@ -151,7 +151,7 @@ class ProvenStates:
         return Frame(state_id(self.node), joined_state(said, tag))
 
     def take(self, control: Control, manager: int) -> None:
-        """Take what opens a session with this manager, or ends one."""
+        """Process a frame that opens a session with this manager, or ends one."""
         if control.node == self.node and control.operation is Operation.WELCOME:
             self.session, self.beat = Session(manager, control.term, control.a << 16 | control.b), 0
         elif control.node == self.node and control.operation is Operation.RENEW:

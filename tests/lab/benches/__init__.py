@@ -1,1 +1,1 @@
-"""How fast and how steady: one bench a file (`python -m lab.benches.NAME`), and one harness."""
+"""Benchmarks of speed and steadiness: one per file (`python -m lab.benches.NAME`), and one harness."""

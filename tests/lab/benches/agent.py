@@ -2,10 +2,10 @@
 
     python -m lab.benches.agent [--spec big_blue] [--seconds 20] [--busy 2]
 
-Flies the spec twice for so long, its data on the bus: once with nothing else to do for this computer, once beside
-`--busy` processes that compute without end. Tells the start-up of the agent's code, and of each agent the memory, the
-processor time, that of its partitions, the agent's per frame, and by how much its state frames come later after one
-another than their period says. At the end stands what all processes of the flight used: hubs and manager as well.
+Flies the spec twice for `--seconds`, its data on the bus: once on an idle computer, once beside `--busy` processes that
+compute without end. Prints the start-up time of the agent's code, and for each agent its memory, its processor time,
+that of its partitions, its processor time per frame, and by how much the interval between two of its state frames is
+longer than their period. The last line is the processor time of all processes of the flight, hubs and manager included.
 """
 
 import json
@@ -23,11 +23,11 @@ from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.protocol import BusStatistics, ClientStatistics
 from heronry_wire.identifiers import state_id
 from lab.benches.fleets import aircraft
-from lab.benches.harness import Bench, Report, option, seconds_option, spec_option
+from lab.benches.harness import Benchmark, Report, option, seconds_option, spec_option
 from lab.benches.processes import busy, family_cpu_s, resident_mib
 from lab.benches.state_frames import forget_waiting, lateness_ms
 
-_SETTLE_S = 3.0  # from the first configuration on: the manager thinks ahead, and late-comers join
+_SETTLE_S = 3.0  # from the first configuration on: the manager plans ahead, and late PEs join
 _START_UP = (
     "import resource, time; start = time.process_time(); import heronry_agent.shell.cli; "
     "print(time.process_time() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
@@ -107,7 +107,7 @@ def _tell_agents(
         report.lines([line])
 
 
-main = Bench(
+main = Benchmark(
     "agent",
     __doc__,
     measure,

@@ -1,17 +1,17 @@
 """The response-time analysis against a simulated bus, at critical instants and in any phasing.
 
-A bus is simulated by itself, event by event, and shares nothing with the analysis (`heronry_wire.timing`): nodes that
-queue by priority, frames of their longest length, one at a time and never interrupted; jitter, and below all messages
-somebody who always has a frame of 135 bits to send. Random message sets are run in two ways:
+A bus is simulated by itself, event by event, and shares no code with the analysis (`heronry_wire.timing`): nodes that
+queue by priority, frames of their longest length, one at a time and never interrupted; jitter, and below all messages a
+node that always has a frame of 135 bits to send. Random message sets are run in two ways:
 
     critical instant   for every message: the longest frame below it has just started, and the message and all above it
                        are queued, each as late after it was due as it may be; then each comes as soon as it may
     any phasing        drawn offsets, and a drawn lateness of every instance
 
-No response may be longer than the analysis says, and at its critical instant each message must come within a tenth of
-that. Time is counted in quarters of a bit. A node that has a frame less than a bit time after another one has taken the
-bus may still take part in that arbitration, or may not: what is more urgent than the message looked at does, and the
-message itself does not. That is why the equations have a whole frame of blocking, and `tau`.
+No response may be longer than the bound of the analysis, and at its critical instant each response must reach nine
+tenths of the bound. Time is counted in quarters of a bit. A node that has a frame less than a bit time after another
+one has taken the bus may still take part in that arbitration, or may not: here a message more urgent than the watched
+one does, and the watched one does not. That is why the equations have a whole frame of blocking, and `tau`.
 
 Exit code 1 where the analysis is wrong.
 """
@@ -26,7 +26,7 @@ from random import Random
 from typing import NamedTuple
 
 from heronry_wire.timing import WORST_BLOCKING_BITS, Message, analyse
-from lab.benches.harness import Bench, Report, option
+from lab.benches.harness import Benchmark, Report, option
 
 QUARTERS = 4  # of a bit time
 REACHED = Fraction(9, 10)
@@ -50,23 +50,23 @@ class Release(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What came of some message sets."""
+    """The results of some message sets."""
 
     sets: int
     messages: int  # with a bound
     several: int  # messages of which more than one instance had to be looked at
-    exceeded: int  # messages that took longer than the analysis says
-    short: int  # messages whose critical instant stayed below nine tenths of it
+    exceeded: int  # messages that took longer than their bound
+    short: int  # messages whose critical instant stayed below nine tenths of their bound
     least: Fraction  # the least share of a bound that a critical instant reached
 
 
 def run_bus(
     streams: Sequence[Stream], releases: Iterable[Release], lower: Iterator[tuple[int, int]], watched: int
 ) -> list[int]:
-    """Send everything; gives the longest response of each stream.
+    """Send all instances; gives the longest response of each stream.
 
     lower: frames of lower priority, as (not before, length) in order of time; each is sent once where the bus is free
-    and nothing else is queued. watched: the stream against which what comes within a bit is counted.
+    and nothing else is queued. watched: the stream that loses against what comes within a bit time.
     """
     longest, now = [0] * len(streams), 0
     waiting: list[tuple[int, int]] = []  # priority, and when it was due
@@ -89,7 +89,7 @@ def run_bus(
 
 
 def _taking_part(coming: list[Release], now: int, watched: int, waiting: Sequence[tuple[int, int]]) -> list[Release]:
-    """Take out of `coming`, latest first, what is in the arbitration of this moment."""
+    """Remove from `coming`, latest first, the instances that take part in the arbitration of this moment."""
     taken: list[Release] = []
     later: list[Release] = []
     while coming and coming[-1].queued <= now:
@@ -102,7 +102,7 @@ def _taking_part(coming: list[Release], now: int, watched: int, waiting: Sequenc
 
 
 def critical_instant(streams: Sequence[Stream], priority: int, blocker: int, until: int) -> int:
-    """Longest response of a stream when everything comes at once, behind a frame of `blocker` that has just started."""
+    """Give a stream's longest response when all come at once, behind a frame of `blocker` that has just started."""
     instant = 1  # the frame below started just before
     releases = []
     for above in range(priority + 1):
@@ -116,7 +116,7 @@ def critical_instant(streams: Sequence[Stream], priority: int, blocker: int, unt
 
 
 def any_phasing(streams: Sequence[Stream], blocker: int, random: Random) -> list[int]:
-    """Longest response of each stream with drawn offsets and lateness, and somebody below who always has a frame."""
+    """Give each stream's longest response with drawn offsets and lateness, above a node that always has a frame."""
     horizon = min(_MOST_INSTANCES * min(s.period for s in streams), 4 * max(s.period for s in streams))
     releases = []
     for priority, (_, period, jitter) in enumerate(streams):
@@ -147,7 +147,7 @@ def drawn_messages(random: Random) -> list[Message]:
 
 
 def tried(messages: Sequence[Message], random: Random) -> Tally:
-    """Hold the bounds of one message set against the simulated bus."""
+    """Compare the bounds of one message set with the simulated bus."""
     streams = [Stream(QUARTERS * m.bits, QUARTERS * int(m.period), QUARTERS * int(m.jitter)) for m in messages]
     responses = analyse(messages, blocking_bits=WORST_BLOCKING_BITS)
     bounded = [response for response in responses if response.bits is not None]
@@ -168,7 +168,7 @@ def tried(messages: Sequence[Message], random: Random) -> Tally:
 
 
 def try_sets(sets: int, seed: int) -> Tally:
-    """Hold the bounds of drawn message sets against the simulated bus."""
+    """Compare the bounds of drawn message sets with the simulated bus."""
     found = [tried(drawn_messages(random), random) for random in (Random(f"{seed}/{i}") for i in range(sets))]
     return Tally(
         sets,
@@ -201,7 +201,7 @@ def worked_example() -> Iterator[str]:
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Compare, and tell what came of it."""
+    """Compare, and report the figures."""
     report.lines(["Davis et al. 2007, 125 kbit/s:", *worked_example()])
     tally = try_sets(arguments.sets, arguments.seed)
     report.figures(
@@ -215,12 +215,12 @@ def measure(arguments: Namespace, report: Report) -> None:
     report.require(tally.exceeded == tally.short == 0)
 
 
-main = Bench(
+main = Benchmark(
     "bus",
     __doc__,
     measure,
     option("--sets", 100, "random message sets"),
-    option("--seed", 0, "what they are drawn from"),
+    option("--seed", 0, "from which they are drawn"),
 )
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,7 @@
-"""How long `heronry check --fast` takes, and how much memory: specs that grow, and files that mean harm.
+"""How long `heronry check --fast` takes, and how much memory: specs of growing size, and malicious files.
 
 Each file is checked by a process of its own; the first line is a spec of two modules, which is nearly all start-up.
-On a busy machine look at the CPU's time.
+On a busy machine the CPU time is the figure to read.
 """
 
 import os
@@ -13,13 +13,13 @@ from argparse import Namespace
 from pathlib import Path
 
 from heronry_dg.check.examples import SOUND
-from lab.benches.harness import Bench, Report, option
+from lab.benches.harness import Benchmark, Report, option
 
 _MILLION = 1_000_000
 
 
 def chain(modules: int) -> str:
-    """A sound spec: chains of ten modules, from a sensor to an output, with optional inputs on the way."""
+    """Give a valid spec: chains of ten modules, from a sensor to an output, with optional inputs on the way."""
     starts = range(0, modules, 10)
     body = "cpu: 0.001, ram: 1KiB, rate_hz: 10"
     lines = ["dg: 1", "buses: {can0: {bitrate: 1000000}}"]
@@ -37,7 +37,7 @@ def chain(modules: int) -> str:
 
 
 def files() -> dict[str, bytes]:
-    """What is measured, by name."""
+    """Give the files to check, by name."""
     laughs = "".join(f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]\n" for i in range(1, 10))
     return {
         "two modules": SOUND.encode(),
@@ -60,7 +60,7 @@ print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM"
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Check each file so often."""
+    """Check each file `--runs` times."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "x.dg.yaml")
         for name, data in files().items():
@@ -77,7 +77,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def _checked(path: Path) -> tuple[float, float, list[str]]:
-    """Check a file in a process of its own; gives wall time and CPU time in seconds, and what was said."""
+    """Check a file in a process of its own; gives wall time and CPU time in seconds, and the lines of its output."""
     begin, before = time.perf_counter(), os.times()
     command = [sys.executable, "-c", _CHILD, str(path)]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
@@ -86,6 +86,6 @@ def _checked(path: Path) -> tuple[float, float, list[str]]:
     return time.perf_counter() - begin, used_s, said
 
 
-main = Bench("check", __doc__, measure, option("--runs", 3, "of each file; the best times count"))
+main = Benchmark("check", __doc__, measure, option("--runs", 3, "of each file; the best times count"))
 if __name__ == "__main__":
     sys.exit(main())

@@ -10,7 +10,7 @@
 The data plane is off: every module has one step in a thousand seconds, so that there is time for hours. Each hour is a
 flight of its own, with a seed of its own.
 
-Exit code 1 where something was false, or was not noticed in time.
+Exit code 1 where an alarm was false, or a reboot was not noticed in time.
 """
 
 import sys
@@ -28,7 +28,7 @@ from heronry_tools.sim.compiled.machine_code import go_on_compiled
 from heronry_tools.sim.flight.campaign import fly_all
 from heronry_tools.sim.flight.simulation import MS, Simulation
 from heronry_tools.sim.world.bus import Faults
-from lab.benches.harness import Bench, Report, counted, option, spec_option
+from lab.benches.harness import Benchmark, Report, counted, option, spec_option
 
 LOSS = 1e-3
 SKEW_PPM = 500
@@ -46,7 +46,7 @@ _WINDOW_LEFT_NS = 5 * MS  # of the window, so that a PE's first state may still 
 
 @dataclass(slots=True)
 class Quiet:
-    """What came of a flight in which nothing failed."""
+    """The results of a flight in which nothing failed."""
 
     virtual_ns: int
     frames: int = 0
@@ -61,27 +61,27 @@ class Reboot:
 
     pe: str
     away_ns: int
-    noticed_ns: int | None  # from its start to when the manager knew; None: it never did
+    noticed_ns: int | None  # from the PE's return until the manager noticed the reboot; None: it never did
     heartbeat_ns: int
 
     @property
     def is_in_time(self) -> bool:
-        """Tell whether it was noticed within a heartbeat; a frame or two may have had to go first."""
+        """Tell whether the manager noticed the reboot within a heartbeat; one or two frames may have gone first."""
         return self.noticed_ns is not None and self.noticed_ns <= self.heartbeat_ns + 2 * MS
 
 
 def data_plane_off(spec: Spec) -> Spec:
-    """Give the same aircraft with modules that hardly ever do anything."""
+    """Give the same aircraft with modules of one step in a thousand seconds."""
     modules = {}
     for module in spec.modules.values():
         modes = {mode.name: replace(mode, rate_mhz=_ONE_STEP_IN_1000_S) for mode in module.modes.values()}
         modules[module.name] = replace(module, modes=modes)
-    digest = f"{int(spec.digest, 16) ^ 1:064x}"  # it is another spec: nothing kept for the first one is good for it
+    digest = f"{int(spec.digest, 16) ^ 1:064x}"  # another spec: results kept for the first one do not hold for it
     return replace(spec, modules=modules, digest=digest)
 
 
 def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
-    """Fly with a seed for a time in which nothing fails but frames, clocks and the manager's patience."""
+    """Fly with a seed for a time; nothing fails, but frames are lost, clocks drift and the manager stalls."""
     seed, duration_ns = flight
     random = Random(f"stalls of {seed}")
     simulation = Simulation(data_plane_off(spec), seed, faults=Faults(LOSS, LOSS), skew_ppm=SKEW_PPM)
@@ -98,7 +98,7 @@ def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
     simulation.at(simulation.now_ns + STALL_EVERY_NS, stall)
     end_ns = simulation.now_ns + duration_ns
     if known["reconfigured"] != 1:
-        quiet.false.append(f"seed {seed}: {known['reconfigured']} reconfigurations before all was quiet")
+        quiet.false.append(f"seed {seed}: {known['reconfigured']} reconfigurations during start-up")
     while simulation.now_ns < end_ns:
         simulation.events.clear()
         simulation.run_until(min(end_ns, simulation.now_ns + _PIECE_NS))
@@ -113,7 +113,7 @@ def fly_quietly(spec: Spec, flight: tuple[int, int]) -> Quiet:
 
 
 def fly_reboots(spec: Spec, seed: int) -> list[Reboot]:
-    """Reboot every PE of an aircraft once, in an order, at phases and for times that the seed draws."""
+    """Reboot every PE of an aircraft once; the seed draws order, phases and durations."""
     random = Random(f"reboots of {seed}")
     simulation = Simulation(data_plane_off(spec), seed, skew_ppm=SKEW_PPM)
     simulation.run_for(_START_NS)
@@ -123,7 +123,9 @@ def fly_reboots(spec: Spec, seed: int) -> list[Reboot]:
 def _reboot(simulation: Simulation, pe: str, random: Random) -> Reboot:
     spec = simulation.spec
     bus = min((spec.buses[name] for name in spec.pes[pe].buses), key=lambda bus: bus.name != spec.manager.bus)
-    window_ns = (bus.misses - 1) * bus.heartbeat_ns - _WINDOW_LEFT_NS  # one more passes before it speaks
+    window_ns = (
+        bus.misses - 1
+    ) * bus.heartbeat_ns - _WINDOW_LEFT_NS  # one more passes before the PE sends its first state
     simulation.run_for(_BETWEEN_REBOOTS_NS + random.randrange(bus.heartbeat_ns))
     away_ns = random.randrange(100_000, window_ns)
     begun_ns = simulation.now_ns
@@ -142,9 +144,9 @@ def _counted(simulation: Simulation) -> Counter[str]:
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Fly, and tell what was false, or was not noticed."""
+    """Fly, and report false alarms and reboots noticed too late."""
     if arguments.hours == arguments.reboots == 0:
-        raise UserError("0 hours and 0 reboots show nothing; write more of one of them")
+        raise UserError("--hours 0 with --reboots 0 measures nothing; write more than 0 for one of them")
     if arguments.compiled:
         go_on_compiled(arguments.words, "lab.benches.endurance")
     report.begin(arguments.spec)
@@ -153,10 +155,10 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def hours(text: str) -> float:
-    """Read how many hours to fly; argparse tells the name of this function to the user."""
+    """Read how many hours to fly; argparse shows the name of this function to the user."""
     number = float(text)
     if not 0 <= number <= _MOST_HOURS:
-        raise ArgumentTypeError(f"{text} is no time to fly; write 0 to {_MOST_HOURS} hours")
+        raise ArgumentTypeError(f"{text} is not a duration; write 0 to {_MOST_HOURS} hours")
     return number
 
 
@@ -208,7 +210,7 @@ def _reboots(arguments: Namespace, report: Report) -> None:
         report.require(not missed)
 
 
-main = Bench(
+main = Benchmark(
     "endurance",
     __doc__,
     measure,

@@ -1,4 +1,4 @@
-"""An aircraft of real processes on software buses, as the benches fly it."""
+"""An aircraft of real processes on software buses, as the benchmarks fly it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from heronry_tools.runtime.demo.fleet import Fleet, run_folder
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
-    """Its spec and its processes; the buses run."""
+    """The spec and the processes of an aircraft whose buses run."""
 
     spec: Spec
     fleet: Fleet
@@ -21,7 +21,7 @@ class Aircraft:
 
     @property
     def main(self) -> BusChoice:
-        """The manager's bus."""
+        """Give the manager's bus."""
         return self.buses[self.spec.manager.bus]
 
     def start_pes(self) -> dict[str, int]:

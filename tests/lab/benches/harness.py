@@ -1,9 +1,9 @@
-"""What every bench shares: options, the line about the machine, figures and tables of times, `--json`, and errors.
+"""The harness of all benchmarks: options, the line about the machine, figures, tables of times, `--json`, and errors.
 
-A bench is one file: its own options, and what it measures. It tells a `Report` what it finds, which prints each line as
-it comes, or with `--json` one line of JSON at the end: figures by name, and times by what they are times of.
+A benchmark is one file: its own options, and a function that measures. The function passes its results to a `Report`,
+which prints each line as it comes, or with `--json` one line of JSON at the end: figures by name, and times by row.
 
-Exit code 0; 1 where something is not as the bench requires it; 2 where the input cannot be used.
+Exit code 0; 1 where a requirement of the benchmark is not met; 2 where the input cannot be used.
 """
 
 import argparse
@@ -24,10 +24,10 @@ Option = Callable[[argparse.ArgumentParser], object]
 
 
 class Report:
-    """Takes what a bench finds, and prints it."""
+    """Prints the results of a benchmark, as text or as JSON."""
 
     def __init__(self, bench: str, *, as_json: bool) -> None:
-        """Say on what machine it is measured."""
+        """Print a line about the machine."""
         self.is_as_required = True
         self._as_json, self._unit = as_json, ""
         self._document: dict[str, Any] = {
@@ -40,18 +40,18 @@ class Report:
         self._say("{bench}: {machine}, {cores} cores, Python {python}".format_map(self._document))
 
     def begin(self, section: str) -> None:
-        """Begin a section: figures and times of the same name may come again."""
+        """Begin a section, in which figures and times may have the names of those in another section."""
         self._sections.append({"section": section, "figures": {}, "times": {}})
         self._unit = ""
         self._say(section)
 
     def figures(self, sentence: str, **figures: Figure) -> None:
-        """Tell figures: a sentence with their names in braces, as of `str.format`."""
+        """Report figures: a sentence with their names in braces, as of `str.format`."""
         self._section()["figures"].update(figures)
         self._say(sentence.format(**figures))
 
     def times(self, what: str, values: Iterable[float], *, unit: str = "ms", limit: float | None = None) -> None:
-        """Tell a row of the table: median, p99, p99.9 and the longest; a p99 above the limit is not as required."""
+        """Report a row of the table: median, p99, p99.9 and the longest; a p99 above the limit fails the benchmark."""
         ordered = sorted(values)
         if not ordered:
             return
@@ -67,16 +67,16 @@ class Report:
         self._say(row + (f"{limit:>9.1f}" if limit is not None else ""))
 
     def lines(self, lines: Iterable[str]) -> None:
-        """Tell particulars that nobody computes with; JSON does without them."""
+        """Report details as text; the JSON has none of them."""
         for line in lines:
             self._say(line)
 
     def require(self, holds: bool) -> None:
-        """What does not hold makes the exit code 1."""
+        """Make the exit code 1 unless the requirement holds."""
         self.is_as_required = self.is_as_required and holds
 
     def end(self) -> int:
-        """Print what is left to print; gives the exit code."""
+        """Print the JSON, if it is wanted; gives the exit code."""
         if self._as_json:
             document = {**self._document, "sections": self._sections, "as_required": self.is_as_required}
             print(json.dumps(document), flush=True)
@@ -92,17 +92,17 @@ class Report:
             print(line, flush=True)
 
 
-class Bench:
-    """A bench as a program: `python -m lab.benches.NAME`."""
+class Benchmark:
+    """A benchmark as a program: `python -m lab.benches.NAME`."""
 
     def __init__(
         self, name: str, about: str | None, measure: Callable[[argparse.Namespace, Report], None], *options: Option
     ) -> None:
-        """about: the text of its help; measure: finds its options, and in `words` the whole command line."""
+        """about: the text of its help; measure: is given its options, and in `words` the whole command line."""
         self._name, self._about, self._measure, self._options = name, about, measure, options
 
     def __call__(self, argv: Sequence[str] | None = None) -> int:
-        """Run it; gives the exit code."""
+        """Run the benchmark; gives the exit code."""
         return exit_code(lambda: self._run(list(sys.argv[1:] if argv is None else argv)), self._name)
 
     def _run(self, words: list[str]) -> int:
@@ -122,23 +122,23 @@ class Bench:
 
 
 def option(flag: str, default: object, about: str, kind: Callable[[str], object] = int, metavar: str = "N") -> Option:
-    """Take a value, by default a number."""
+    """Make an option with a value, by default a number."""
     told = about if default is None else f"{about} (default: %(default)s)"
     return lambda parser: parser.add_argument(flag, type=kind, default=default, metavar=metavar, help=told)
 
 
 def spec_option(default: str) -> Option:
-    """Take the name of a spec."""
+    """Make the option that names a spec."""
     return option("--spec", default, "what flies", str, "SPEC")
 
 
 def seconds_option(default: float, about: str) -> Option:
-    """Take how long something is measured."""
+    """Make the option for the length of a measurement."""
     return option("--seconds", default, about, float, "S")
 
 
 def counted(what: str, total: int, items: Iterable[Item]) -> Iterator[Item]:
-    """Give one item after the other, and show how far it is."""
+    """Give one item after the other, and show the progress."""
     with Progress() as progress:
         progress.begin(what, total)
         for item in items:

@@ -1,9 +1,9 @@
-"""How long it takes to look a fault up: every entry of a contingency file, in a random order.
+"""How long the look-up of a fault takes: every entry of a contingency file, in a random order.
 
     python -m lab.benches.look_up big_blue.contingencies big_blue
 
 *Found* is what a switch by number needs: the precondition is checked, and the number of the configuration is known. *As
-a plan* adds the report that the manager's event stream carries, worked out when a plan is wanted for the first time.
+a plan* adds the report for the manager's event stream, which is computed at the first use of a plan.
 """
 
 import random
@@ -19,13 +19,13 @@ from heronry_dg.objective import placement
 from heronry_manager.contingency.file_format import read_contingencies
 from heronry_manager.contingency.look_up import ContingencyTable
 from heronry_tools.console.spec_argument import load_spec
-from lab.benches.harness import Bench, Report
+from lab.benches.harness import Benchmark, Report
 
 _PLANS_TRIED: Final = 1000
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Look everything up once."""
+    """Look up every entry once."""
     spec = load_spec(arguments.spec)
     begun_ns = time.process_time_ns()
     made = read_contingencies(arguments.file, spec)
@@ -44,7 +44,7 @@ def _spent_us(call: Callable[[], object]) -> float:
     return (time.perf_counter_ns() - begun_ns) / 1e3
 
 
-main = Bench(
+main = Benchmark(
     "look_up",
     __doc__,
     measure,

@@ -1,16 +1,16 @@
-"""What a node costs that runs nothing, how steady its heartbeats are, and whether it keeps up with a full bus.
+"""What a node without modules costs, how steady its heartbeats are, and whether it keeps up with a full bus.
 
     python -m lab.benches.node [--agents 8] [--seconds 60] [--busy 2]
 
 Real `pe-agent` processes on a software bus of 1 Mbit/s, without a manager: no module disturbs the figures (those of a
-whole aircraft are `lab.benches.agent`'s). Four things are measured, each over so many seconds:
+whole aircraft are `lab.benches.agent`'s). Four things are measured, each for `--seconds`:
 
-    lateness   by how much state frames come later after one another than the 20 ms that they should, of all agents
-               together, idle and beside processes that compute
+    lateness   by how much the interval between two state frames is longer than their period of 20 ms, over all agents,
+               on an idle computer and beside processes that compute
     sent       processor time per frame that an agent sends: the difference between periods of 5 and of 20 ms
-    received   the same per frame that it takes in: the difference that the traffic below makes
+    received   processor time per frame that an agent receives: the difference that the traffic below makes
     full bus   the bus is filled, as far as this computer lets it, with state frames of other PEs, which every PE
-               reads: frames taken in, frames lost; none may be
+               reads: frames received, frames lost; none may be
 """
 
 import os
@@ -34,7 +34,7 @@ from heronry_tools.runtime.softbus.starter import start_hub
 from heronry_tools.runtime.table_files import write_tables
 from heronry_wire.identifiers import PE_NODES, state_id
 from heronry_wire.state_frames import PeFlags, PeState, StatePage0
-from lab.benches.harness import Bench, Report, option, seconds_option
+from lab.benches.harness import Benchmark, Report, option, seconds_option
 from lab.benches.processes import busy, cpu_s, resident_mib
 from lab.benches.state_frames import forget_waiting, lateness_ms
 
@@ -46,7 +46,7 @@ _SENDERS = 4
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one agent used in a while."""
+    """The frames and the processor time of one agent in one measurement."""
 
     cpu_s: float
     sent: int
@@ -79,7 +79,7 @@ def _costs(seconds: float, report: Report) -> None:
         received_us=(full.cpu_s - idle.cpu_s) / max(1, full.received - idle.received) * 1e6,
     )
     report.figures(
-        "  a bus at {load:.0%}: {frames_per_s:.0f} frames/s taken in with {cpu:.0%} of a core, {lost} lost",
+        "  a bus at {load:.0%}: {frames_per_s:.0f} frames/s received with {cpu:.0%} of a core, {lost} lost",
         load=full.bus_load,
         frames_per_s=full.received / seconds,
         cpu=full.cpu_s / seconds,
@@ -107,7 +107,7 @@ def _measured(period_ms: int, seconds: float, *, is_full: bool = False) -> Cost:
 
 
 def _fill(path: str, seconds: float) -> None:
-    """Send state frames of all other PEs; one sender by itself leaves gaps, in which it learns that it may go on."""
+    """Send state frames of all other PEs; a single sender leaves gaps, in which it waits for its next turn."""
     data = StatePage0(PeState.UNCONFIGURED, PeFlags(0), 0, 0, 0, 0).encode()
     end_s = time.monotonic() + seconds
     with ExitStack() as stack:
@@ -127,7 +127,7 @@ def _client(statistics: BusStatistics, pid: int) -> ClientStatistics:
 
 @contextmanager
 def _agents(count: int, period_ms: int) -> Iterator[tuple[SoftBus, list[int]]]:
-    """Agents that run nothing, and a place on their bus that hears their state frames."""
+    """Start agents without modules, and a client on their bus that receives their state frames."""
     spec = loads(_spec(count, period_ms), "bench.dg.yaml")
     with TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
@@ -159,13 +159,13 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _spec(count: int, period_ms: int) -> str:
-    """PEs, and one module that never runs, since a spec wants one."""
+    """Give a spec with PEs and one module that never runs, since a spec must have one."""
     pes = "\n".join(
         f"  pe_{n}: {{node_id: {PE_NODES[0] + n}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for n in range(count)
     )
     return f"""\
 dg: 1
-name: bench
+name: idle_nodes
 buses: {{can0: {{bitrate: {_BITRATE}, heartbeat_ms: {period_ms}}}}}
 pes:
 {pes}
@@ -174,11 +174,11 @@ functions: {{nothing: {{output: nothing}}}}
 """
 
 
-main = Bench(
+main = Benchmark(
     "node",
     __doc__,
     measure,
-    option("--agents", 8, "that run nothing"),
+    option("--agents", 8, "without modules"),
     seconds_option(60.0, "of each measurement"),
     option("--busy", os.cpu_count(), "processes that compute"),
 )

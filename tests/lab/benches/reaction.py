@@ -3,18 +3,18 @@
 The aircraft is made for this: eight PEs on one bus of 1 Mbit/s, data and management together half of what it carries;
 eight modules that talk and eight that listen from other PEs, each with a second PE to move to; and a DEMUX with
 branches on two PEs. Rates differ by a few per cent, so that data meet at random, as clocks have them do after hours of
-flight; in the first seconds after a GO everybody's data come at once. In each flight one PE dies, at a moment that the
-seed draws. Every single fault is planned for ahead, and the plans are on board: deciding is a look-up, and the plan is
-called by its number.
+flight; in the first seconds after a GO the data of all PEs come at once. In each flight one PE dies, at a moment that
+the seed draws. Every single fault is pre-planned, and the plans are on board: to decide is a look-up, and the manager
+commands the plan by its number.
 
-    decide                CPU time of that look-up: from the question to a plan (`core.planning_policy`)
-    decision to active    from the plan to the last PE's word that it runs: in one step, or after BREAK, or GO; where a
-                          silent PE held the DEMUX, to the last word about all that does not wait for it
-    fault to active       from the death of a PE to the same; apart where a silent PE held the DEMUX: to the last word
-                          about that too, for which T_lease passes first
+    decide                CPU time of that look-up: from the request to a plan (`core.planning_policy`)
+    decision to active    from the plan to the last state frame of a PE that runs it: in one step, or after BREAK, or
+                          GO; where a silent PE held the DEMUX, to the last one about all that does not wait for it
+    fault to active       from the death of a PE to the same; a row of its own where a silent PE held the DEMUX: to the
+                          last state frame about the DEMUX, for which T_lease passes first
 
-Virtual times are exact, and those of messages alone: cores and modules compute in no time. Real processes on a software
-bus fly the same aircraft: `--write FILE`, `heronry contingencies FILE -o PLANS --faults 1`, then
+Virtual times are exact, and contain messages alone: cores and modules compute in no time. To fly the same aircraft with
+real processes on a software bus: `--write FILE`, `heronry contingencies FILE -o PLANS --faults 1`, then
 `python -m lab.benches.reconfiguration --spec FILE --contingencies PLANS`.
 
 Exit code 1 where a p99 is above its limit.
@@ -42,7 +42,7 @@ from heronry_tools.sim.world.bus import Sent
 from heronry_tools.sim.world.planning import prepared
 from heronry_wire.identifiers import Use, classify
 from heronry_wire.state_frames import PeState, StatePage0, decode_state
-from lab.benches.harness import Bench, Report, counted, option
+from lab.benches.harness import Benchmark, Report, counted, option
 
 PES = 8
 TALKERS = 8
@@ -50,7 +50,7 @@ VARIABLES_EACH = 4
 HERE = "lab.benches.reaction"
 
 DECIDE_MS = 0.1  # limits of each p99, in milliseconds
-ONE_STEP_MS = {20: 3.0}  # by heartbeat period, as all that follows
+ONE_STEP_MS = {20: 3.0}  # by heartbeat period, like the limits below
 SEVERAL_STEPS_MS = {20: 5.0}
 REACTION_MS = {20: 80.0, 5: 30.0}
 
@@ -61,19 +61,19 @@ _STEADY_NS = 500 * MS
 _AFTER_NS = 500 * MS
 _NS_PER_S = 1_000_000_000
 _HAVE_GONE = (PeState.PARTIAL, PeState.ACTIVE)
-_LOOK_UPS = 50  # of each question
+_LOOK_UPS = 50  # of each request
 
 
 class Talks(Module):
-    """Gives each of its variables a number, at every step."""
+    """A module that gives each of its variables a number, at every step."""
 
-    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it looks at nothing
+    def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it reads no input
         """Compute nothing."""
         return {f"{self.ctx.module}_{i}": 1.0 for i in range(VARIABLES_EACH)}
 
 
 class Listens(Module):
-    """Gives nothing."""
+    """A module without outputs."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002 - it is enough that it runs
         """Compute nothing."""
@@ -81,7 +81,7 @@ class Listens(Module):
 
 
 class Commands(Module):
-    """Gives what the DEMUX leads on."""
+    """A module that gives the variable of the DEMUX."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:  # noqa: ARG002
         """Compute nothing."""
@@ -89,7 +89,7 @@ class Commands(Module):
 
 
 class Drives(Module):
-    """Moves its actuator to where it is told."""
+    """A module that commands its actuator from its input."""
 
     def step(self, inputs: Inputs) -> Mapping[str, Value]:
         """Move."""
@@ -99,7 +99,7 @@ class Drives(Module):
 
 
 def aircraft(heartbeat_ms: int, reserve: float) -> str:
-    """The text of its spec."""
+    """Give the text of the spec."""
     lines = ["dg: 1", f"name: reaction_{heartbeat_ms}_ms"]
     lines += [f"buses: {{can0: {{bitrate: 1000000, heartbeat_ms: {heartbeat_ms}, reserve: {reserve}}}}}", "pes:"]
     lines += [f"  pe_{i}: {{node_id: {92 + i}, buses: [can0], cpu: 1, ram: 1MiB, flash: 1MiB}}" for i in range(PES)]
@@ -127,13 +127,13 @@ def aircraft(heartbeat_ms: int, reserve: float) -> str:
 
 
 def _homes(first: int) -> str:
-    """Where a module may run: on a PE, or on the next one."""
+    """Give the PEs on which a module may run: one and the next."""
     return f"runs_on: [pe_{first % PES}, pe_{(first + 1) % PES}]"
 
 
 @dataclass(slots=True)
 class Times:
-    """What was measured, in milliseconds."""
+    """The measured times, in milliseconds."""
 
     decide: list[float] = field(default_factory=list)
     one_step: list[float] = field(default_factory=list)
@@ -144,25 +144,25 @@ class Times:
 
 
 def measure_decisions(spec: Spec, times: Times) -> None:
-    """Look up each loss of a PE while all runs well, again and again."""
+    """Look up each loss of a PE `_LOOK_UPS` times, with no fault before."""
     table = prepared(spec, FORESEEN).made
     policy = PlanningPolicy(spec, None, has_planner=True, contingencies=table)
     running = placement(_foreseen(policy, RequestPlan(0, Situation(), None)).configuration)
     for number in range(_LOOK_UPS):
         for pe in spec.pes:
-            asked = RequestPlan(number, Situation(frozenset({f"pe:{pe}"})), dict(running))
+            request = RequestPlan(number, Situation(frozenset({f"pe:{pe}"})), dict(running))
             begun_ns = time.process_time_ns()
-            _foreseen(policy, asked)
+            _foreseen(policy, request)
             times.decide.append((time.process_time_ns() - begun_ns) / 1e6)
 
 
-def _foreseen(policy: PlanningPolicy, asked: RequestPlan) -> Plan:
-    """Find a plan among the contingencies; whatever is not there fails the bench."""
-    match policy.step(asked):
+def _foreseen(policy: PlanningPolicy, request: RequestPlan) -> Plan:
+    """Find a plan among the contingencies; a missing one ends the benchmark."""
+    match policy.step(request):
         case [Answer(PlanReady(plan=plan), Source.CONTINGENCIES)]:
             return plan
         case _:
-            raise SystemExit(f"{', '.join(sorted(asked.now.down)) or 'the start'} was not foreseen")
+            raise SystemExit(f"{', '.join(sorted(request.now.down)) or 'the start'} was not pre-planned")
 
 
 def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
@@ -173,7 +173,7 @@ def measure_deaths(spec: Spec, seed: int, times: Times) -> None:
 
 
 def measure_death(spec: Spec, pe: str, seed: int, random: Random, times: Times) -> None:
-    """Let one PE die in a flight in which all is well."""
+    """Let one PE die in a flight without another fault."""
     simulation = Simulation(spec, seed, contingencies=FORESEEN)
     bus = simulation.wiring.buses["can0"]
     simulation.run_for(_START_NS)
@@ -192,28 +192,28 @@ def _die(simulation: Simulation, pe: str, times: Times) -> None:
     simulation.events.clear()
     last = simulation.witness.last_output("surface")
     holds = last is not None and last.node == simulation.spec.pes[pe].node_id
-    gone: dict[str, int] = {}  # by PE: when it said first that it had taken GO
+    gone: dict[str, int] = {}  # by PE: when its state first named the new epoch
     simulation.wiring.buses["can0"].taps.append(lambda sent: _follow(gone, before, sent))
     simulation.fleet.kill(pe)
     simulation.run_for(_AFTER_NS)
     (done,), (ready,) = simulation.events_of("reconfigured"), simulation.events_of("plan_ready")
     (opened,) = simulation.events_of("epoch_prepared")
     if not opened["contingency"]:
-        raise SystemExit(f"the loss of {pe} has no number")
+        raise SystemExit(f"after the loss of {pe} the manager did not switch to a contingency by number")
     (times.held if holds else times.reaction).append((done["t_ns"] - begun_ns) / MS)
     steps = len(simulation.events_of("epoch_step"))
     (times.one_step if steps == 1 else times.several_steps).append((max(gone.values()) - ready["t_ns"]) / MS)
 
 
 def _follow(gone: dict[str, int], before: int, sent: Sent) -> None:
-    """Take a state frame that may name another epoch than before."""
+    """Note the time of a state frame that names another epoch than before."""
     page = decode_state(sent.frame.data) if classify(sent.frame.can_id).use is Use.STATE else None
     if isinstance(page, StatePage0) and page.epoch != before and page.state in _HAVE_GONE:
         gone.setdefault(sent.sender, sent.end_ns)
 
 
 def tell(spec: Spec, times: Times, report: Report) -> None:
-    """Tell the times, each with the limit of its p99."""
+    """Report the times, each with the limit of its p99."""
     heartbeat_ms = spec.buses["can0"].heartbeat_ns // MS
     limit_ms = REACTION_MS.get(heartbeat_ms)
     report.figures(
@@ -231,7 +231,7 @@ def tell(spec: Spec, times: Times, report: Report) -> None:
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Look up, and fly."""
+    """Measure look-ups and flights."""
     text = aircraft(arguments.heartbeat_ms, arguments.reserve)
     if arguments.write is not None:
         arguments.write.write_text(text)
@@ -244,7 +244,7 @@ def measure(arguments: Namespace, report: Report) -> None:
     tell(spec, times, report)
 
 
-main = Bench(
+main = Benchmark(
     "reaction",
     __doc__,
     measure,
@@ -252,7 +252,7 @@ main = Bench(
     option("--heartbeat-ms", 20, "of the bus", metavar="MS"),
     option("--reserve", 0.1, "for management", float, "SHARE"),
     option("--seed", 0, "of the first flight", whole_number),
-    option("--write", None, "write the aircraft's spec, and fly nothing", Path, "FILE"),
+    option("--write", None, "write the aircraft's spec, and do not fly", Path, "FILE"),
 )
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,10 +2,10 @@
 
     python -m lab.benches.reconfiguration [--kills 30] [--spec big_blue] [--contingencies FILE|none]
 
-Kills PEs with SIGKILL and waits for the system to run again. With contingencies on board each kill is the first one of
-a fleet of its own: they are made for what runs while nothing has failed. Without, one PE after the other is killed, is
-brought back, is waited for, and the manager has three seconds to think ahead before the next one.
-*Detect* counts from the kill itself, the other three are the manager's own.
+Kills PEs with SIGKILL and waits until the system runs again. With contingencies on board each kill is the first one of
+a fleet of its own: the contingencies are made for what runs without a fault. Without contingencies one PE after the
+other is killed and started again; once it has joined, the manager has three seconds of pre-planning before the next
+kill. *Detect* counts from the kill itself; the manager measures the other three.
 """
 
 import sys
@@ -20,16 +20,16 @@ from heronry_tools.console.progress import Progress
 from heronry_tools.console.spec_argument import load_spec
 from heronry_tools.runtime.demo.awaited_events import AwaitedEvents
 from lab.benches.fleets import aircraft
-from lab.benches.harness import Bench, Report, option, spec_option
+from lab.benches.harness import Benchmark, Report, option, spec_option
 
 _NAMES = ("detect", "decide", "distribute", "activate")
 _DECIDED, _IN_ALL = "decision to active", "fault to active"
 _SETTLED = ("reconfigured", "plan_unchanged")
-_PAUSE_S = 3.0  # between two kills: time to think ahead, as in flight
+_PAUSE_S = 3.0  # between two kills: time for pre-planning, as in flight
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Kill, and tell the times."""
+    """Kill PEs, and report the times."""
     report.begin(f"{arguments.spec}, {arguments.kills} kills, software bus")
     for name, values in times_of(arguments.spec, arguments.kills, arguments.contingencies).items():
         report.times(name, values)
@@ -38,7 +38,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 def times_of(spec_name: str, kills: int, source: Source) -> dict[str, list[float]]:
     """Give the times in milliseconds, by name, one per kill.
 
-    Every PE dies once in a fleet's life: whoever dies again and again is held down longer each time, by design.
+    Every PE dies once in a fleet's life, since its hold-down doubles with each loss.
     """
     times: dict[str, list[float]] = {name: [] for name in (*_NAMES, _DECIDED, _IN_ALL)}
     spec = load_spec(spec_name)
@@ -82,7 +82,7 @@ def _note(times: dict[str, list[float]], killed_ns: int, lost_ns: int, done: Map
     times[_IN_ALL].append((done["t_ns"] - killed_ns) / 1e6)
 
 
-main = Bench(
+main = Benchmark(
     "reconfiguration",
     __doc__,
     measure,

@@ -1,11 +1,11 @@
 """SDO block transfers into and out of a PE.
 
 An unmodified `canopen` client and an agent that runs nothing, as processes on an idle software bus of 1 Mbit/s. The
-client writes the PE's own table by block, and reads it, again and again. Beside it stands what the same client process
-gets onto that bus without any protocol: seven bytes of every eight are data there, too, so no block download can be
-faster. An upload is paced by the PE to half of the bus.
+client writes the PE's own table by block, and reads it, again and again. The report also has the rate at which the same
+client process sends frames on that bus without a protocol: seven bytes of every eight are data there, too, so no block
+download can be faster. The PE limits an upload to half of the bus.
 
-On a machine that does other things, the figures tell of those: `chrt -f 10` in front of the command keeps them out.
+On a busy machine the figures contain delays of other processes: `chrt -f 10` in front of the command keeps them out.
 """
 
 import statistics
@@ -29,7 +29,7 @@ from heronry_wire.canopen_objects import TABLE
 from heronry_wire.eds import FILE_NAME, eds_text
 from heronry_wire.identifiers import sdo_request_id
 from heronry_wire.sdo import SEGMENT_BYTES
-from lab.benches.harness import Bench, Report, option
+from lab.benches.harness import Benchmark, Report, option
 from lab.benches.processes import cpu_s
 
 _SPEC, _PE = "elevator_and_chute", "tail_pe"
@@ -37,7 +37,7 @@ _PATIENCE_S = 10.0
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Send without a protocol, then with it."""
+    """Measure sending without a protocol, then with SDO."""
     with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus", 1_000_000) as hub:
         report.begin("a single sender, no protocol")
         _tell_rates(_bare(str(hub.path), arguments.runs), report)
@@ -50,7 +50,7 @@ def measure(arguments: Namespace, report: Report) -> None:
 
 
 def _bare(path: str, runs: int) -> list[float]:
-    """Bytes per second of one sender that sends as fast as the bus takes its frames."""
+    """Give bytes per second of one sender that sends as fast as the bus accepts its frames, one figure per run."""
     message = can.Message(arbitration_id=sdo_request_id(92), data=bytes(range(1, 9)), is_extended_id=False)
     with can.Bus(interface="softbus", channel=path) as bus:
 
@@ -94,7 +94,7 @@ def _transfer(path: str, node: int, runs: int, agent: int, report: Report) -> No
 
 
 def _rate(fault: Callable[[], int]) -> float:
-    """Bytes per second of something that says how many bytes it has carried."""
+    """Give bytes per second of a transfer, which returns the number of its bytes."""
     began_s = time.monotonic()
     return fault() / (time.monotonic() - began_s)
 
@@ -107,6 +107,6 @@ def _tell_rates(rates: list[float], report: Report) -> None:
     )
 
 
-main = Bench("sdo", __doc__, measure, option("--runs", 20, "transfers of each kind"))
+main = Benchmark("sdo", __doc__, measure, option("--runs", 20, "transfers of each kind"))
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,8 +1,8 @@
-"""How many seconds of flight go by in one second of this processor.
+"""How many seconds of flight the simulator computes in one second of processor time.
 
-With everything running: data plane, modules, checks. Planning is not counted, since a campaign asks few different
-questions; it is told apart. Where the compiled form of these sources has been made (`heronry sim --compiled` does), it
-is measured as well.
+Data plane, modules and oracles all run. Planning is not counted, since a campaign has few different requests; it has a
+figure of its own. Where the compiled form of these sources has been made (`heronry sim --compiled` does), it is
+measured as well.
 """
 
 import subprocess
@@ -16,7 +16,7 @@ from heronry_tools.sim.compiled.machine_code import compiled_folder, environment
 from heronry_tools.sim.flight.campaign import collect_seldom
 from heronry_tools.sim.flight.simulation import Simulation
 from heronry_tools.sim.world.planning import plans_known
-from lab.benches.harness import Bench, Report, seconds_option
+from lab.benches.harness import Benchmark, Report, seconds_option
 
 _NS_PER_S = 1_000_000_000
 
@@ -58,6 +58,6 @@ def _measure(name: str, duration_ns: int, report: Report) -> None:
     )
 
 
-main = Bench("simulator", __doc__, measure, seconds_option(20.0, "of flight"))
+main = Benchmark("simulator", __doc__, measure, seconds_option(20.0, "of flight"))
 if __name__ == "__main__":
     sys.exit(main())

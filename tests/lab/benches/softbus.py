@@ -1,8 +1,8 @@
-"""What the software bus carries, and how late.
+"""Throughput and lateness of the software bus.
 
-Client processes at 1 Mbit/s send eight-byte frames as fast as the bus takes them, twice: once each of them
-receives everything that the others send, the worst that can be asked of the hub; then, as nodes do, each
-filters, and receives its own echoes and what one neighbour sends.
+Client processes at 1 Mbit/s send eight-byte frames as fast as the bus accepts them, twice: first each client
+receives all frames of the others, the largest load of the hub; then, as nodes do, each client filters, and
+receives its own echoes and the frames of one neighbour.
 
 Reported are frames per second, bus load (exact frame times over elapsed time), the hub's share of one
 processor, the lateness of reception (from the end of a frame on the bus to `recv` returning it, so with the
@@ -23,7 +23,7 @@ from can.typechecking import CanFilter
 
 from heronry_tools.runtime.softbus.client import SoftBus
 from heronry_tools.runtime.softbus.starter import HubProcess, start_hub
-from lab.benches.harness import Bench, Report, option, seconds_option
+from lab.benches.harness import Benchmark, Report, option, seconds_option
 from lab.benches.processes import cpu_s
 
 _NOTHING: list[CanFilter] = [{"can_id": 0x1FFF_FFFF, "can_mask": 0x1FFF_FFFF, "extended": True}]
@@ -33,7 +33,7 @@ _SETTLE_S = 1.0
 def measure(arguments: Namespace, report: Report) -> None:
     """Measure without and with filters."""
     for filtering in (False, True):
-        report.begin("each hears itself and its neighbour" if filtering else "everybody hears everything")
+        report.begin("each client hears itself and its neighbour" if filtering else "each client hears all clients")
         with tempfile.TemporaryDirectory() as folder, start_hub(Path(folder) / "bus") as hub:
             _measure(hub, arguments.clients, arguments.seconds, report, filtering=filtering)
 
@@ -72,7 +72,7 @@ def _pair(number: int, clients: int) -> list[CanFilter]:
 
 
 def _talk_and_listen(path: str, number: int, filters: list[CanFilter] | None) -> list[float]:
-    """Send without pause until the hub ends; return by how much each reception was late (ms)."""
+    """Send without pause until the hub ends; gives the lateness of each reception (ms)."""
     late_ms: list[float] = []
     frame = can.Message(arbitration_id=0x100 + number, is_extended_id=False, data=[number] * 8)
     with SoftBus(path, filters, receive_own_messages=True) as bus, suppress(can.CanOperationError):
@@ -84,7 +84,7 @@ def _talk_and_listen(path: str, number: int, filters: list[CanFilter] | None) ->
     return late_ms
 
 
-main = Bench(
+main = Benchmark(
     "softbus",
     __doc__,
     measure,

@@ -1,4 +1,4 @@
-"""How steady nodes are: by how much their state frames come later after one another than their period says."""
+"""How steady nodes are: by how much the interval between two of their state frames is longer than the period."""
 
 import time
 
@@ -7,13 +7,13 @@ from heronry_wire.state_frames import StatePage0, decode_state
 
 
 def forget_waiting(observer: SoftBus) -> None:
-    """Drop what waits to be received."""
+    """Drop the frames that wait to be received."""
     while observer.recv(0) is not None:
         pass
 
 
 def lateness_ms(observer: SoftBus, period_ms: float, seconds: float) -> list[float]:
-    """Listen for so long; by how much each page 0, the periodic one, came later after the one before than a period."""
+    """Listen; gives by how much each interval between two pages 0, the periodic ones, is longer than the period."""
     last_s: dict[int, float] = {}
     late_ms = []
     end = time.monotonic() + seconds

@@ -2,20 +2,21 @@
 
     python -m lab.benches.takeover [--seeds 40] [--kills 5] [--spec elevator_and_chute]
 
-Three times, from the death of the manager that reigned to the first LEASE of the next one, on the bus, that names what
-runs:
+Three times, from the death of the active manager to the first LEASE of the next one, on the bus, that names the
+configuration that runs:
 
-    standby, simulator    a second manager stands by; the kill comes at a drawn moment of a heartbeat period
+    standby, simulator    with a standby manager; the kill comes at a drawn moment of a heartbeat period
     standby, processes    the same with processes on a software bus, each pair killed once
-    restart, processes    no standby: the same manager is started again at once. What Python and the solver take to load
-                          is told apart: from the kill to the manager's first word, and from there to that LEASE
+    restart, processes    without a standby manager: the same manager is started again immediately. The time in which
+                          Python and the solver load has a row of its own: from the kill to the manager's first frame,
+                          and from there to that LEASE
 
-*Silent* counts the functions that were not heard for longer than their outputs may be late, while that went on: none
-should be, since a take-over stops nobody.
+*Silent* counts the functions whose outputs were late meanwhile, by their own limits: there should be none, since a
+take-over stops no module.
 
-Processes are killed once every PE is counted on and a configuration runs. On a busy computer the standby may have taken
-over before: whichever reigns is killed. Or a PE is lost at that very moment: then the next manager has to plan, and
-commands when that is deployed. Such a kill counts like any other, and is told of.
+Processes are killed once every PE is available and a configuration runs. On a busy computer the standby manager may
+have taken over before: the active manager is killed, whichever that is. Or a PE is lost at that very moment: then the
+next manager has to plan, and commands when the plan is deployed. Such a kill counts like any other, and is reported.
 """
 
 import select
@@ -36,15 +37,15 @@ from heronry_wire.frame import Frame
 from heronry_wire.identifiers import FIRST_MANAGER, LAST_MANAGER, MANAGER_NODES, Command, management_id
 from heronry_wire.management import Lease, Step, decode_command
 from lab.benches.fleets import Aircraft, aircraft
-from lab.benches.harness import Bench, Report, option, spec_option
+from lab.benches.harness import Benchmark, Report, option, spec_option
 
-_BEFORE_S = 2.0  # it is listened, and the manager thinks ahead
+_BEFORE_S = 2.0  # before the kill: the functions are heard, and the manager plans ahead
 _AFTER_S = 1.0  # for functions that fall silent
 _LEASE_IDS = {management_id(node, Command.LEASE) for node in MANAGER_NODES}
 
 
 def measure(arguments: Namespace, report: Report) -> None:
-    """Let managers die in each of the three ways."""
+    """Measure the death of a manager in each of the three ways."""
     spec = load_spec(arguments.spec)
     beat_ms = spec.buses[spec.manager.bus].heartbeat_ns // MS
     report.begin(f"{spec.name}, heartbeats every {beat_ms} ms")
@@ -60,21 +61,21 @@ def measure(arguments: Namespace, report: Report) -> None:
 class _Gone:
     """One death of a manager."""
 
-    gone_ms: float  # until the next one named what runs
-    silent: int  # functions that were not heard meanwhile
-    loading_ms: float = 0.0  # until its first word
+    gone_ms: float  # until the next manager named the configuration that runs
+    silent: int  # functions whose outputs were late meanwhile
+    loading_ms: float = 0.0  # until the next manager's first frame
 
 
 @dataclass(slots=True)
 class _Heard:
-    """What the bus tells of a death."""
+    """What was seen on the bus around a death."""
 
     witness: Witness
     killed_ns: int | None = None
-    commanded_ns: int | None = None  # first LEASE since then that names what runs
+    commanded_ns: int | None = None  # first LEASE since then that names the configuration that runs
 
     def see(self, t_ns: int, frame: Frame) -> None:
-        """Take a frame of the manager's bus, which ended at `t_ns`."""
+        """Process a frame of the manager's bus, which ended at `t_ns`."""
         self.witness.see(t_ns, frame)
         if frame.can_id in _LEASE_IDS and self.killed_ns is not None and self.commanded_ns is None:
             lease = decode_command(Command.LEASE, frame.data)
@@ -82,7 +83,7 @@ class _Heard:
                 self.commanded_ns = t_ns
 
     def gone(self, end_ns: int, loading_ms: float = 0.0) -> _Gone:
-        """What has come of it, once it is over."""
+        """Give the figures of this death, once a manager commands again."""
         assert self.killed_ns is not None
         assert self.commanded_ns is not None
         silent = {
@@ -107,7 +108,7 @@ def _standby(spec_name: str) -> _Gone:
     with aircraft(spec_name) as flown:
         fleet = flown.fleet
         primary = AwaitedEvents(fleet, fleet.start_manager(standby=True))
-        primary.wait("manager_started")  # or the other one might come first, and reign
+        primary.wait("manager_started")  # or the other manager might come first, and become the active one
         standby = AwaitedEvents(fleet, fleet.start_manager(LAST_MANAGER, standby=True))
         standby.wait("standing_by")
         _fly(flown, primary)
@@ -131,22 +132,22 @@ def _restart(spec_name: str) -> _Gone:
 
 
 class _Death:
-    """A manager's death, as it is heard; times are the wall clock's, as the bus gives them."""
+    """A manager's death, as it is seen on the bus; times are the wall clock's, as the bus gives them."""
 
     def __init__(self, flown: Aircraft, ear: Ear) -> None:
-        """Listen for a while first."""
+        """Listen for `_BEFORE_S` first."""
         self._fleet, self._ear, self._heard = flown.fleet, ear, _Heard(Witness(flown.spec))
         self._loading_ms = 0.0
         self._listen(_BEFORE_S)
 
     def kill(self, manager: int) -> None:
-        """Kill it now."""
+        """Kill this manager now."""
         self._hear()
         self._heard.killed_ns = time.time_ns()
         self._fleet.kill_manager(manager)
 
     def wait_for_commands(self, events: AwaitedEvents) -> None:
-        """Listen until the next one commands, and a while longer; ends the benchmark where it does not."""
+        """Listen until the next manager commands, and `_AFTER_S` longer; ends the benchmark where none does."""
         heard, until_s = self._heard, time.monotonic() + LONGEST_S
         while heard.commanded_ns is None:
             if time.monotonic() > until_s:
@@ -157,7 +158,7 @@ class _Death:
         self._listen(_AFTER_S)
 
     def gone(self) -> _Gone:
-        """What has come of it."""
+        """Give the figures of this death."""
         return self._heard.gone(time.time_ns(), self._loading_ms)
 
     def _note(self, told: dict[str, Any]) -> None:
@@ -166,7 +167,7 @@ class _Death:
         if told["event"] == "manager_started":
             self._loading_ms = (at_ns - self._heard.killed_ns) / MS
         if told["event"] == "reconfigured" and at_ns > self._heard.killed_ns:
-            print(f"  it had to plan: {', '.join(told['causes'])}", file=sys.stderr)
+            print(f"  the next manager had to plan: {', '.join(told['causes'])}", file=sys.stderr)
 
     def _listen(self, duration_s: float) -> None:
         until_s = time.monotonic() + duration_s
@@ -180,7 +181,7 @@ class _Death:
 
 
 def _fly(flown: Aircraft, events: AwaitedEvents) -> None:
-    """Let every PE fly."""
+    """Start every PE, and wait until it has joined and a configuration runs."""
     flown.start_pes()
     there: set[str] = set()
     while there != flown.spec.pes.keys():
@@ -195,7 +196,7 @@ def _tell(what: str, deaths: Sequence[_Gone], report: Report) -> None:
         report.figures("  {silent} functions fell silent meanwhile", silent=silent)
 
 
-main = Bench(
+main = Benchmark(
     "takeover",
     __doc__,
     measure,

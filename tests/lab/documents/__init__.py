@@ -1,1 +1,1 @@
-"""The tables of docs/: written by the code that they describe, so that they cannot say anything else."""
+"""The tables of docs/: generated from the code that they describe, so that both agree."""

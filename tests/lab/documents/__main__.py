@@ -7,7 +7,7 @@ the command, so that a reader of the page's source does not edit what is generat
     ...
     <!-- end of table -->
 
-What a person writes stands outside of the marks. A test holds every page against what this would write.
+Text that a person writes stands outside of the marks. A test compares every page with the output of this program.
 """
 
 import argparse
@@ -43,7 +43,7 @@ _COMMAND = "generated: python -m lab.documents PAGE"
 
 
 def filled(page: str) -> str:
-    """Give the page with its tables and diagrams as the code has them now; raises KeyError for one it has not."""
+    """Give the page with its tables and diagrams from the present code; raises KeyError for an unknown name."""
     return _PLACE.sub(_written, page)
 
 

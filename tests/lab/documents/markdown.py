@@ -10,5 +10,5 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def code(text: object) -> str:
-    """Write something as code."""
+    """Write a text as code."""
     return f"`{text}`"

@@ -1,4 +1,4 @@
-"""What is said on the bus, from the tables that the codecs use: identifiers, messages and their fields, times."""
+"""The protocol, from the tables that the codecs use: identifiers, messages and their fields, times."""
 
 from collections.abc import Iterator
 from itertools import groupby
@@ -49,7 +49,7 @@ _REPORTS = (
 
 
 def identifiers() -> str:
-    """Every 11-bit identifier, in runs of one meaning."""
+    """Give every 11-bit identifier, in runs of one meaning."""
     runs = groupby(range(STANDARD_MASK + 1), key=lambda can_id: _kind(can_id, classify(can_id)))
     rows = []
     for (use, manager, base), run in runs:
@@ -71,7 +71,7 @@ def _span(first: int, last: int, form: str = "d") -> str:
 
 
 def data_types() -> str:
-    """Every data type, the length of its payload, and that of its longest frame."""
+    """Give every data type, the length of its payload, and that of its longest frame."""
     rows = []
     for size, members in groupby(sorted(DataType, key=lambda t: (t.payload_bytes, t)), key=lambda t: t.payload_bytes):
         names = ", ".join(f"{code(member.name)} {member.value}" for member in members)
@@ -80,7 +80,7 @@ def data_types() -> str:
 
 
 def messages() -> str:
-    """Every command of a manager, and its identifiers."""
+    """Give every command of a manager, and its identifiers."""
     rows = []
     for command, layouts in _LAYOUTS.items():
         lengths = " or ".join(dict.fromkeys(f"{layout.length}" for layout in layouts))
@@ -90,7 +90,7 @@ def messages() -> str:
 
 
 def fields() -> str:
-    """Every field of every message, in the order in which it travels."""
+    """Give every field of every message, in the order of transmission."""
     layouts = [layout for ours in _LAYOUTS.values() for layout in ours]
     rows = [row for layout in (*layouts, *_REPORTS) for row in _fields(layout)]
     return table(["message", "bytes", "field", "bits", "values"], rows)
@@ -110,19 +110,27 @@ def _fields(layout: Layout) -> Iterator[list[str]]:
 
 
 def times() -> str:
-    """Every time and number of the protocol that a spec does not give."""
+    """Give every time and number of the protocol that a spec does not set."""
     periods = "heartbeat periods"
     rows = [
-        ("T_lease", f"{promised.LEASE_PERIODS} {periods}", "how long one may drive what is exclusive unheard"),
+        (
+            "T_lease",
+            f"{promised.LEASE_PERIODS} {periods}",
+            "how long a PE may drive an exclusive output without hearing another node",
+        ),
         ("listening", f"{promised.LEASE_PERIODS} {periods}", "before a manager speaks for the first time"),
-        ("start-up window", _time(promised.START_UP_WINDOW_NS), "how long a manager waits for PEs never heard"),
+        (
+            "start-up window",
+            _time(promised.START_UP_WINDOW_NS),
+            "how long a manager waits for PEs that it has not heard",
+        ),
         (
             "hold-down",
             f"{promised.HOLD_DOWN_PERIODS} {periods}",
-            "without a gap, before a PE is counted on again",
+            "how long a PE must be heard without a gap before it is available again",
         ),
-        ("longest hold-down", _time(promised.LONGEST_HOLD_DOWN_NS), "it doubles with each loss, up to this"),
-        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "a loss so long ago no longer doubles it"),
+        ("longest hold-down", _time(promised.LONGEST_HOLD_DOWN_NS), "a hold-down doubles with each loss, up to this"),
+        ("forgiveness", _time(promised.FORGIVEN_AFTER_NS), "a loss longer ago no longer doubles the hold-down"),
         ("patience", f"{promised.PATIENCE_PERIODS} {periods}", "for one answer; then the PE is failed"),
         ("planning again", _time(promised.PLAN_AGAIN_NS), "after the planner has failed"),
         ("page 1", f"every {promised.STATE_PAGE_1_EVERY}th page 0", "and on change"),
@@ -131,10 +139,14 @@ def times() -> str:
         (
             "quiet",
             _time(promised.FAULT_QUIET_NS),
-            "an acknowledged fault that is found again is not told for so long",
+            "how long a PE does not report an acknowledged fault that is found again",
         ),
-        ("freshness", f"{promised.FRESH_PERIODS} periods of the source", "when a step is asked for; else absent"),
-        ("echo", _time(link.ECHO_TIMEOUT_NS), "a frame without its echo is given up"),
+        (
+            "freshness",
+            f"{promised.FRESH_PERIODS} periods of the source",
+            "age of an input at the start of a step; an older one is absent",
+        ),
+        ("echo", _time(link.ECHO_TIMEOUT_NS), "then a frame without its echo is discarded"),
         ("retry", _time(link.RETRY_NS), "after the controller's queue was full"),
         ("transmit queue", f"{transmit_queue.CAPACITY} frames", "per bus; the least urgent is dropped"),
         ("radio queue", f"{radio_queue.CAPACITY} frames", "at a gateway; the least urgent is dropped"),

@@ -1,4 +1,4 @@
-"""What may be written in a spec, from the schema that reads it: keys, what counts if they are left out, and limits."""
+"""The format of a spec, from the schema that reads it: keys, their defaults, and limits."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -29,7 +29,7 @@ _OF_EVERY_KIND = "rate_per_h"
 
 
 def keys() -> str:
-    """One table per section of a spec: every key, what counts if it is left out, an example, what it means."""
+    """Give one table per section of a spec: every key, its default, an example, its meaning."""
     parts = []
     for section, (what, form) in _FORMS.items():
         title = f"**{section}**" if not what else f"**`{section}`**: {what}"
@@ -49,7 +49,7 @@ def keys() -> str:
 
 
 def limits() -> str:
-    """How large a spec and its numbers may be."""
+    """Give the limits of a spec and of its numbers."""
     rows = [
         ("file", f"{yaml_source.MOST_BYTES} bytes"),
         ("values in the file", f"{yaml_source.MOST_NODES}"),

@@ -1,4 +1,4 @@
-"""Diagrams of the state machines that are tables in the code, as mermaid draws them."""
+"""Diagrams, in mermaid, of the state machines that are tables in the code."""
 
 from enum import Enum
 from typing import Any
@@ -8,22 +8,22 @@ from heronry_manager.core.transitions import TransitionTable
 
 
 def mastership_of_a_manager() -> str:
-    """Whether a manager is the active one."""
+    """Draw whether a manager is the active one."""
     return _diagram(mastership.TRANSITIONS)
 
 
 def standing_of_a_pe() -> str:
-    """Whether a manager counts on a PE."""
+    """Draw whether a PE is available to a manager."""
     return _diagram(standing.TRANSITIONS)
 
 
 def stage_of_an_epoch() -> str:
-    """How far an epoch is, at the manager."""
+    """Draw the stages of an epoch at the manager."""
     return _diagram(reconfiguration.TRANSITIONS)
 
 
 def _diagram(table: TransitionTable[Any, Any]) -> str:
-    """Draw every change from one state to another once, with all that may make it."""
+    """Draw every change from one state to another once, with all its causes."""
     arrows: dict[tuple[Enum, Enum], list[str]] = {}
     for before, _, after, why in table.rows:
         if before is not after:

@@ -1,1 +1,1 @@
-"""Bytes of any kind, for everything that reads bytes and every core that takes events: nothing may raise."""
+"""Arbitrary bytes for every decoder and arbitrary events for every core: none may raise."""

@@ -1,10 +1,10 @@
-"""`python -m lab.fuzz`: give everything that reads bytes, and every core, bytes that nobody would send.
+"""`python -m lab.fuzz`: give every decoder, and every core, arbitrary bytes.
 
-By `--count` the inputs are drawn from a seed, blindly, and the same ones each time: that is what the tests do. By
-`--seconds` atheris looks for inputs that reach new code, where it is installed (`pip install 'heronry[fuzz]'`); where
-it is not, the blind ones go on for so long.
+With `--count` the inputs are drawn from a seed, without guidance, and the same ones each time: that is what the tests
+do. With `--seconds` atheris looks for inputs that reach new code, where it is installed (`pip install
+'heronry[fuzz]'`); where it is not, unguided inputs follow one another for that time.
 
-What raises something is a finding: it is written to a file, and the command that repeats it is printed.
+An input that makes its target raise is a finding: it is written to a file, and the command that repeats it is printed.
 """
 
 import argparse
@@ -32,21 +32,21 @@ _LOOK_EVERY = 64
 _EPILOG = """\
 examples:
   python -m lab.fuzz                         some hundred inputs for each target
-  python -m lab.fuzz --seconds 20            for so long altogether; guided, where atheris is installed
+  python -m lab.fuzz --seconds 20            20 s altogether; guided, where atheris is installed
   python -m lab.fuzz table --count 100000    one target
   python -m lab.fuzz table --input FILE      repeat a finding, with its traceback
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Fuzz; returns 1 if something was found, 2 where the command line is wrong."""
+    """Fuzz; returns 1 with a finding, 2 where the command line is wrong."""
     arguments = _parser().parse_args(argv)
     if arguments.count < 1 or (arguments.seconds is not None and arguments.seconds < 1):
         print("heronry: --count and --seconds are 1 or more", file=sys.stderr)
         return 2
     unknown = [name for name in arguments.targets if name not in TARGETS]
     if unknown:
-        print(f"heronry: there is no target '{unknown[0]}'; there is {', '.join(TARGETS)}", file=sys.stderr)
+        print(f"heronry: there is no target '{unknown[0]}'; the targets are {', '.join(TARGETS)}", file=sys.stderr)
         return 2
     targets = [TARGETS[name] for name in arguments.targets] or [*TARGETS.values()]
     if arguments.input is not None:
@@ -63,33 +63,35 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m lab.fuzz",
-        description="Give everything that reads bytes, and every core, bytes that nobody would send.",
+        description="Give every decoder, and every core, arbitrary bytes.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"default: all of {', '.join(TARGETS)}")
     how_long = parser.add_mutually_exclusive_group()
     how_long.add_argument("--count", type=int, default=_COUNT, metavar="N", help=f"inputs for each (default {_COUNT})")
-    how_long.add_argument("--seconds", type=int, metavar="S", help="for so long altogether, and to start each target")
-    how_long.add_argument("--input", type=Path, metavar="FILE", help="give this to the target, and nothing else")
-    parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="the same one draws the same inputs")
+    how_long.add_argument(
+        "--seconds", type=int, metavar="S", help="how long altogether, without the start of each target"
+    )
+    how_long.add_argument("--input", type=Path, metavar="FILE", help="give the target this input alone")
+    parser.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="the same seed draws the same inputs")
     parser.add_argument(
         "--corpus",
         type=Path,
         default=Path("tests/fuzz_corpus"),
         metavar="DIR",
-        help="more inputs to begin from, in a folder for each target (default: tests/fuzz_corpus, where it is)",
+        help="more inputs to begin from, in a folder for each target (default: tests/fuzz_corpus, where it exists)",
     )
     return parser
 
 
 def corpus(folder: Path, target: Target) -> list[bytes]:
-    """Give what a target begins from: its seeds, and the files that are kept for it."""
+    """Give the first inputs of a target: its seeds, and the files that are kept for it."""
     return [*target.seeds(), *(file.read_bytes() for file in sorted((folder / target.name).glob("*")))]
 
 
 def _fuzz(target: Target, arguments: argparse.Namespace, share: int) -> int:
-    """Fuzz one target; gives how many findings there are."""
+    """Fuzz one target; gives the number of findings."""
     seconds = None if arguments.seconds is None else max(1, arguments.seconds // share)
     if seconds is not None and importlib.util.find_spec("atheris") is not None:
         return _guided(target, corpus(arguments.corpus, target), seconds)
@@ -100,7 +102,7 @@ def _fuzz(target: Target, arguments: argparse.Namespace, share: int) -> int:
         for data in islice(drawn, arguments.count) if seconds is None else _for_seconds(drawn, seconds):
             try:
                 target.run(data)
-            except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
+            except Exception as error:  # noqa: BLE001 - any exception is a finding
                 return _found(target, data, error)
             done += 1
             progress.step()
@@ -115,7 +117,7 @@ def _for_seconds(drawn: Iterator[bytes], seconds: int) -> Iterator[bytes]:
 
 
 def _guided(target: Target, begin: Sequence[bytes], seconds: int) -> int:
-    """Let atheris look; it has a process of its own, for it does not give one back."""
+    """Fuzz with atheris, in a process of its own, since libFuzzer does not return."""
     with tempfile.TemporaryDirectory(prefix="heronry-fuzz-") as folder:
         for number, data in enumerate(begin):
             (Path(folder) / f"kept-{number}").write_bytes(data)
@@ -126,7 +128,7 @@ def _guided(target: Target, begin: Sequence[bytes], seconds: int) -> int:
         if ran.returncode:
             raise UserError(f"atheris has ended with exit code {ran.returncode}: {ran.stderr.strip()[-300:]}")
         reached = len(list(Path(folder).iterdir())) - len(begin)
-    print(f"{target.name}: {seconds} s guided by what is reached, {reached} inputs that reach more, nothing found")
+    print(f"{target.name}: {seconds} s guided by code coverage, {reached} inputs that reach new code, nothing found")
     return 0
 
 
@@ -144,10 +146,10 @@ def _repeat(targets: Sequence[Target], file: Path) -> int:
     for target in targets:
         try:
             target.run(data)
-        except Exception:  # noqa: BLE001 - it is what is asked for
+        except Exception:  # noqa: BLE001 - the finding, to be shown
             traceback.print_exc()
             return 1
-    print("nothing is raised")
+    print("the target raises nothing")
     return 0
 
 

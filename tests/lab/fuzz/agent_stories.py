@@ -1,8 +1,8 @@
-"""Stories for the cores of a PE: frames of any kind, true commands, time, and what modules answer.
+"""Stories for the cores of a PE: frames of any kind, true commands, time, and the answers of modules.
 
-A story tells what happens by single bytes, so that cutting it, doubling a piece or changing a byte gives another story.
+A story encodes events in single bytes, so that cutting it, doubling a piece or changing a byte gives another story.
 After each event the core's invariants are checked. A PE with a key has been welcomed before the story begins, and true
-commands are tagged: without that nothing would get past the first check.
+commands are tagged: otherwise no command would pass the first check.
 """
 
 from functools import cache, partial
@@ -74,7 +74,7 @@ _OPERATIONS = tuple(Operation)
 
 
 class _Pe(SteppedCore[Event, Action]):
-    """One core, its time, and the commands that a true manager could give it."""
+    """One core, its time, and the commands that a true manager could send it."""
 
     def __init__(self, spec: str, pe: str, key: Key | None) -> None:
         self.table, self._slices = _prepared(spec, pe)
@@ -82,7 +82,7 @@ class _Pe(SteppedCore[Event, Action]):
         super().__init__(AgentCore(self.table, 1, _MS, secret=secret), _MS)
         self.core: AgentCore
         self._managers = {term: PlayedManager(term=term, key=key) for term in range(_TERM, _TERM + 3)}
-        self._steps: list[tuple[int, int]] = []  # that have not been answered
+        self._steps: list[tuple[int, int]] = []  # not answered yet
         self._drives: list[Drive] = []
         if key is not None:
             asked: list[int] = []
@@ -91,7 +91,7 @@ class _Pe(SteppedCore[Event, Action]):
             self.hear(*self._managers[_TERM].welcome(self.table.node_id, asked[0]), port=self.table.uplink)
 
     def give(self, event: Event | Received | Tick) -> list[Action]:
-        """Give an event now."""
+        """Process an event at the present time."""
         actions = super().give(event)
         self.core.validate()
         self._steps += [(one.module, one.release) for one in actions if isinstance(one, StepModule)]
@@ -99,7 +99,7 @@ class _Pe(SteppedCore[Event, Action]):
         return actions
 
     def tell(self, story: Story) -> None:
-        """Let one thing happen."""
+        """Make the next event of the story happen."""
         match story.number(16):
             case 0 | 1:
                 self.pass_time(story.number(1 << 16) * 10_000, most_ticks=_MOST_TICKS)
@@ -139,7 +139,7 @@ class _Pe(SteppedCore[Event, Action]):
         self.hear(*self._managers[term].frames(*self._messages(story, term)), port=self.table.uplink)
 
     def _messages(self, story: Story, term: int) -> list[ManagementMessage]:
-        """A command that a manager might give; digests belong to epochs, and slices are whole, mostly."""
+        """Give a command that a manager might send; most digests belong to epochs, and most slices are whole."""
         epoch, node = story.number(4), self.table.node_id
         digest, step = 1000 + epoch, Step(story.number(4))
         match story.number(8):
@@ -162,7 +162,7 @@ class _Pe(SteppedCore[Event, Action]):
                 return [Control(term, node * story.number(2), operation, story.number(5), story.number(1 << 16))]
 
     def _answer(self, story: Story) -> None:
-        """A module has computed, and gives what it should, or something else."""
+        """Let a module end a step, with correct outputs or others."""
         if not self._steps:
             return
         module, release = self._steps.pop()
@@ -189,7 +189,7 @@ class _Pe(SteppedCore[Event, Action]):
 
 @cache
 def _prepared(name: str, pe: str) -> tuple[PeTable, list[bytes]]:
-    """Table of a PE of a shipped spec, and its slices of some configurations."""
+    """Give the table of a PE of a shipped spec, and its slices of some configurations."""
     spec = load(shipped_spec_path(name))
     compiler, phase = Compiler(spec), spec.initial_phase()
     table = compiler.table(pe)
@@ -199,7 +199,7 @@ def _prepared(name: str, pe: str) -> tuple[PeTable, list[bytes]]:
 
 
 def _agent(spec: str, pe: str, key: Key | None, data: bytes) -> None:
-    """Let a story happen to the agent of a PE."""
+    """Tell a story to the agent of a PE."""
     one, story = _Pe(spec, pe, key), Story(data)
     for _ in range(MOST_EVENTS):
         if not story:
@@ -208,7 +208,7 @@ def _agent(spec: str, pe: str, key: Key | None, data: bytes) -> None:
 
 
 def _waiting(key: Key | None, data: bytes) -> None:
-    """Let a story happen to a node that waits for its table: frames under the identifiers that it heeds, and time."""
+    """Tell a story to a node that waits for its table: frames under the identifiers that it receives, and time."""
     story, node = Story(data), FIRST_PE
     core = WaitingCore(node, 1_000_000, _MS, None if key is None else Secret(key, b"salt"))
     one, manager, known = SteppedCore(core, _MS), PlayedManager(term=_TERM, key=KEY), list(core.identifiers)
@@ -229,31 +229,31 @@ def _waiting(key: Key | None, data: bytes) -> None:
 
 
 class _Shelf:
-    """An object of each kind: it can be read, written, is too long, or is not there."""
+    """One object of each kind: readable, writable, too long, missing."""
 
     def __init__(self) -> None:
         self.values = {0x2000: b"\1\2\3\4", 0x2001: b"a text", 0x2002: bytes(300)}
 
     def read(self, index: int, sub_index: int) -> bytes | Abort:
-        """Value of an object."""
+        """Give the value of an object, or the abort code."""
         return Abort.NO_SUB_INDEX if sub_index else self.values.get(index, Abort.NO_OBJECT)
 
     def room(self, index: int, sub_index: int, length: int | None) -> int | Abort:
-        """Most bytes that may be written."""
+        """Give the largest number of bytes that may be written, or the abort code."""
         found = self.read(index, sub_index)
         if isinstance(found, Abort):
             return found
         return Abort.LENGTH if length is not None and length > len(found) else len(found)
 
     def write(self, index: int, _sub_index: int, data: bytes) -> Abort | None:
-        """Take a value: `room` was asked, so it fits."""
+        """Store a value, which fits: `room` was called before."""
         if len(data) > len(self.values[index]):
             raise AssertionError(f"{len(data)} bytes were written where there is room for {len(self.values[index])}")
         return None
 
 
 def _sdo(data: bytes) -> None:
-    """Requests, and time, to an SDO server alone."""
+    """Give requests, and time, to an SDO server alone."""
     server, story, now_ns = SdoServer(_Shelf(), _MS), Story(data), _MS
     for _ in range(MOST_EVENTS):
         if not story:

@@ -1,8 +1,8 @@
-"""Everything that reads bytes which somebody else may have written: from a bus, a socket, a file or another process.
+"""Every decoder of bytes that another program may have written: from a bus, a socket, a file or another process.
 
-Bad bytes are values, or an error of the one kind that is caught here. Where what was read can be written again, it is,
-and must be read as the same. Left out: netlink (`can_interface`), which the kernel alone writes, and orders to a
-partition, which its own agent writes.
+Bad bytes give a value, or an error of the one kind that is caught here. Where a decoded value can be encoded again, it
+is, and must decode to the same value. Left out: netlink (`can_interface`), which the kernel alone writes, and orders to
+a partition, which its own agent writes.
 """
 
 import hashlib
@@ -93,18 +93,18 @@ _START_NS, _BEATS = 1_000_000_000, 20
 
 @cache
 def spec() -> Spec:
-    """Give the spec that is flown: a shipped one, small."""
+    """Give the spec of all targets: a small shipped one."""
     return load(shipped_spec_path("elevator_and_chute"))
 
 
 @cache
 def table() -> PeTable:
-    """Give the table of its first PE."""
+    """Give the table of the spec's first PE."""
     return Compiler(spec()).table(next(iter(spec().pes)))
 
 
 def same(read: _T, again: object) -> None:
-    """Insist that what was read, written and read again is still the same; raises AssertionError."""
+    """Check that a value which was read, written and read again is the same; raises AssertionError."""
     if read != again:
         raise AssertionError(f"{read!r} was written and read again as {again!r}")
 
@@ -130,7 +130,7 @@ _PAGES = (
 
 
 def _command(data: bytes) -> None:
-    """One byte for the kind, then the payload."""
+    """Decode a command: one byte for the kind, then the payload."""
     kind = data[0] % 10 if data else 0
     message = decode_command(kind, data[1:])
     if not isinstance(message, Malformed):
@@ -156,7 +156,7 @@ def _link(data: bytes) -> None:
 
 
 def _frame(data: bytes) -> None:
-    """Two bytes for the identifier, one for its kind, then the payload: data, node services, controllers' errors."""
+    """Decode data, node services or an error frame: two bytes of identifier, one of its kind, then the payload."""
     story = Story(data)
     frame = Frame(story.number(0x800), b"", extended=bool(story.number(16) == 1))._replace(data=story.bytes(8))
     datum = decode_data(frame)
@@ -169,7 +169,7 @@ def _frame(data: bytes) -> None:
 
 
 def _comes_back(frame: Frame, datum: Datum) -> None:
-    """A datum of a type that is ours is written as it was read; of a number that is none only that it is none."""
+    """Check that a datum of a known type is written as it was read; of an unknown type only that it is unknown."""
     is_number = not (isinstance(datum.value, float) and math.isnan(datum.value))
     if isinstance(datum.data_type, DataType) and is_number:
         same(frame.data, encode_data(frame.can_id, datum).data)
@@ -184,7 +184,7 @@ def _text_of_frames(data: bytes) -> None:
         same(logged, parse_log_line(format_log_line(logged)))
 
 
-# What PEs are given
+# Slices, contingencies, tables and keys, which a PE receives
 
 _SLICE = Slice((ModuleSlice(0, 0, ()),), remote={0: 92}, publish={1: 1}, forward={2: (93, 2)})
 
@@ -201,7 +201,7 @@ def _block(data: bytes) -> None:
 
 
 def _table(data: bytes) -> None:
-    """A table that is taken can be worked with: the node starts by it, and lives for some periods."""
+    """Read a table; a node must start with an accepted one, and run for some periods."""
     try:
         read = PeTable.from_json(data.decode())
         TableIndex(read)
@@ -225,7 +225,7 @@ def _key(data: bytes) -> None:
         os.close(file)
 
 
-# What partitions and planners say
+# Messages of partitions and planners
 
 
 def _partition(data: bytes) -> None:
@@ -238,7 +238,7 @@ def _partition(data: bytes) -> None:
 def _answered(packet: bytes) -> Loaded | StartRefused | Done | Failed:
     match decode_answer(packet):
         case Garbled(reason):
-            raise AssertionError(f"what was written cannot be read: {reason}")
+            raise AssertionError(f"an encoded answer cannot be decoded: {reason}")
         case answer:
             return answer
 
@@ -256,11 +256,11 @@ def _plan(data: bytes) -> None:
         read_plan(data.decode(), spec())
 
 
-# Files, and words of users
+# Files, and texts of users
 
 
 def _journal(data: bytes) -> None:
-    """The lines as they are, and with the checksums that they should have."""
+    """Read the lines as they are, and with correct checksums."""
     lines = (line.partition(b" ")[2] for line in data.split(b"\n"))
     for text in (data, b"".join(b"%08x %s\n" % (zlib.crc32(line), line) for line in lines)):
         memory, _ = recovered(text)
@@ -268,7 +268,7 @@ def _journal(data: bytes) -> None:
 
 
 def _contingencies(data: bytes) -> None:
-    """What a file unpacks to, as a file: otherwise the checksum alone would be tried."""
+    """Read the bytes as the content of a file, packed here: otherwise only the checksum would be tested."""
     for file in (data, _contingency_file(data)):
         with suppress(ContingencyFileError):
             made = from_bytes(file, spec())

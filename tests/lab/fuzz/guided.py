@@ -2,8 +2,8 @@
 
     python -m lab.fuzz.guided TARGET SECONDS FOLDER
 
-libFuzzer takes over the process, reads and extends the inputs in FOLDER, and leaves a file `crash-*` there when
-something is raised. Instrumenting takes some seconds before the first input.
+libFuzzer takes over the process, reads and extends the inputs in FOLDER, and leaves a file `crash-*` there when the
+target raises. Instrumenting takes some seconds before the first input.
 """
 
 import sys
@@ -16,10 +16,10 @@ _LONGEST_BYTES = 4_096
 
 
 def main() -> None:
-    """Fuzz until the time is up or something is found; the exit code is libFuzzer's."""
+    """Fuzz until the time is up or there is a finding; the exit code is libFuzzer's."""
     name, seconds, folder = sys.argv[1:]
     with atheris.instrument_imports(include=_INSTRUMENTED, enable_loader_override=False):
-        from lab.fuzz.targets import TARGETS  # noqa: PLC0415 - what it imports is to be instrumented
+        from lab.fuzz.targets import TARGETS  # noqa: PLC0415 - its imports have to be instrumented
 
     target = TARGETS[name]
     for number, seed in enumerate(target.seeds()):

@@ -1,7 +1,7 @@
-"""Stories for the manager's core: states true and false, plans that come, fail or are late, the operator's word, time.
+"""Stories for the manager's core: true and false states, plans that come, fail or are late, the operator's orders.
 
-As in `agent_stories`, single bytes tell what happens, and the invariants are checked after each event. With a key the
-PEs tag what they say in the sessions that the manager has opened for them.
+As in `agent_stories`, single bytes encode events, and the invariants are checked after each event. With a key the PEs
+tag their states in the sessions that the manager has opened for them.
 """
 
 from functools import cache, partial
@@ -71,7 +71,7 @@ _PLANS: dict[tuple[object, ...], Plan] = {}
 
 
 def _plan(spec: Spec, asked: RequestPlan) -> Plan:
-    """Give the plan that a manager without a solver flies; one question is answered once."""
+    """Give the plan of a manager without a solver; each different request is planned once."""
     question = (spec.digest, asked.now, None if asked.running is None else frozenset(asked.running.items()))
     if question not in _PLANS:
         _PLANS[question] = immediate_plan(spec, asked.now, asked.running)
@@ -93,7 +93,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         self._states = {one: ProvenStates(one, key or KEY) for one in self._nodes}
 
     def give(self, event: ManagerEvent | Received | Tick) -> list[ManagerAction]:
-        """Give an event now, and take note of what is said."""
+        """Process an event at the present time, and note the requests and commands that follow."""
         actions = super().give(event)
         for action in actions:
             if isinstance(action, RequestPlan):
@@ -111,7 +111,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
             self._states[message.node].take(message, self._node)
 
     def tell(self, story: Story) -> None:
-        """Let one thing happen."""
+        """Make the next event of the story happen."""
         node = self._nodes[story.number(256) % len(self._nodes)]
         match story.number(16):
             case 0 | 1:
@@ -142,7 +142,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         return known[story.number(256) % len(known)]
 
     def _say(self, node: int, page: StatePage0 | StatePage1, emergency: bytes = NO_EMERGENCY) -> None:
-        """Page 0 or 1 as it is, or with its tag."""
+        """Send page 0 or 1, with a key tagged."""
         states = self._states[node]
         if not self._has_key:
             states.beat += isinstance(page, StatePage0)
@@ -151,7 +151,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
             self.hear(states.prove(page, emergency))
 
     def _state(self, node: int, story: Story) -> None:
-        """Page 0: of who runs nothing, or what was prepared last, or something else."""
+        """Send a page 0: of a PE that runs nothing, or that runs what was prepared last, or an arbitrary one."""
         choice, state = story.number(8), PeState(story.number(4))
         epoch, digest = ((0, 0), self._prepared, self._prepared, (story.number(5), 7))[choice % 4]
         if not epoch:
@@ -169,7 +169,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         self._say(node, StatePage1(PeState.UNCONFIGURED, PeFlags.HEARS_LEASE, epoch, digest, reason, load))
 
     def _reports(self, node: int, story: Story) -> None:
-        """An EMCY, and with a key the page 0 that proves it."""
+        """Send an EMCY, and with a key the page 0 that proves it."""
         code, kind = _CODES[story.number(256) % len(_CODES)], _KINDS[story.number(256) % len(_KINDS)]
         emergency = Emergency(code, 0x81, kind, story.number(8), story.number(1 << 16)).encode()
         self.hear(Frame(emcy_id(node), emergency))
@@ -178,7 +178,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
             self._say(node, StatePage0(PeState.UNCONFIGURED, flags, 0, 0, 0, 0), emergency)
 
     def _answer(self, story: Story) -> None:
-        """The planner answers the last question, or an older one, or fails."""
+        """Let the planner answer the last request, or an older one, or fail."""
         asked = self._asked[-1] if story.number(8) else self._asked[0]
         if story.number(8) == 1:
             self.give(PlanFailed(asked.request, "no time"))
@@ -199,7 +199,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         return orders[story.number(256) % len(orders)]
 
     def _other_manager(self, node: int, story: Story) -> None:
-        """The other manager speaks, with a higher term, or a lower one; with a key it has welcomed a PE before."""
+        """Let the other manager send, with a higher term or a lower one; with a key it has welcomed a PE before."""
         other, states = self._other, self._states[node]
         if self._has_key:
             self.hear(other.welcome(node, 5)[0])
@@ -210,7 +210,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
 
 
 def _manager(name: str, key: Key | None, standby: bool, data: bytes) -> None:
-    """Let a story happen to a manager."""
+    """Tell a story to a manager."""
     one, story = _Manager(name, key, standby=standby), Story(data)
     for _ in range(MOST_EVENTS):
         if not story:
@@ -234,7 +234,7 @@ def _mastership(pes: int) -> list[bytes]:
 
 
 def _rival(pes: int) -> list[bytes]:
-    """Give a story in which another manager reigns, and falls silent."""
+    """Give a story in which another manager is active, and falls silent."""
     listens = bytes((0, 0, 1, 0))
     speaks = b"".join(bytes((pe, 12, 1, 0, 0)) for pe in range(pes))
     receive_failed = b"".join(bytes((pe, 2, 7, 0, 0, 0)) for pe in range(pes))

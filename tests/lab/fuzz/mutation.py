@@ -1,7 +1,7 @@
 """New inputs from old ones, drawn from a seed: the same seed gives the same inputs, on every machine.
 
 A few blind changes one after the other: a bit, a byte, a number that is often a boundary, a piece that is cut out,
-doubled, or taken from another input. Which of them reach new code nobody looks at here; that is what `guided` is for.
+doubled, or taken from another input. Here no input is kept because it reaches new code; `guided` does that.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ _TEXTS = (b"0", b"-1", b'"', b"{", b"[", b"null", b"1e999", b"9" * 30, b"\n", b"
 
 
 def inputs(seeds: Sequence[bytes], random: Random) -> Iterator[bytes]:
-    """Give the seeds, and then changed ones without end."""
+    """Give the seeds, and then changed inputs without end."""
     yield from seeds
     while True:
         data = bytearray(random.choice(seeds))

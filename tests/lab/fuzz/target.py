@@ -1,4 +1,4 @@
-"""What is fuzzed: a name, what takes the bytes, and a few inputs that get far into it."""
+"""A target of the fuzzer: its name, the function that reads the bytes, and a few inputs that get far into it."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One reader of bytes, or one core.
+    """One decoder, or one core.
 
-    run: takes any bytes. What it is allowed to raise for them it catches; whatever comes out of it is a finding.
-    seeds: inputs that are read to their end, to begin from; made by the code that writes what is read.
+    run: takes any bytes. It catches the exceptions that are allowed; any that leaves it is a finding.
+    seeds: the first inputs, each valid to its end, made by the encoder.
     """
 
     name: str
@@ -24,15 +24,15 @@ class Story:
         self._data, self._at = data, 0
 
     def __bool__(self) -> bool:
-        """Tell whether there is more."""
+        """Tell whether bytes are left."""
         return self._at < len(self._data)
 
     def number(self, below: int) -> int:
-        """Give a number below this bound, from as many bytes as that takes."""
+        """Give a number below this bound, from as few bytes as can hold it."""
         length = max(1, ((below - 1).bit_length() + 7) // 8)
         return int.from_bytes(self.bytes(length).ljust(length, b"\0"), "big") % below
 
     def bytes(self, length: int) -> bytes:
-        """Give so many bytes, or what is left."""
+        """Give `length` bytes, or the rest."""
         self._at += length
         return self._data[self._at - length : self._at]

@@ -1,1 +1,1 @@
-"""Defects put into the flight code on purpose, to see whether the tests would notice."""
+"""Deliberate defects in the flight code, which show whether the tests would notice one."""

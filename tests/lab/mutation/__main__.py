@@ -1,13 +1,13 @@
-"""Would the checkers notice? Draws defects for the flight code from a seed, and flies each one.
+"""Would the tests notice a defect? Draws defects for the flight code from a seed, and flies each one.
 
     tools/mutate --seed 7                    300 mutants of the cores, the rate of those killed, every survivor
     tools/mutate --seed 7 --count 20 --jobs 2
-    tools/mutate --seed 7 --list             only say which
-    tools/mutate --seed 7 --killers scenario,sim      how far one gets without drills
+    tools/mutate --seed 7 --list             only list the mutants
+    tools/mutate --seed 7 --killers scenario,sim      the rate without conformance tests
 
-The killers are drills, the scenario files, and drawn flights with the simulator's checkers, and no unit test. Of each
-survivor it is said what is known of it: no flight runs it; no frame is another one for it; or the frames differ, and
-all judges are content.
+The killers are conformance tests, the scenario files, and drawn flights with the simulator's oracles, and no unit test.
+For each survivor the report has the reason: no flight runs it; it changes no frame; or frames differ, and every oracle
+holds.
 
 Exit code 0 when at least the required share is killed, 1 when not or when a flight fails without any mutant, 2 usage.
 """
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     for option in ("count", "jobs"):
         if getattr(arguments, option) < 1:
-            raise UserError(f"--{option} {getattr(arguments, option)} shows nothing; write 1 or more")
+            raise UserError(f"--{option} {getattr(arguments, option)} measures nothing; write 1 or more")
     killers = arguments.killers.split(",")
     if not set(killers) <= set(KINDS):
         raise UserError(f"--killers {arguments.killers}: name some of {', '.join(KINDS)}, with commas between")
@@ -53,12 +53,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def all_mutants(checkout: Path) -> list[Mutant]:
-    """Every mutant of the cores; a few do not compile."""
+    """Give every mutant of the cores; a few do not compile."""
     return [mutant for file in core_files(checkout) for mutant in mutants_of(file, (checkout / file).read_bytes())]
 
 
 def draw(checkout: Path, seed: int, count: int) -> list[Mutant]:
-    """Draw `count` of those that compile, or all; the same seed and code draw the same."""
+    """Draw `count` mutants that compile, or all; the same seed and code draw the same ones."""
     mutants = all_mutants(checkout)
     random.Random(seed).shuffle(mutants)
     fit = (mutant for mutant in mutants if compiles(mutant, (checkout / mutant.file).read_bytes()))
@@ -66,7 +66,7 @@ def draw(checkout: Path, seed: int, count: int) -> list[Mutant]:
 
 
 def _first_flights(trials: Trials) -> str | None:
-    """Fly without a mutant; gives what goes wrong."""
+    """Fly without a mutant; gives the first failure."""
     with Progress() as progress:
         progress.begin("flights without a mutant", len(trials.flights))
         for baseline in trials.baselines():
@@ -77,7 +77,7 @@ def _first_flights(trials: Trials) -> str | None:
 
 
 def _tried(checkout: Path, trials: Trials, drawn: Sequence[Mutant], arguments: argparse.Namespace) -> Iterator[Verdict]:
-    """Try every mutant, and tell of each when its trial has ended."""
+    """Try every mutant, and print each verdict when its trial has ended."""
     for number, verdict in enumerate(trials.verdicts(drawn), start=1):
         if not arguments.json:
             what = verdict.mutant.describe((checkout / verdict.mutant.file).read_bytes())
@@ -113,15 +113,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seed", type=int, required=True, help="which mutants are drawn")
     parser.add_argument("--count", type=int, default=300, metavar="N", help="how many (default: 300)")
-    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="trials side by side (default: 2)")
-    parser.add_argument("--require", type=float, default=85.0, metavar="PERCENT", help="to be killed (default: 85)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="trials at a time (default: 2)")
+    parser.add_argument(
+        "--require", type=float, default=85.0, metavar="PERCENT", help="share that has to be killed (default: 85)"
+    )
     parser.add_argument(
         "--killers",
         default=",".join(KINDS),
         metavar="KINDS",
         help="flights that may kill (default: all kinds)",
     )
-    parser.add_argument("--list", action="store_true", help="only say which mutants are drawn")
+    parser.add_argument("--list", action="store_true", help="only list the mutants that are drawn")
     parser.add_argument("--json", action="store_true", help="one JSON object at the end")
     return parser
 

@@ -1,17 +1,16 @@
-"""Which files are cores and codec: what decides in flight, and the bytes it speaks. One place says so, for all tools.
+"""Which files are cores, which decide in flight, and which are the codec of their frames. All tools use this list.
 
-    python tests/lab flight-code       their files, joined by commas, for `coverage report --include`
+    python -m lab.mutation.flight_code     their files, joined by commas, for `coverage report --include`
 
-Every branch of them is run by some test (`make coverage` fails where one is not), and mutants are drawn from the cores.
-A core is what lies in a room `core`; of the wire, which is one room, the codec is listed. A test holds the list
-complete.
+Tests run every branch of these files (`make coverage` fails otherwise), and mutants are drawn from the cores. A core is
+every file in a folder `core`; of the wire, which is one folder, the codec is listed. A test keeps the list complete.
 """
 
 from collections.abc import Iterator
 from pathlib import Path
 
 CORES = (Path("manager/heronry_manager/core"), Path("pe_agent/heronry_agent/core"))
-DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # nothing in flight depends on them
+DESCRIBING = frozenset(("__init__", "events", "status", "vocabulary"))  # no decision in flight depends on them
 WIRE = Path("dbc/heronry_wire")
 CODEC = (
     "authentication bus_health canaerospace canopen_objects channel_merge channel_watch command_tags "
@@ -19,21 +18,21 @@ CODEC = (
     "management nmt node_services packing pe_table protocol_times sansio sdo standard_identifiers state_frames "
     "timing transmit_queue"
 )
-SHELL = (  # of the wire: what touches sockets, interfaces and files
+SHELL = (  # of the wire: the files that use sockets, interfaces and files
     "__init__ bus_arguments bus_opening can_interface eds key_file link python_can replicated_link service_manager "
     "slow_opening socketcand"
 )
 
 
 def core_files(checkout: Path = Path()) -> Iterator[Path]:
-    """Files of the cores, from the folder of the checkout."""
+    """Give the files of the cores, relative to the checkout."""
     for room in CORES:
         names = sorted(file.stem for file in (checkout / room).glob("*.py"))
         yield from (room / f"{name}.py" for name in names if name not in DESCRIBING)
 
 
 def codec_files() -> Iterator[Path]:
-    """Files of the codec, from the folder of the checkout."""
+    """Give the files of the codec, relative to the checkout."""
     return (WIRE / f"{name}.py" for name in CODEC.split())
 
 

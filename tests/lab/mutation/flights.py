@@ -1,10 +1,10 @@
-"""The flights that a mutant has to live through: each is a command, and says itself whether all was well.
+"""The flights that every mutant has to pass: each is a command that reports itself whether it went well.
 
-    drill       one node alone, and everybody else played by the book
-    scenario    every file of tests/scenarios: what it expects, what the manager decided, and all checkers
-    sim         flights whose faults are drawn from a seed: the checkers alone
+    conformance   one real node alone, with the rest of the aircraft played by the test
+    scenario      every file of tests/scenarios: its expectations, its golden trace, and all oracles
+    sim           flights whose faults are drawn from a seed: the oracles alone
 
-What is flown here is imported late, in the process that is to fly it: it may be flight code with a defect.
+The flight code is imported late, in the process that flies it: it may have a defect.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ class Flight:
     """One flight; as text the command that flies it, in the folder of the checkout."""
 
     what: str  # one of KINDS
-    file: Path  # drill, scenario, or spec
+    file: Path  # conformance test, scenario, or spec
     seed: int = 0
     seconds: float = 0.0
     kinds: tuple[str, ...] = ()  # of faults, where not all
@@ -42,21 +42,21 @@ class Flight:
 
 @dataclass(frozen=True, slots=True)
 class Landed:
-    """What came of a flight: what was wrong with it, if anything, and the digest of all its frames, if it was kept."""
+    """The result of a flight: its first failure, if any, and the digest of all its frames, if it was kept."""
 
     wrong: str | None
     digest: str = ""
 
 
 class Specs:
-    """Reads each spec once, whatever is mutated: no core has a part in that."""
+    """Reads each spec once, also for mutants: the loader uses no core."""
 
     def __init__(self) -> None:
         self._known: dict[Path, Spec] = {}
         self._read = loader.load
 
     def keep(self, flight: Flight, checkout: Path) -> None:
-        """Read what a flight will want; drills read what others want, too."""
+        """Read the spec of a flight; conformance tests use specs of other flights."""
         if flight.what == "conformance":
             return
         name = str(flight.file)
@@ -67,19 +67,19 @@ class Specs:
         self.load(checkout / spec_path(name))
 
     def load(self, path: str | Path) -> Spec:
-        """Give a spec."""
+        """Give the spec that was read from this path."""
         file = Path(path).resolve()
         if file not in self._known:
             self._known[file] = self._read(file)
         return self._known[file]
 
     def take_over(self) -> None:
-        """Read specs in place of the loader, in a process that flies and nothing else."""
+        """Replace the loader, in a process that does nothing but fly."""
         loader.load = self.load
 
 
 def flights(checkout: Path) -> list[Flight]:
-    """Give every flight that a mutant has to live through."""
+    """Give every flight that a mutant has to pass."""
     from lab.conformance.conformance_tests import CONFORMANCE_TESTS  # noqa: PLC0415
 
     conformance_tests = (Flight("conformance", Path(name)) for name in CONFORMANCE_TESTS)
@@ -100,7 +100,7 @@ _DRAWN = {"demux_actuators": 2, "triplex_voting": 1, "fail_over": 1, "radio_link
 
 
 def fly(flight: Flight, checkout: Path) -> Landed:
-    """Fly it; whatever the flight code dies of is wrong."""
+    """Fly; an exception of the flight code is a failure."""
     try:
         match flight.what:
             case "conformance":

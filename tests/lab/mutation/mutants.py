@@ -7,12 +7,13 @@ Four kinds, of which every mutant has one:
 - *deletion*: a simple statement left out;
 - *statement*: a condition turned round, a sum for a difference, `break` for `continue`, a result that is not returned.
 
-Left alone is what no flight depends on: docstrings, annotations, texts, imports, decorators, what an event says (but
-not that it is emitted), statements that raise an error of our own; and the invariants, which are judges and not judged.
-And what changes nothing by construction: a `return None` that ends a function, or None for the False of one that
-answers yes or no. A mutant may still behave like the original; a reviewer says so of a survivor, no program can.
+Left alone is what no flight depends on: docstrings, annotations, texts, imports, decorators, the content of an event
+(but not that it is emitted), statements that raise one of our errors; and the invariants, which check the code and are
+not checked. Left alone is also what changes nothing by construction: a `return None` that ends a function, or None for
+the False of a function that returns bool. A mutant may still behave like the original; of a survivor a reviewer decides
+that, no program can.
 
-Every mutant knows the lines of the statement it is in, so that one that nothing runs need not be tried.
+Every mutant has the lines of its statement, so that a mutant that no flight runs need not be tried.
 """
 
 import ast
@@ -58,30 +59,30 @@ class Mutant:
     kind: str
     line: int
     first_line: int
-    last_line: int  # of the statement, or of the head of one that has others within
-    function: str  # in which it is, with its class; "" where it is run by the import
+    last_line: int  # of the statement, or of the head of a compound statement
+    function: str  # around the mutant, with its class; "" where the import runs it
 
     def is_run_by(self, lines: Container[int]) -> bool:
-        """Tell whether whoever runs these lines of the file meets it; what is run by the import, everybody does."""
+        """Tell whether a flight that runs these lines of the file runs the mutant; every flight runs imports."""
         return not self.function or any(line in lines for line in range(self.first_line, self.last_line + 1))
 
     def applied_to(self, source: bytes) -> bytes:
-        """The file with the defect."""
+        """Give the file with the defect."""
         return source[: self.start] + self.text.encode() + source[self.end :]
 
     def describe(self, source: bytes) -> str:
-        """One line: where, and what became of what."""
+        """Give one line: the place, the text before and after."""
         before = " ".join(source[self.start : self.end].decode().split())
         return f"{self.file}:{self.line}: {self.kind}: {before or 'nothing'} -> {self.text}"
 
 
 def mutants_of(file: PurePath, source: bytes) -> list[Mutant]:
-    """Every mutant of a file, in the order of the text; a few do not compile."""
+    """Give every mutant of a file, in the order of the text; a few do not compile."""
     return sorted(set(_Finder(file, source).all()))
 
 
 def compiles(mutant: Mutant, source: bytes) -> bool:
-    """Tell whether a mutant of this file is a program at all."""
+    """Tell whether a mutant of this file compiles."""
     try:
         compile(mutant.applied_to(source), "mutant", "exec")
     except SyntaxError:
@@ -97,12 +98,12 @@ class _Place:
     last_line: int = 1
     class_name: str = ""
     function: str = ""
-    answers: bool = False  # it says yes or no
-    ends: tuple[ast.stmt, ...] = ()  # with these
+    answers: bool = False  # the function returns bool
+    ends: tuple[ast.stmt, ...] = ()  # the function ends with these
 
 
 class _Finder:
-    """Walks over one file."""
+    """Finds the mutants of one file."""
 
     def __init__(self, file: PurePath, source: bytes) -> None:
         self._file, self._source = file, source
@@ -162,12 +163,12 @@ class _Finder:
             yield self._replaced(node, "pass", "deletion")
 
     def _means_none(self, value: ast.expr | None) -> bool:
-        """Tell whether who is given a value could as well be given none."""
+        """Tell whether the caller of the function makes no difference between this value and None."""
         is_no = isinstance(value, ast.Constant) and value.value is False
         return value is None or _is_none(value) or (is_no and self._place.answers)
 
     def _is_nothing(self, node: ast.AST) -> bool:
-        """Tell whether a statement that is left out would not be missed."""
+        """Tell whether a statement has no effect on a flight."""
         if isinstance(node, ast.AnnAssign):
             return node.value is None
         return isinstance(node, ast.Return) and node in self._place.ends and self._means_none(node.value)
@@ -197,7 +198,7 @@ class _Finder:
 
 
 def _at(node: ast.AST, around: _Place) -> _Place:
-    """Place of a node: its own statement, or the one around it."""
+    """Give the place of a node: its own statement, or the one around it."""
     body = getattr(node, "body", None)
     match node:
         case ast.match_case(pattern):
@@ -210,7 +211,7 @@ def _at(node: ast.AST, around: _Place) -> _Place:
 
 
 def _within(node: ast.AST, place: _Place) -> _Place:
-    """Place of what is in the body of a node."""
+    """Give the place of the statements in the body of a node."""
     match node:
         case ast.ClassDef(name):
             return replace(place, class_name=f"{name}.")
@@ -222,7 +223,7 @@ def _within(node: ast.AST, place: _Place) -> _Place:
 
 
 def _ends(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """Statements after which a function has nothing more to do."""
+    """Give the statements with which a function may end."""
     last = body[-1]
     yield last
     if isinstance(last, ast.If):

@@ -1,7 +1,8 @@
-"""Flight code with one defect, taken into a process that has imported everything without it.
+"""Flight code with one defect, imported into a process that has imported everything without it.
 
-What a module is depends on its own text and on what it imports, and on nothing else. So the mutated module and whatever
-imports it, near or far, is forgotten, and imported again by whoever wants it next; the rest stays, with what it keeps.
+A module depends on its own text and on its imports alone. So the mutated module and all modules that import it,
+directly or not, are removed from `sys.modules`, and the next import loads them again; the other modules stay, with
+their state.
 """
 
 import ast
@@ -17,7 +18,7 @@ OURS = ("heronry_wire", "heronry_dg", "heronry_agent", "heronry_manager", "heron
 
 
 def dependents(name: str, imports: Mapping[str, set[str]]) -> set[str]:
-    """Modules that import one, near or far, and itself."""
+    """Give the modules that import this one, directly or not, and itself."""
     found, new = {name}, {name}
     while new:
         new = {module for module, imported in imports.items() if imported & new} - found
@@ -26,7 +27,7 @@ def dependents(name: str, imports: Mapping[str, set[str]]) -> set[str]:
 
 
 def imports_of_ours() -> dict[str, set[str]]:
-    """What every module of ours that has been imported imports at its head."""
+    """Give the imports of every imported module of this repository."""
     loaded = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in OURS}
     return {name: set(_imported(module)) for name, module in loaded.items() if module.__file__}
 
@@ -43,7 +44,7 @@ def _imported(module: ModuleType) -> Iterator[str]:
 
 
 def take_in(name: str, file: Path, source: bytes, forgotten: set[str]) -> None:
-    """Let a module be imported from this text next time, and forget all that must be imported anew."""
+    """Let the next import of a module read this text, and remove all modules that must be imported again."""
     sys.meta_path.insert(0, _Finder(name, file, compile(source, str(file), "exec", dont_inherit=True)))
     for module in forgotten & sys.modules.keys():
         del sys.modules[module]
@@ -52,7 +53,7 @@ def take_in(name: str, file: Path, source: bytes, forgotten: set[str]) -> None:
 
 
 class _Finder(MetaPathFinder):
-    """Finds one module."""
+    """Finds the mutated module."""
 
     def __init__(self, name: str, file: Path, code: CodeType) -> None:
         self._name, self._file, self._code = name, file, code
@@ -63,19 +64,19 @@ class _Finder(MetaPathFinder):
         path: Sequence[str] | None,  # noqa: ARG002 - there is one
         target: ModuleType | None = None,  # noqa: ARG002
     ) -> ModuleSpec | None:
-        """Give the module with the defect."""
+        """Give the module with the defect, None for other names."""
         if fullname != self._name:
             return None
         return spec_from_file_location(fullname, self._file, loader=_Loader(fullname, str(self._file), self._code))
 
 
 class _Loader(SourceFileLoader):
-    """Loads what was compiled already."""
+    """Loads code that was compiled before."""
 
     def __init__(self, name: str, path: str, code: CodeType) -> None:
         super().__init__(name, path)
         self._code = code
 
     def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - there is one
-        """Give it."""
+        """Give the compiled code."""
         return self._code

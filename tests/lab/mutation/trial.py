@@ -1,15 +1,15 @@
 """One mutant against the flights, in a process of its own that was forked with everything imported.
 
-A trial flies one flight after the other and ends at the first that goes wrong: that mutant is *killed*. A flight that
-takes many times the computer's time that it took without a mutant hangs: the kernel ends it, and the mutant is killed,
-as is one that eats the memory. A mutant that lives through every flight that runs its lines *survives*; one whose lines
-none runs does so without being tried.
+A trial flies one flight after the other and ends at the first that goes wrong: the mutant is *killed*. A flight that
+takes many times the processor time of the same flight without a mutant hangs: the kernel ends it, and the mutant is
+killed, as is one that exceeds the memory limit. A mutant *survives* if every flight that runs its lines goes well; if
+no flight runs them it survives without being tried.
 
-Which flight is next: the one that has killed most for its time so far. The order decides how long a trial takes, and
-who is named as the killer, but not who is killed.
+The next flight is the one that has killed most mutants for its time so far. The order changes how long a trial takes,
+and which flight is named as the killer, but not which mutants are killed.
 
-What a process learns is lost with it. The plans are not: they come with the first flights (`Baseline`), and as long as
-the planner does not depend on what is mutated, every trial has them.
+The memory of a process is lost with it, but the plans are kept: they come with the first flights (`Baseline`), and
+every trial uses them, unless the planner depends on the mutated file.
 """
 
 import gc
@@ -33,8 +33,8 @@ from lab.mutation.mutated_import import dependents, imports_of_ours, take_in
 
 T = TypeVar("T")
 
-_PATIENCE, _PATIENCE_S = 8, 8.0  # times what a flight takes without a mutant, and so much more
-_MEMORY_BYTES = 4 << 30  # more than there is when it is forked: what is reserved and not used counts as well
+_PATIENCE, _PATIENCE_S = 8, 8.0  # limit: a factor of the time without a mutant, plus seconds
+_MEMORY_BYTES = 4 << 30  # above what is in use at the fork; address space that is reserved and not used counts too
 _POLITENESS = 10
 _PLANNING = "heronry_tools.sim.world.planning"
 _PREPARING = frozenset(("heronry_manager.core.compilation", "heronry_manager.contingency.on_board"))
@@ -47,24 +47,24 @@ class Baseline:
     flight: Flight
     landed: Landed
     cpu_s: float
-    lines: Mapping[str, frozenset[int]]  # by file, from the folder of the checkout
+    lines: Mapping[str, frozenset[int]]  # by file, relative to the checkout
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of a mutant; `killed_by` is the flight that went wrong, None where none did, and `how` it did."""
+    """The result for a mutant; `killed_by`: the flight that went wrong, None if it survived; `how`: that failure."""
 
     mutant: Mutant
     killed_by: str | None
     how: str
-    flown: int = 0  # flights that it lived through
-    changed: int = 0  # and in how many of them a frame was another one, or at another time
+    flown: int = 0  # flights that went well
+    changed: int = 0  # of these, how many had a different frame, or a frame at a different time
     cpu_s: float = 0.0
 
 
 @dataclass(slots=True)
 class Record:
-    """How often a flight was flown with a mutant, and killed it."""
+    """How often a flight was flown with a mutant, and how often it killed one."""
 
     flown: int = 0
     killed: int = 0
@@ -72,19 +72,19 @@ class Record:
 
 @dataclass(slots=True)
 class Report:
-    """What a forked process has told before it ended."""
+    """The results that a forked process sent before it ended."""
 
     told: list[Any] = field(default_factory=list)
     cpu_s: float = 0.0
     signal: int = 0
-    failed: bool = False  # it has not come to its end
+    failed: bool = False  # it did not end normally
 
 
 class Trials:
-    """Flies flights of one checkout in forked processes, so many at a time."""
+    """Flies flights of one checkout in forked processes, `jobs` at a time."""
 
     def __init__(self, checkout: Path, flights: Sequence[Flight], jobs: int) -> None:
-        """Import everything that flies."""
+        """Import the flight code and the simulator."""
         import coverage  # noqa: F401, PLC0415 - slow, and not for --list
 
         import lab.conformance.conformance_tests  # noqa: F401, PLC0415
@@ -113,7 +113,7 @@ class Trials:
             yield self._verdict(mutant, report)
 
     def runs(self, mutant: Mutant) -> list[Baseline]:
-        """Flights that run a mutant's lines, the most promising one first."""
+        """Give the flights that run a mutant's lines, the most promising one first."""
         file = str(mutant.file)
         meeting = [one for one in self._baselines.values() if mutant.is_run_by(one.lines.get(file, frozenset()))]
         return sorted(meeting, key=lambda one: one.cpu_s / self._promise(one.flight))
@@ -123,7 +123,7 @@ class Trials:
         return (record.killed + 1) / (record.flown + 2)
 
     def _verdict(self, mutant: Mutant, report: Report) -> Verdict:
-        """Understand what a trial has told: for each flight that it is flown, and then how it landed."""
+        """Read the results of a trial: for each flight a `Flight` at its start and a `Landed` at its end."""
         flights = [told for told in report.told if isinstance(told, Flight)]
         landed = [told for told in report.told if isinstance(told, Landed)]
         for flight in flights:
@@ -181,8 +181,8 @@ class Trials:
 
 
 def _watched(do: Callable[[], T], checkout: Path) -> tuple[T, dict[str, frozenset[int]]]:
-    """Do something, and give which lines of the cores it ran."""
-    from coverage import Coverage  # noqa: PLC0415 - for whoever develops
+    """Call a function; gives its result and the lines of the cores that it ran."""
+    from coverage import Coverage  # noqa: PLC0415 - a development dependency
 
     from lab.mutation.flight_code import core_files  # noqa: PLC0415
 
@@ -200,8 +200,8 @@ def _watched(do: Callable[[], T], checkout: Path) -> tuple[T, dict[str, frozense
 def forked(
     tasks: Iterable[T], jobs: int, do: Callable[[T, Callable[[object], None]], None]
 ) -> Iterator[tuple[T, Report]]:
-    """Do every task in a process of its own, so many at a time; what it tells comes back when it has ended."""
-    running: dict[int, tuple[T, int, bytearray]] = {}  # by the end of the pipe that is read here
+    """Do every task in a process of its own, `jobs` at a time; gives each report when its process has ended."""
+    running: dict[int, tuple[T, int, bytearray]] = {}  # by the reading end of the pipe
     waiting = iter(tasks)
     with DefaultSelector() as selector:
         try:
@@ -229,7 +229,7 @@ def forked(
 
 
 def _fork(task: T, do: Callable[[T, Callable[[object], None]], None]) -> tuple[int, int]:
-    """Start a process that does a task; gives the end of the pipe from which its report is read, and its number."""
+    """Start a process that does a task; gives the reading end of its pipe, and its process number."""
     reading, writing = os.pipe()
     pid = os.fork()
     if pid:
@@ -251,7 +251,7 @@ def _fork(task: T, do: Callable[[T, Callable[[object], None]], None]) -> tuple[i
 
 
 def _settle_in(reading: int) -> None:
-    """Become a process that stands back, says nothing to the terminal, and cannot eat the computer."""
+    """Give this process a low priority, no terminal, and a limit of memory."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.nice(_POLITENESS)
     most_bytes = _address_space_bytes() + _MEMORY_BYTES
@@ -263,12 +263,12 @@ def _settle_in(reading: int) -> None:
 
 
 def _address_space_bytes() -> int:
-    """How much address space this process has taken: a solver's threads reserve some gigabytes."""
+    """Give the address space of this process: a solver's threads reserve some gigabytes."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
 
 
 def _ended(pid: int, told: bytearray) -> Report:
-    """Wait for a process that has closed its pipe, and read what it has told; its last word may be torn."""
+    """Wait for a process that has closed its pipe, and read its results; the last one may be incomplete."""
     _, status, used = os.wait4(pid, 0)
     signalled = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
     report = Report(cpu_s=used.ru_utime + used.ru_stime, signal=signalled, failed=status != 0)

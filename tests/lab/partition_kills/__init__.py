@@ -1,1 +1,1 @@
-"""Random kills of modules and agents, on real processes: each ends as declared, and nobody else notices."""
+"""Random kills of modules and agents, on real processes: each ends as declared, and no other process is affected."""

@@ -1,9 +1,9 @@
-"""Random kills of modules and agents, on real processes: each stays where it happened, and something comes of it.
+"""Random kills of modules and agents, on real processes: each failure stays local, and the system reacts to it.
 
     python -m lab.partition_kills [--spec elevator_and_chute] [--kills 1000] [--seed 1] [--rest 0.5]
 
-Flies the spec on the software bus and strikes (`campaign`). Every strike must end as the spec declares: restarted,
-given up, or planned around; and nobody else may notice. Exit code 1 where one does not.
+Flies the spec on the software bus and injects faults (`campaign`). Every fault must end as the spec declares: the
+modules are restarted, given up, or replaced by a new plan; and no other process may end. Exit code 1 otherwise.
 """
 
 import argparse
@@ -23,19 +23,23 @@ from lab.partition_kills.campaign import Campaign
 
 
 def _slower(text: str, heartbeat_ms: int) -> str:
-    """The spec with other heartbeat periods: a busy machine is then not taken for a lost PE."""
+    """Give the spec with another heartbeat period, with which a busy machine does not lose PEs."""
     text = re.sub(r", heartbeat_ms: \d+", "", text)
     return re.sub(r"(bitrate: \d+)", rf"\1, heartbeat_ms: {heartbeat_ms}", text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the campaign; gives the exit code."""
-    parser = argparse.ArgumentParser(description="Kill modules and agents at random, and see what becomes of it.")
+    parser = argparse.ArgumentParser(
+        description="Kill modules and agents at random, and check the reaction to each kill."
+    )
     parser.add_argument("--spec", default="elevator_and_chute", metavar="SPEC", help="default elevator_and_chute")
     parser.add_argument("--kills", type=int, default=1000, metavar="N", help="default 1000")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default 1")
     parser.add_argument("--heartbeat-ms", type=int, default=100, metavar="MS", help="of every bus (default 100)")
-    parser.add_argument("--rest", type=float, default=0.5, metavar="SECONDS", help="between two, at most (default 0.5)")
+    parser.add_argument(
+        "--rest", type=float, default=0.5, metavar="SECONDS", help="longest pause between two faults (default 0.5)"
+    )
     arguments = parser.parse_args(argv)
     with ExitStack() as stack:
         folder = run_folder()
@@ -55,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             progress.step()
     for (way, became), times in sorted(campaign.became.items()):
         print(f"{times:6} {way}: {became}")
-    print(f"{campaign.lost_unkilled:6} PEs lost that nobody killed (their heartbeats came late)")
+    print(f"{campaign.lost_unkilled:6} PEs lost without an injected fault (their heartbeats came late)")
     for failure in campaign.failures:
         print(f"FAILURE: {failure}")
     return 1 if campaign.failures else 0

@@ -1,18 +1,18 @@
-"""One flight in which partitions and agents are struck again and again, and what becomes of each.
+"""One flight with many faults injected into partitions and agents, and the outcome of each.
 
-A strike kills a partition (SIGKILL), lets one hang (SIGSTOP) or kills an agent, and is over when it has become
+A fault kills a partition (SIGKILL), stops one (SIGSTOP) or kills an agent. Its outcome is one of
 
-    restarted     a successor of that partition lives, and its PE has said that it builds the modules anew
+    restarted     a successor of that partition lives, and its PE has reported that it builds the modules anew
     given up      a module has used up its restarts, and a plan without it runs; afterwards the operator clears it, so
                   that it flies again
-    nothing ran   a spare one was struck, of which nothing is to be said
-    around        the agent was killed: its PE was lost, its partitions are gone, a plan without it runs; afterwards the
-                  agent is started again, has joined, and is forgiven
+    nothing ran   no module ran in the partition, so that no report is due
+    around        the agent was killed: its PE was lost, its partitions have ended, a plan without the PE runs;
+                  afterwards the agent is started again, has joined, and the operator clears it
 
-or when nothing of that has happened for PATIENCE_S. Between two strikes, and in each, every process that was not struck
-lives on, under the same number. What PEs say meanwhile is judged by `declared`.
+or a failure when none of these is reached within PATIENCE_S. Between two faults, and during each, every process that
+the fault did not hit keeps its process number. The oracle in `declared` checks the reports of the PEs meanwhile.
 
-PEs that are lost although nobody killed them are counted apart: on a starved machine heartbeats come late.
+PEs that are lost without an injected fault are counted apart: on a busy machine heartbeats come late.
 """
 
 import os
@@ -37,15 +37,15 @@ from lab.partition_kills.declared import Declared, DeclaredOracle
 PATIENCE_S = 60.0
 _WAYS = ("partition killed", "partition hangs", "agent killed")
 _WEIGHTS = (7, 2, 1)
-_SPARES = 0.1  # so often no heed is paid to whether anything runs in what is struck
+_SPARES = 0.1  # share of faults injected into any partition, whether a module runs in it or not
 _WARM_UP_S = 5.0
 _LOOK_S = 0.05
 _UNANSWERED = "unanswered"
-_Partitions = dict[int, tuple[int, str]]  # by process number: the agent's, and the name
+_Partitions = dict[int, tuple[int, str]]  # by process number: name of the PE, name of the partition
 
 
 class Campaign:
-    """A flight, and what was done to it."""
+    """One flight and its injected faults."""
 
     def __init__(self, spec: Spec, fleet: Fleet, stream: EventStream, random: Random) -> None:
         self._fleet, self._stream, self._random = fleet, stream, random
@@ -65,24 +65,26 @@ class Campaign:
 
     @property
     def failures(self) -> list[str]:
-        """What went otherwise than declared."""
+        """Give the outcomes that the spec does not declare, as sentences."""
         return self._own_failures + self._assess.failures
 
     def begin(self) -> None:
-        """Wait until it flies, and its partitions are warm."""
+        """Wait until the aircraft flies, and its partitions have loaded their modules."""
         end_s = time.monotonic() + PATIENCE_S
         while not self._plan and time.monotonic() < end_s:
             self._take_events()
         if not self._plan:
-            raise UserError(f"it does not fly: {self._fleet.last_words('manager')}")
+            raise UserError(
+                f"the aircraft does not start; last output of the manager: {self._fleet.last_words('manager')}"
+            )
         self.rest(_WARM_UP_S)
         self.lost_unkilled = 0
         self._living = self._partitions()
 
     def inject(self) -> None:
-        """Do something bad, and see what becomes of it."""
+        """Inject one drawn fault, and wait for its outcome."""
         before = self._partitions()
-        self._miss(self._living, before, set(), "while nobody struck any")
+        self._miss(self._living, before, set(), "between two faults")
         way = self._random.choices(_WAYS, _WEIGHTS)[0]
         pe = self._random.choice(sorted(self._available) or sorted(self._agents))
         own = {pid for pid, (agent, _) in before.items() if agent == self._agents[pe]}
@@ -104,7 +106,7 @@ class Campaign:
             raise UserError(words)
 
     def rest(self, seconds: float) -> None:
-        """Let it fly; the operator clears what was given up."""
+        """Let the aircraft fly; the operator clears modules that were given up."""
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0:
             self._take_events(left_s)
@@ -114,12 +116,14 @@ class Campaign:
         self._failed -= around
 
     def _miss(self, before: _Partitions, after: _Partitions, injected: set[int], when: str) -> None:
-        """Judge who has ended in between."""
+        """Report processes that ended without an injected fault."""
         pe_of = {agent: pe for pe, agent in self._agents.items()}
         for agent, name in (before[pid] for pid in before.keys() - after.keys() - injected):
             pe = pe_of.get(agent, "?")
             last = self._fleet.last_words(pe)
-            self._own_failures.append(f"{when}: partition {name} of {pe} was not struck, and ended; it said: {last}")
+            self._own_failures.append(
+                f"{when}: partition {name} of {pe} ended without an injected fault; its last output: {last}"
+            )
 
     def _kill_partition(self, victim: int, pe: str, name: str, signal_number: int) -> str:
         self._assess.injected(pe, name, time.monotonic())
@@ -133,12 +137,12 @@ class Campaign:
             if became is not None:
                 return became
         self._own_failures.append(
-            f"partition {name} of {pe} was struck: told was {', '.join(sorted(told)) or 'nothing'}"
+            f"no outcome of the fault in partition {name} of {pe}: reported {', '.join(sorted(told)) or 'nothing'}"
         )
         return _UNANSWERED
 
     def _told_of(self, pe: str, name: str, events: list[dict[str, Any]]) -> set[str]:
-        """What a PE has said of modules of a partition: the kinds of events."""
+        """Give the kinds of a PE's events about modules of a partition."""
         return {
             event["event"]
             for event in events
@@ -147,7 +151,7 @@ class Campaign:
         }
 
     def _became_of(self, victim: int, pe: str, name: str, told: set[str]) -> str | None:
-        """What has become of a partition that was struck; None while that is not to be seen."""
+        """Give the outcome of a fault in a partition; None while there is none yet."""
         if not told:
             if self._works(pe, name) and pe in self._available:
                 return None
@@ -164,7 +168,7 @@ class Campaign:
         return "restarted" if follows else None
 
     def _works(self, pe: str, name: str) -> bool:
-        """Tell whether a partition of a PE has modules that run, as the manager knows."""
+        """Tell whether a partition of a PE has modules that run in the manager's plan."""
         return any(one["pe"] == pe and self._declared[module].partition == name for module, one in self._plan.items())
 
     def _kill_agent(self, pe: str) -> str:
@@ -177,11 +181,13 @@ class Campaign:
         self._agents[pe] = self._fleet.start_pe(pe)
         back = gone and self._comes_true(lambda: pe in self._available)
         self._killed = None
-        call(self._fleet.control_socket(), ClearElement(f"pe:{pe}"))  # else each hold-down is longer than the last
+        call(
+            self._fleet.control_socket(), ClearElement(f"pe:{pe}")
+        )  # otherwise each hold-down is longer than the one before
         if not alone:
             self._own_failures.append(f"the agent of {pe} was killed, and partitions outlived it")
         if not back:
-            what = "it did not join again" if gone else "nobody planned around it"
+            what = "it did not join again" if gone else "the manager made no plan without it"
             self._own_failures.append(f"the agent of {pe} was killed: {what}")
             return _UNANSWERED
         return "around"
@@ -193,7 +199,7 @@ class Campaign:
         return condition()
 
     def _take_events(self, wait_s: float = _LOOK_S) -> list[dict[str, Any]]:
-        """Events that have come, noted."""
+        """Note and give the events that have come."""
         events = self._stream.take(wait_s)
         for event in events:
             self._note(event)
@@ -218,7 +224,7 @@ class Campaign:
                 pass
 
     def _partitions(self) -> _Partitions:
-        """Every partition that lives."""
+        """Give every partition that lives."""
         agents = set(self._agents.values())
         found = {}
         for folder in Path("/proc").iterdir():

@@ -1,14 +1,15 @@
-"""Whether what becomes of modules is what their spec declares: a judge of the manager's events, apart from who strikes.
+"""Whether modules are restarted and given up as their spec declares: an oracle over the manager's events.
 
-A module fails because its partition was struck, and for no other reason. Its PE builds it anew and counts, from one,
-as long as each failure comes within a minute of the last; when its `restarts` are used up, the next failure makes the
-PE give it up, and the manager plans without it. An agent that is started anew counts from one again.
+A module fails because a fault was injected into its partition, and for no other reason. Its PE builds it anew and
+counts its failures, from one, as long as each comes within a minute of the one before; when its `restarts` are used up,
+the next failure makes the PE give it up, and the manager plans without it. An agent that is started anew counts from
+one again.
 
-It is a failure when a module is reported that lives in no partition of that PE that was struck lately; when a PE counts
-otherwise than one after the other, or goes on counting when it should give up; and when it gives up too early.
+It is a failure when a module is reported without a recent fault in its partition; when a PE's count leaves a number
+out, or goes on after the last restart; and when the PE gives a module up too early.
 
-An EMCY is told until it is acknowledged: the same count may be heard again at once, and one that comes meanwhile is not
-told. One that was stopped while it loaded its code is noticed when loading has taken too long, after 20 s.
+A PE repeats an EMCY until it is acknowledged: the same count may be received twice, and a count that comes meanwhile is
+not sent. A partition that was stopped while it loaded its code is noticed when loading has taken too long, after 20 s.
 """
 
 from collections.abc import Mapping
@@ -17,12 +18,12 @@ from typing import Any
 
 LATELY_S = 30.0
 FORGIVEN_S = 60.0
-_DELAY_S = 5.0  # by so much the manager may hear of two failures further apart, or closer, than they were
+_DELAY_S = 5.0  # reports of two failures may be this much closer together, or further apart, than the failures
 
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the spec says of a module."""
+    """What the spec declares for a module."""
 
     partition: str
     restarts: int
@@ -30,7 +31,7 @@ class Declared:
 
 @dataclass(slots=True)
 class _Count:
-    """What a PE has said of a module that failed: how often it did, since when, and until when it said so."""
+    """A PE's reports of a module that failed: the count, and the times of the first and the last report of it."""
 
     times: int
     since_s: float
@@ -38,7 +39,7 @@ class _Count:
 
 
 class DeclaredOracle:
-    """Follows one flight; `failures` are sentences."""
+    """Checks the events of one flight; `failures` are sentences."""
 
     def __init__(self, modules: Mapping[str, Declared]) -> None:
         self._modules = modules
@@ -47,21 +48,21 @@ class DeclaredOracle:
         self.failures: list[str] = []
 
     def injected(self, pe: str, partition: str, now_s: float) -> None:
-        """Somebody kills a partition of a PE, or lets it hang."""
+        """Note that a partition of a PE was killed or stopped."""
         self._injected_s[pe, partition] = now_s
 
     def agent_killed(self, pe: str) -> None:
-        """The next agent of this PE knows nothing of what was."""
+        """Forget the counts of this PE, since its next agent starts without them."""
         self._counts = {key: count for key, count in self._counts.items() if key[0] != pe}
 
     def heard(self, event: Mapping[str, Any], now_s: float) -> None:
-        """Judge an event that tells of a module."""
+        """Check an event about a module."""
         kind, _, module = event["element"].partition(":")
         pe, times = event["by"], event.get("times", 0)
         if kind != "module" or self._is_told_again(self._counts.get((pe, module)), times, now_s):
             return
         if now_s - self._injected_s.get((pe, self._modules[module].partition), -LATELY_S) >= LATELY_S:
-            self.failures.append(f"{module} failed on {pe}, where nobody had struck it: {_words(event)}")
+            self.failures.append(f"{module} failed on {pe} without a fault injected there: {_words(event)}")
         if event["event"] == "module_restarted":
             self._restarted(pe, module, times, now_s)
         else:
@@ -69,7 +70,7 @@ class DeclaredOracle:
 
     @staticmethod
     def _is_told_again(count: _Count | None, times: int, now_s: float) -> bool:
-        """Tell whether this was heard just now, and its acknowledgement has not arrived."""
+        """Tell whether this report repeats the last one, whose acknowledgement has not arrived."""
         if count is None or count.times != times or now_s - count.until_s > _DELAY_S:
             return False
         count.until_s = now_s
@@ -81,7 +82,7 @@ class DeclaredOracle:
         goes_on = before.times < times and apart_s <= FORGIVEN_S + _DELAY_S
         begins_anew = times == 1 and (before.times == 0 or apart_s >= FORGIVEN_S - _DELAY_S)
         if times > most or not (goes_on or begins_anew):
-            what = f"for the time no. {times} of {most}, after no. {before.times}"
+            what = f"as restart {times} of {most}, after restart {before.times}"
             self.failures.append(f"{module} was restarted on {pe} {what}")
         self._counts[pe, module] = _Count(times, now_s, now_s)
 

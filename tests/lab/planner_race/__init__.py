@@ -1,1 +1,1 @@
-"""How fast and how good the planner is, against others, on specs drawn by a seed."""
+"""Speed and quality of the planner, compared with other solvers on specs drawn from a seed."""

@@ -1,4 +1,4 @@
-"""`python -m lab.planner_race`: how fast and how good the planner is, against others, on aircraft drawn by a seed.
+"""`python -m lab.planner_race`: the planner's speed and quality beside other solvers', on aircraft drawn from a seed.
 
 Exit codes: 0 measured; 1 two proofs contradict each other, or a plan is not legal; 2 the input cannot be used.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 _SIZE = re.compile(r"(?P<modules>\d{1,3})x(?P<pes>\d{1,2})", re.ASCII)
 _RIVALS = ("cp-sat", "highs")
-_MOST_WORK = 10.0  # there is nothing to learn from what is tenfold too much
+_MOST_WORK = 10.0  # a load above ten times the CPU shows nothing more
 
 _PLAN_EPILOG = """\
 Specs are generated, ten faults for each; the same seed gives the same ones. Work is the CPU of every module in its best
@@ -27,8 +27,8 @@ examples:
   python -m lab.planner_race --cases 20                        a first look
   python -m lab.planner_race --sizes 30x8,60x12 --cases 200    the figures in docs/planner.md
   python -m lab.planner_race --work 1.3 --effort 2             overloaded, with a limit on the search
-  python -m lab.planner_race --sizes 200x20 --rivals none      large, and nobody else
-  python -m lab.planner_race --json >bench.json
+  python -m lab.planner_race --sizes 200x20 --rivals none      large, without other solvers
+  python -m lab.planner_race --json >race.json
 """
 
 
@@ -65,7 +65,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     if not 0 < arguments.work <= _MOST_WORK:
         raise UserError(f"--work {arguments.work:g}: write a share of the CPU, above 0 and up to {_MOST_WORK:g}")
     if not 0 <= arguments.effort < float("inf"):
-        raise UserError(f"--effort {arguments.effort:g} is no limit; write a number from 0")
+        raise UserError(f"--effort {arguments.effort:g} is not a limit; write a number from 0")
     rivals = _rivals(arguments.rivals)
     races = []
     for size in _sizes(arguments):
@@ -84,7 +84,9 @@ def _rivals(text: str) -> list[str]:
     names = [] if text == "none" else text.split(",")
     for name in names:
         if name not in _RIVALS:
-            raise UserError(f"--rivals {text}: '{name}' is none of {', '.join(_RIVALS)}; write none for nobody")
+            raise UserError(
+                f"--rivals {text}: '{name}' is not one of {', '.join(_RIVALS)}; for no other solver write none"
+            )
     return names
 
 
@@ -95,13 +97,13 @@ def _sizes(arguments: argparse.Namespace) -> "list[Size]":
     for text in arguments.sizes.split(","):
         match = _SIZE.fullmatch(text.strip())
         if match is None or not (30 <= int(match["modules"]) <= 220 and 6 <= int(match["pes"]) <= 34):
-            raise UserError(f"--sizes: '{text}' is no size; write MODULESxPES, 30x6 to 220x34")
+            raise UserError(f"--sizes: '{text}' is not a size; write MODULESxPES, 30x6 to 220x34")
         sizes.append(Size(int(match["modules"]), int(match["pes"]), arguments.work))
     return sizes
 
 
 class _Progress:
-    """How far a race is: one line on a terminal, rewritten."""
+    """The progress of a race: one line on a terminal, rewritten."""
 
     def __init__(self, size: "Size", arguments: argparse.Namespace) -> None:
         self._text, self._cases = str(size), arguments.cases

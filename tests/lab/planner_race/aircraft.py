@@ -1,10 +1,10 @@
-"""An aircraft that never flew: a spec put together from the blocks that aircraft are made of.
+"""An aircraft that never flew: a spec composed of the blocks that aircraft are made of.
 
     control loop   two sensors of unlike quality, an estimator, a controller with feedback, two servos behind a DEMUX
     voting         three sensors, a voter (two of three, or exactly one), an annunciator
     payload        a sensor, a heavy program in three modes, a recorder; not wanted in every phase
     second source  another program for a state that is estimated already, on another PE
-    monitor        reads what there is, as far as it is supplied
+    monitor        reads the data there are, as optional inputs
 
 Two buses are joined by one gateway. PEs come in three kinds, so that many are equal. Sensors and servos are bolted to
 PEs; programs run where there is room (some ask for a feature, or are bound to a few PEs).
@@ -73,7 +73,7 @@ class _Module:
 
 @dataclass
 class Aircraft:
-    """One spec, drawn by `document`."""
+    """One aircraft, whose spec `document` draws."""
 
     rng: random.Random
     module_count: int
@@ -91,7 +91,7 @@ class Aircraft:
     _drawn: Counter[str] = field(default_factory=Counter)  # blocks so far, by kind
 
     def document(self, work: float) -> Fields:
-        """Draw everything; the result is a spec in the words of its file."""
+        """Draw everything; gives the spec as the content of its file."""
         for number in range(self.pe_count):
             self._kinds[f"pe{number:02}"] = _KINDS[(0, 1, 2, 0, 1, 0, 1, 2)[number % 8]]
         blocks = self._blocks()

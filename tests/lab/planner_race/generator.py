@@ -1,6 +1,6 @@
-"""Aircraft by the dozen: realistic specs of any size, drawn by a seed, and faults for them.
+"""Generated aircraft: realistic specs of any size, drawn from a seed, and faults for them.
 
-The same arguments give the same spec, byte for byte, on every machine. It has passed the loader, like any other.
+The same arguments give the same spec, byte for byte, on every machine. The loader checks it, like any other spec.
 """
 
 import json
@@ -15,12 +15,12 @@ from heronry_dg.situation import Situation
 from heronry_manager.planner.exact import Planner
 from lab.planner_race.aircraft import Aircraft
 
-_EFFORT = 2.0  # for the plan with nothing down: what runs before a fault need not be the very best
+_EFFORT = 2.0  # for the plan without a fault, which need not be optimal
 
 
 @dataclass(frozen=True, slots=True)
 class FaultCase:
-    """What is down in which phase, and what ran before: a good plan of the phase with nothing down."""
+    """The elements that are down, the phase, and what ran before: a good plan of the phase without a fault."""
 
     now: Situation
     running: Placement

@@ -1,13 +1,14 @@
-"""Levels 1 and 2 as a plain integer program: what any solver can be given, and every one is given the same.
+"""Levels 1 and 2 as a plain integer program, the same for every solver.
 
 All variables are binary; rows are weighted sums between two bounds; goals are maximised in their order, each fixed
-before the next. This is the problem as one would write it down from docs/semantics.md, one rule after the other:
+before the next. The rows follow docs/semantics.md, one rule after the other:
 
     x  a module runs in a mode on a PE        w  an input is wired to a producer
     y  a gate or an input holds               q  a variable is published on a bus, by its producer in a mode
 
-Idle modules (rule 5) are left in: they serve nothing, so they change neither level. What cannot run at all is left out
-beforehand, as it is for the planner. Deadlines (rule 9) are no rows, but cuts: `forbid` adds one.
+Idle modules (semantics rule 5) are left in: they serve nothing, so they change neither level. Modules that cannot run
+at all are left out beforehand, as for the planner. Deadlines (semantics rule 9) are no rows, but cuts: `forbid` adds
+one.
 """
 
 from collections import Counter
@@ -79,7 +80,7 @@ class Milp:
         return Configuration({name: Running(pe, mode, inputs.get(name, {})) for (name, mode), pe in running.items()})
 
     def forbid(self, published: Iterable[Hop]) -> None:
-        """Let not all of these hops be taken."""
+        """Forbid solutions with all of these hops."""
         terms, facts = [], 0
         for hop in sorted(published, key=lambda hop: (hop.bus, hop.producer, hop.variable)):
             terms.append((self._q[hop.producer, hop.mode, hop.variable, hop.bus], 1))

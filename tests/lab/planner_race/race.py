@@ -1,12 +1,12 @@
-"""The race: the planner, the greedy one and other solvers on the same faults, and what came of it in figures.
+"""The race: planner, greedy planner and other solvers on the same faults, and their figures.
 
-Two questions are asked for each fault. *Levels 1 and 2*: who finds the most critical functions and utility, and proves
-it, in what time? *All levels*: what does the whole plan take, and which levels are proven within the effort allowed?
-That is told apart by how much there is to do for the CPU that a fault leaves: a lost PE, or a bus with all behind it,
-makes an overload of what was none.
+Each fault gives two comparisons. *Levels 1 and 2*: which contender serves the most critical functions and the highest
+utility, with a proof, and in what time? *All levels*: how long does the whole plan take, and which levels are proven
+within the effort? These figures are in two groups, by the work for the CPU that a fault leaves: the loss of a PE, or of
+a bus with all PEs behind it, may overload an aircraft that was not.
 
-Time is CPU time of one core, from the question to the answer: the planner is warm for its spec, as it is in flight, and
-builds its model within its time. Every answer is scored by the same code; every plan is judged.
+Time is CPU time of one core, from the request to the plan: the planner has its facts of the spec, as in flight, and its
+time contains building the model. Every result is scored by the same code; the verifier checks every plan.
 """
 
 import time
@@ -32,7 +32,7 @@ _CRITICAL = 4  # levels of the objective's key; utility comes next
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How large the specs are, and how much there is to do."""
+    """The size of the specs, and their work."""
 
     modules: int
     pes: int
@@ -52,17 +52,17 @@ class Entry:
     proven: list[bool] = field(default_factory=list)
 
     def percentile(self, percent: int) -> float:
-        """CPU time in milliseconds that so many of a hundred cases keep to; 0 where there is none."""
+        """Give the CPU time in milliseconds that `percent` of the cases do not exceed; 0 without a case."""
         return percentile(self.cpu_ms, percent) if self.cpu_ms else 0.0
 
     def share_proven(self) -> float:
-        """Share of the cases with a proof; 1 where there is none."""
+        """Give the share of the cases with a proof; 1 without a case."""
         return sum(self.proven) / len(self.proven) if self.proven else 1.0
 
 
 @dataclass
 class Race:
-    """Everything about one size."""
+    """All results for one size."""
 
     size: Size
     serving: dict[str, Entry] = field(default_factory=dict)  # levels 1 and 2, by contender
@@ -73,7 +73,7 @@ class Race:
     illegal: int = 0
 
     def disagreements(self) -> int:
-        """Count cases in which two proofs contradict each other, or somebody does better than a proof allows."""
+        """Count cases in which two proofs contradict each other, or a result is better than a proof allows."""
         best = [max(served) for served in zip(*(entry.served for entry in self.serving.values()), strict=True)]
         return sum(
             proven and served != most
@@ -82,7 +82,7 @@ class Race:
         )
 
     def greedy_utility(self) -> float:
-        """Mean share of the planner's utility that the greedy planner reaches."""
+        """Give the mean share of the planner's utility that the greedy planner reaches."""
         pairs = zip(self.serving["greedy"].served, self.serving["planner"].served, strict=True)
         shares = [ours[_CRITICAL] / best[_CRITICAL] for ours, best in pairs if best[_CRITICAL]]
         return sum(shares) / len(shares) if shares else 1.0
@@ -94,14 +94,14 @@ class Race:
 
 
 def percentile(values: Sequence[float], percent: int) -> float:
-    """Smallest value that so many of a hundred do not exceed."""
+    """Give the smallest value that `percent` of the values do not exceed."""
     return sorted(values)[max(0, -(-len(values) * percent // 100) - 1)]
 
 
 def run(
     size: Size, cases: int, seed: int, *, effort: float, rivals: Sequence[str], progress: Callable[[int], None]
 ) -> Race:
-    """Race on `cases` faults: ten for each spec. `progress` is told how many are done."""
+    """Race on `cases` faults, ten for each spec; calls `progress` with the number of cases that are done."""
     race = Race(size)
     with ExitStack() as stack:
         solvers: dict[str, Solver] = {}
@@ -126,14 +126,14 @@ def _questions(size: Size, cases: int, seed: int) -> Iterator[tuple[Spec, Planne
 
 
 def work_after(spec: Spec, now: Situation) -> float:
-    """CPU of every module in its best mode, as a share of the CPU that is left."""
+    """Give the CPU of every module in its best mode, as a share of the CPU that is left."""
     left = sum(survivors(spec, now).pe_cpu_millis.values())
     wanted = sum(next(iter(module.modes.values())).cpu_millis for module in spec.modules.values())
     return wanted / left if left else float("inf")
 
 
 def _serve(race: Race, spec: Spec, planner: Planner, case: FaultCase, solvers: dict[str, Solver]) -> None:
-    """Levels 1 and 2 alone."""
+    """Compare levels 1 and 2 alone."""
     start = time.process_time()
     greedy = planner.immediate(case.now, case.running)
     _note(race, "greedy", time.process_time() - start, greedy.objective.key(), proven=False)
@@ -160,7 +160,7 @@ def _note(race: Race, name: str, seconds: float, key: tuple[int, ...], *, proven
 
 
 def _plan(race: Race, spec: Spec, planner: Planner, case: FaultCase, effort: float) -> None:
-    """All levels."""
+    """Plan all levels."""
     entry = race.plans if work_after(spec, case.now) <= FULL else race.overloaded
     start = time.process_time()
     plan = planner.plan(case.now, case.running, effort=effort)

@@ -1,9 +1,10 @@
 """Other solvers on the same problem: untuned CP-SAT here, HiGHS in its own process.
 
 Both maximise the goals of a `Milp` with one thread and no gap: CP-SAT as one weighted sum, which it counts in 64 bits,
-HiGHS one after the other, since it counts in floating point. What their solution publishes is looked at for deadlines
-as the planner looks at its own, cut off and solved again. `cpu_seconds` counts all that the solver does, building its
-model included; writing the problem down, looking at deadlines, and the way to the other process are given to them.
+HiGHS one after the other, since it counts in floating point. The deadlines of a solution are checked as the planner
+checks its own; a solution that misses one is cut off and the problem solved again. `cpu_seconds` counts all work of the
+solver, with the building of its model; stating the problem, checking deadlines, and the transport to the other process
+are not counted.
 """
 
 import json
@@ -32,7 +33,7 @@ SECONDS = 20  # for one goal; wall-clock, for rivals only
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """What a solver made of a problem."""
+    """The result of a solver."""
 
     ones: list[int]
     proven: bool
@@ -41,7 +42,7 @@ class Solved:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """A configuration that keeps all deadlines, and what it took."""
+    """A configuration that keeps all deadlines, and its CPU time."""
 
     configuration: Configuration
     proven: bool
@@ -68,7 +69,7 @@ def answered(solver: Solver, times: ResponseTimes, now: Situation) -> Answer:
 
 
 def cp_sat(milp: Milp) -> Solved:
-    """CP-SAT as it comes, but for the number of workers."""
+    """Solve a problem by CP-SAT with its default options, but for the number of workers."""
     start = time.process_time()
     model = CpModel()
     variables = [model.new_bool_var("") for _ in range(milp.count)]
@@ -123,7 +124,7 @@ class Highs:
         self._process.communicate()
 
     def __call__(self, milp: Milp) -> Solved:
-        """Solve a problem."""
+        """Solve a problem in the process of HiGHS."""
         problem = {
             "count": milp.count,
             "rows": [[row.terms, row.low, row.high] for row in milp.rows],

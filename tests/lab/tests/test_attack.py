@@ -1,4 +1,4 @@
-"""What nobody with the key has said does nothing, however often it is tried; and the attacker is no paper tiger."""
+"""A PE with a key accepts no attack, however many there are; and the attacks are no paper tigers."""
 
 import pytest
 
@@ -17,7 +17,7 @@ def test_no_attack_is_accepted_and_each_is_counted() -> None:
     assert set(attacked.attacks.values()) == {1000}
 
 
-def test_a_verifier_that_believes_everything_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attacks_find_a_verifier_that_accepts_everything(monkeypatch: pytest.MonkeyPatch) -> None:
     attacked = Attacked(load_spec("elevator_and_chute"), seed=7)
     find = CommandVerifier._find
 
@@ -28,7 +28,12 @@ def test_a_verifier_that_believes_everything_is_found_out(monkeypatch: pytest.Mo
     monkeypatch.setattr(CommandVerifier, "_find", credulous)
     for number in range(60):
         attacked.attack(attacked.kinds[number % 5])
-    assert attacked.accepted.keys() == {"forged", "replayed", "reordered", "foreign"}  # cut short they are malformed
+    assert attacked.accepted.keys() == {
+        "forged",
+        "replayed",
+        "reordered",
+        "foreign",
+    }  # truncated commands are malformed
 
 
 def test_a_command_costs_at_most_one_more_frame() -> None:

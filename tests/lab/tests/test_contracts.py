@@ -1,4 +1,4 @@
-"""Every contract on imports bites: a breach of each is planted in a copy of the sources, and `lint-imports` is red."""
+"""Every contract on imports is effective: a breach of it, planted in a copy of the sources, fails `lint-imports`."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ CONTRACTS = {contract["name"]: contract for contract in SETTINGS["importlinter"]
 
 
 class Breach(NamedTuple):
-    """A module in a room, and what it must not import there."""
+    """A folder for a module, and the import that a contract forbids there."""
 
     room: str
     imported: str
@@ -54,7 +54,7 @@ BREACHES = {
 
 
 class Sources:
-    """A copy of all packages, and what `lint-imports` says of it."""
+    """A copy of all packages, checked by `lint-imports`."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -64,7 +64,7 @@ class Sources:
         shutil.copy(ROOT / "pyproject.toml", folder)
 
     def broken(self, *breaches: Breach) -> set[str]:
-        """Plant breaches, and give the contracts that are broken then."""
+        """Plant breaches, and give the contracts that they break."""
         planted = {
             self._folder / breach.room / f"planted_breach_{number}.py": breach for number, breach in enumerate(breaches)
         }

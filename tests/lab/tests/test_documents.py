@@ -1,4 +1,4 @@
-"""What docs/ say of the code is what the code says: tables, states, sub-rules, examples, links."""
+"""docs/ agree with the code: tables, states, sub-rules, examples, links."""
 
 import inspect
 import re
@@ -40,13 +40,13 @@ def fenced(text: str, language: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def tail() -> TableIndex:
-    """Table of a PE that has the branches of a DEMUX."""
+    """Give the table of a PE that has the branches of a DEMUX."""
     spec = load(shipped_spec_path("elevator_and_chute"))
     return TableIndex(Compiler(spec).table("tail_pe"))
 
 
 def rows(text: str, head: str) -> list[list[str]]:
-    """Cells of the table whose first heading is `head`."""
+    """Give the cells of the table whose first heading is `head`."""
     table = re.search(rf"^\| {re.escape(head)} \|.*\n\|[- |]+\n((?:\|.*\n)+)", text, re.MULTILINE)
     assert table, f"no table begins with {head}"
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()]
@@ -68,7 +68,7 @@ def test_every_table_and_diagram_has_its_place_on_a_page(kind: str, names: Itera
     assert sorted(placed) == sorted(names)
 
 
-def test_a_table_that_says_something_else_is_written_anew(tmp_path: Path) -> None:
+def test_a_table_with_another_content_is_written_anew(tmp_path: Path) -> None:
     page = tmp_path / "protocol.md"
     page.write_text(PROTOCOL.replace("165 + n", "166 + n"), encoding="utf-8")
     main([str(page)])
@@ -112,7 +112,7 @@ def test_the_identifiers_with_an_index_in_byte_2_are_those_of_the_list() -> None
 
 
 def take_steps(index: TableIndex, wanted: Slice, steps: list[tuple[int, Step]]) -> Iterator[tuple[PeState, PeState]]:
-    """Let a PE take steps, each of an epoch; gives the state before and after each."""
+    """Let a PE make the steps of epochs; gives the state before and after each."""
     pe = Reconfiguration(index)
     targets = {epoch: Configured(epoch, epoch, wanted if epoch % 2 else Slice(), 1, 0) for epoch, _ in steps}
     for epoch, step in steps:
@@ -196,7 +196,7 @@ def test_every_example_of_a_fault_or_a_limit_is_understood(example: str) -> None
 
 
 def anchors(page: Path) -> set[str]:
-    """Anchors of the headings of a page, as they are made for Markdown on the web."""
+    """Give the anchors of a page's headings, as Markdown on the web has them."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
@@ -205,7 +205,7 @@ def anchors(page: Path) -> set[str]:
 def test_every_link_to_a_heading_finds_it(page: Path) -> None:
     for path, anchor in re.findall(r"\]\(([^)\s:#]*)#([^)\s]+)\)", page.read_text(encoding="utf-8")):
         target = page.parent / path if path else page
-        assert anchor in anchors(target), f"{path}#{anchor}: there is no such heading"
+        assert anchor in anchors(target), f"{path}#{anchor}: the page has no such heading"
 
 
 @pytest.mark.parametrize("text", [SEMANTICS, PROTOCOL], ids=["semantics", "protocol"])

@@ -1,4 +1,4 @@
-"""The bench for false alarms and for reboots: it counts what it is for, and can find fault."""
+"""The benchmark of false alarms and reboots: it counts them, and reports what is false or noticed too late."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from scenarios.flights import elevator_and_chute, two_tails
 S = 1_000 * MS
 
 
-def test_minutes_without_a_fault_and_reboots_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_minutes_without_a_fault_and_reboots_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--hours", "0.01", "--reboots", "6"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:2] == ["elevator_and_chute"]
@@ -45,7 +45,7 @@ def test_a_bus_that_loses_half_of_what_it_carries_is_full_of_alarms(monkeypatch:
     assert quiet.stalls > 0
 
 
-def test_what_is_noticed_late_or_never_is_told_and_ends_with_1(
+def test_a_reboot_noticed_late_or_never_is_reported_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def found(_spec: Spec, _seed: int) -> list[Reboot]:
@@ -73,9 +73,9 @@ def test_a_spec_that_is_not_there_is_one_sentence_and_2() -> None:
     assert ended.stderr.count("\n") == 1
 
 
-def test_it_flies_on_compiled_where_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_benchmark_goes_on_compiled_with_that_option(monkeypatch: pytest.MonkeyPatch) -> None:
     gone_on: list[tuple[object, str]] = []
-    monkeypatch.setattr(endurance, "go_on_compiled", lambda *asked: gone_on.append(asked))
+    monkeypatch.setattr(endurance, "go_on_compiled", lambda *arguments: gone_on.append(arguments))
     monkeypatch.setattr(endurance, "fly_reboots", lambda _spec, _seed: [])
     assert main(["--compiled", "--hours", "0", "--reboots", "1"]) == 0
     assert gone_on == [(["--compiled", "--hours", "0", "--reboots", "1"], "lab.benches.endurance")]
@@ -84,14 +84,17 @@ def test_it_flies_on_compiled_where_that_is_asked_for(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--hours", "0", "--reboots", "0"], "0 hours and 0 reboots show nothing; write more of one of them"),
-        (["--hours", "-1"], "-1 is no time to fly; write 0 to 100000 hours"),
-        (["--hours", "nan"], "nan is no time to fly"),
-        (["--hours", "inf"], "inf is no time to fly"),
+        (
+            ["--hours", "0", "--reboots", "0"],
+            "--hours 0 with --reboots 0 measures nothing; write more than 0 for one of them",
+        ),
+        (["--hours", "-1"], "-1 is not a duration; write 0 to 100000 hours"),
+        (["--hours", "nan"], "nan is not a duration"),
+        (["--hours", "inf"], "inf is not a duration"),
         (["--reboots", "-3"], "-3 is negative; write 0 or more"),
     ],
 )
-def test_what_would_show_nothing_is_refused(
+def test_arguments_that_would_measure_nothing_are_refused(
     words: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with suppress(SystemExit):

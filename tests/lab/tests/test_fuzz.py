@@ -1,4 +1,4 @@
-"""Bytes of any kind: every decoder and every core takes them, and what looks for trouble would find it."""
+"""The fuzzer: every decoder and every core accepts arbitrary bytes, and a defect would be found."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def fuzzed(monkeypatch: pytest.MonkeyPatch, folder: Path, *arguments: str, guide
     return fuzz.main(arguments)
 
 
-def test_what_is_found_is_written_to_a_file_and_can_be_repeated(
+def test_a_finding_is_written_to_a_file_and_can_be_repeated(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert fuzzed(monkeypatch, tmp_path, "--count", "1") == 1
@@ -102,18 +102,18 @@ def test_what_is_found_is_written_to_a_file_and_can_be_repeated(
     assert fuzzed(monkeypatch, tmp_path, "bad", "--input", "harmless") == 0
 
 
-def test_without_atheris_seconds_are_blind(
+def test_without_atheris_the_inputs_of_seconds_are_unguided(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert fuzzed(monkeypatch, tmp_path, "good", "--seconds", "30") == 1
     assert capsys.readouterr().out.startswith("good: FOUND: IndexError")
 
 
-def test_a_target_that_is_not_there(
+def test_an_unknown_target_is_refused(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert fuzzed(monkeypatch, tmp_path, "nobody") == 2
-    assert capsys.readouterr().err == "heronry: there is no target 'nobody'; there is bad, good\n"
+    assert fuzzed(monkeypatch, tmp_path, "none") == 2
+    assert capsys.readouterr().err == "heronry: there is no target 'none'; the targets are bad, good\n"
     for budget in ("--count", "--seconds"):
         assert fuzzed(monkeypatch, tmp_path, "good", budget, "0") == 2
         assert capsys.readouterr().err == "heronry: --count and --seconds are 1 or more\n"
@@ -121,7 +121,7 @@ def test_a_target_that_is_not_there(
 
 @dataclass
 class Atheris:
-    """Stands for a process of atheris, which not every computer has: what it leaves behind."""
+    """Stands for a process of atheris, which not every computer has: the files that it leaves."""
 
     returncode: int
     crash: bytes | None
@@ -140,12 +140,12 @@ class Atheris:
 @pytest.mark.parametrize(
     "expected",
     [
-        (Atheris(0, None), 0, "good: 7 s guided by what is reached, 1 inputs that reach more, nothing found"),
+        (Atheris(0, None), 0, "good: 7 s guided by code coverage, 1 inputs that reach new code, nothing found"),
         (Atheris(77, b"xo"), 1, "good: FOUND"),
         (Atheris(1, None), 2, "heronry: atheris has ended with exit code 1: atheris has no memory"),
     ],
 )
-def test_with_atheris_seconds_are_guided(
+def test_with_atheris_the_inputs_of_seconds_are_guided(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -1,4 +1,4 @@
-"""The tool that asks whether the checkers would notice: its defects, and its trials, on code of a few lines."""
+"""The mutation tool: its defects, and its trials, on code of a few lines."""
 
 import ast
 import mmap
@@ -90,9 +90,9 @@ def who(age) -> int | None:
     ]
 
 
-def test_a_mutant_knows_who_runs_it() -> None:
+def test_a_mutant_knows_which_lines_run_it() -> None:
     default, *_, last = mutants_of(PurePath("x.py"), SOURCE)
-    assert default.is_run_by(frozenset())  # whoever imports it
+    assert default.is_run_by(frozenset())  # the import of the file runs it
     assert last.function == "may"
     assert last.is_run_by({9})
     assert not last.is_run_by({6, 8})
@@ -106,17 +106,17 @@ def test_the_same_seed_draws_the_same_from_the_cores() -> None:
 
 
 @pytest.mark.parametrize("option", ["--count", "--jobs"])
-def test_a_number_with_which_nothing_could_be_shown_is_refused(option: str) -> None:
-    with pytest.raises(UserError, match=f"{option} 0 shows nothing; write 1 or more"):
+def test_a_number_that_would_measure_nothing_is_refused(option: str) -> None:
+    with pytest.raises(UserError, match=f"{option} 0 measures nothing; write 1 or more"):
         main(["--seed", "1", option, "0"])
 
 
-def test_killers_that_there_are_not_are_refused() -> None:
-    with pytest.raises(UserError, match="--killers drills: name some of conformance, scenario, sim"):
-        main(["--seed", "1", "--killers", "drills"])
+def test_unknown_killers_are_refused() -> None:
+    with pytest.raises(UserError, match="--killers flights: name some of conformance, scenario, sim"):
+        main(["--seed", "1", "--killers", "flights"])
 
 
-def test_every_module_of_the_wire_is_codec_or_shell_and_cores_and_codec_meet_nobody_outside() -> None:
+def test_every_module_of_the_wire_is_codec_or_shell_and_cores_and_codec_import_no_shell() -> None:
     assert sorted(f"{CODEC} {SHELL}".split()) == sorted(file.stem for file in (ROOT / WIRE).glob("*.py"))
     for file in chain(core_files(ROOT), codec_files()):
         assert not OUTSIDE & set(imported(ROOT / file)), file
@@ -127,10 +127,10 @@ def mutant_of(file: str, function: str) -> Mutant:
     return next(mutant for mutant in every if mutant.function == function)
 
 
-def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
+def test_a_mutant_that_a_flight_notices_is_killed_and_one_that_no_flight_runs_survives() -> None:
     silenced = mutant_of("pe_agent/heronry_agent/core/reporting.py", "Reporting._page_0")
     unrun = mutant_of("manager/heronry_manager/core/operator_orders.py", "OperatorOrders._unlock")
-    # As for a user, in a process that forks with nothing in it but what flies.
+    # As for a user, in a process that has imported the flight code alone before it forks.
     told = subprocess.run(
         [sys.executable, "-c", TRY, pickle.dumps([silenced, unrun]).hex()],
         cwd=ROOT,
@@ -141,14 +141,14 @@ def test_what_a_flight_notices_is_killed_and_what_none_runs_survives() -> None:
     assert told.stdout.splitlines() == ["None", f"{silenced}: {SHORT}", f"{unrun}: no flight runs it"], told.stderr
 
 
-def test_who_has_reserved_much_has_as_much_to_fly_with() -> None:
-    """As a process that has solved something: its threads reserve address space, and the fork inherits it."""
+def test_a_process_with_much_reserved_memory_has_as_much_to_fly_with() -> None:
+    """The threads of a solver reserve address space, and the fork inherits it."""
     with mmap.mmap(-1, 6 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ):
         ((_, report),) = forked(["one"], 1, lambda _task, tell: tell(len(bytearray(100 << 20))))
     assert (report.told, report.failed) == ([100 << 20], False)
 
 
-def test_who_hangs_is_ended_by_the_kernel_and_who_dies_is_told_apart() -> None:
+def test_the_kernel_ends_a_process_that_hangs_and_one_that_dies_is_reported_as_such() -> None:
     def spin(_task: str, tell: Callable[[object], None]) -> None:
         tell("flying")
         signal.setitimer(signal.ITIMER_PROF, 0.05)

@@ -1,4 +1,4 @@
-"""The planner race: aircraft from a seed, a fair race, and clear sentences for what cannot be measured."""
+"""The planner race: aircraft from a seed, a fair race, and a clear message for what cannot be measured."""
 
 import json
 import math
@@ -50,7 +50,7 @@ def test_work_is_the_share_of_the_cpu_that_the_best_modes_take(work: float) -> N
     assert taken(spec) / sum(pe.cpu_millis for pe in spec.pes.values()) == pytest.approx(work, abs=0.01)
 
 
-def test_a_seed_is_an_aircraft_and_its_faults() -> None:
+def test_the_same_seed_gives_the_same_aircraft_and_faults() -> None:
     spec = generate(4, 30, 8)
     assert spec == generate(4, 30, 8)
     assert spec.digest != generate(5, 30, 8).digest
@@ -77,7 +77,7 @@ def test_planner_cp_sat_and_highs_prove_the_same_of_the_same_problem() -> None:
                     assert {one.rule for one in verify(spec, now, answer.configuration)} <= {"5.idle"}
 
 
-def test_a_race_counts_who_contradicts_a_proof_and_what_greedy_loses() -> None:
+def test_a_race_counts_results_that_contradict_a_proof_and_losses_of_the_greedy_planner() -> None:
     race = Race(Size(30, 8, 1.05))
     race.serving = {
         "greedy": Entry("greedy", [1.0, 1.0], [(1, 0, 0, 0, 50), (1, 0, 0, 0, 100)], [False, False]),
@@ -88,7 +88,7 @@ def test_a_race_counts_who_contradicts_a_proof_and_what_greedy_loses() -> None:
     assert race.disagreements() == 1
 
 
-def test_a_lost_pe_makes_an_overload_of_what_was_none() -> None:
+def test_the_loss_of_a_pe_overloads_an_aircraft() -> None:
     spec = generate(2, 30, 8, work=1.0)
     assert work_after(spec, Situation()) == pytest.approx(1.0, abs=0.01)
     assert work_after(spec, Situation(frozenset({"pe:pe02"}))) > FULL
@@ -117,13 +117,13 @@ def test_the_command_reports_and_writes_json(capsys: pytest.CaptureFixture[str])
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--sizes", "30"], "'30' is no size; write MODULESxPES, 30x6 to 220x34"),
-        (["--sizes", "30x40"], "'30x40' is no size"),
+        (["--sizes", "30"], "'30' is not a size; write MODULESxPES, 30x6 to 220x34"),
+        (["--sizes", "30x40"], "'30x40' is not a size"),
         (["--cases", "0"], "--cases 0: measure at least one case"),
         (["--work", "-1"], "--work -1: write a share of the CPU, above 0"),
         (["--work", "nan"], "--work nan: write a share of the CPU, above 0"),
-        (["--effort", "-1"], "--effort -1 is no limit"),
-        (["--rivals", "scip"], "'scip' is none of cp-sat, highs; write none for nobody"),
+        (["--effort", "-1"], "--effort -1 is not a limit"),
+        (["--rivals", "scip"], "'scip' is not one of cp-sat, highs; for no other solver write none"),
     ],
 )
 def test_what_cannot_be_measured_is_one_sentence(

@@ -1,4 +1,4 @@
-"""The bench of reaction times: its aircraft is one that may fly, and it measures what it says."""
+"""The benchmark of reaction times: its aircraft is valid, and its figures are those of the flights."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ def test_the_aircraft_is_written_for_others_to_fly(tmp_path: Path) -> None:
     assert spec.buses["can0"].heartbeat_ns == 5_000_000
 
 
-def test_deaths_are_measured_told_and_held_against_their_limits(
+def test_deaths_are_measured_reported_and_compared_with_their_limits(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec, times = loads(aircraft(20, 0.1), "reaction.dg.yaml"), Times()
@@ -27,7 +27,7 @@ def test_deaths_are_measured_told_and_held_against_their_limits(
     assert min(times.reaction) > 45.0  # three heartbeats, less what has passed of the first
     assert min(times.held) > 100.0  # and T_lease
     for limit in ("ONE_STEP_MS", "SEVERAL_STEPS_MS"):
-        monkeypatch.setattr(reaction_bench, limit, {20: 1000.0})  # how fast it is is for the bench, not for a test
+        monkeypatch.setattr(reaction_bench, limit, {20: 1000.0})  # the benchmark measures speed, a test does not
     monkeypatch.setattr(reaction_bench, "REACTION_MS", {20: 1000.0})
     report = Report("reaction", as_json=False)
     tell(spec, times, report)
