@@ -16,7 +16,7 @@ _RARE = ("live", "timing", "vcan")
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leave out files that do not name the selected marker: to import them all takes a user-mode Linux a minute."""
-    asked = config.getoption("markexpr").split(" ")[0]
-    if asked in _RARE and collection_path.name.startswith("test_") and collection_path.suffix == ".py":
-        return f"pytest.mark.{asked}" not in collection_path.read_text(encoding="utf-8") or None
+    marker = config.getoption("markexpr").split(" ")[0]
+    if marker in _RARE and collection_path.name.startswith("test_") and collection_path.suffix == ".py":
+        return f"pytest.mark.{marker}" not in collection_path.read_text(encoding="utf-8") or None
     return None

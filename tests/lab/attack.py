@@ -137,10 +137,10 @@ class Attacked:
 
     def _meet(self) -> None:
         """Let the PE send its nonce, and answer it."""
-        asked: list[int] = []
-        while not asked:
-            asked = self._pe.nonces(_MS, self._node)
-        self._pe.hear(*self._manager.welcome(self._node, asked[0]))
+        nonces: list[int] = []
+        while not nonces:
+            nonces = self._pe.nonces(_MS, self._node)
+        self._pe.hear(*self._manager.welcome(self._node, nonces[0]))
         self._lead()
         assert self._core.mastership.term == _TERM, "the PE does not accept the true manager"
 

@@ -85,10 +85,10 @@ class _Pe(SteppedCore[Event, Action]):
         self._steps: list[tuple[int, int]] = []  # not answered yet
         self._drives: list[Drive] = []
         if key is not None:
-            asked: list[int] = []
-            while not asked:
-                asked = self.nonces(20 * _MS, self.table.node_id)
-            self.hear(*self._managers[_TERM].welcome(self.table.node_id, asked[0]), port=self.table.uplink)
+            nonces: list[int] = []
+            while not nonces:
+                nonces = self.nonces(20 * _MS, self.table.node_id)
+            self.hear(*self._managers[_TERM].welcome(self.table.node_id, nonces[0]), port=self.table.uplink)
 
     def give(self, event: Event | Received | Tick) -> list[Action]:
         """Process an event at the present time."""

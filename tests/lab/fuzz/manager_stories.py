@@ -70,11 +70,11 @@ def _spec(name: str) -> Spec:
 _PLANS: dict[tuple[object, ...], Plan] = {}
 
 
-def _plan(spec: Spec, asked: RequestPlan) -> Plan:
+def _plan(spec: Spec, request: RequestPlan) -> Plan:
     """Give the plan of a manager without a solver; each different request is planned once."""
-    question = (spec.digest, asked.now, None if asked.running is None else frozenset(asked.running.items()))
+    question = (spec.digest, request.now, None if request.running is None else frozenset(request.running.items()))
     if question not in _PLANS:
-        _PLANS[question] = immediate_plan(spec, asked.now, asked.running)
+        _PLANS[question] = immediate_plan(spec, request.now, request.running)
     return _PLANS[question]
 
 
@@ -88,7 +88,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         self._node, self._has_key = node, key is not None
         self._other = PlayedManager(FIRST_MANAGER + LAST_MANAGER - node, _OTHER_TERM, key)
         self._nodes = [pe.node_id for pe in self.spec.pes.values()]
-        self._asked: list[RequestPlan] = []
+        self._requests: list[RequestPlan] = []
         self._prepared = (0, 0)  # epoch and digest of the last PREPARE
         self._states = {one: ProvenStates(one, key or KEY) for one in self._nodes}
 
@@ -97,7 +97,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
         actions = super().give(event)
         for action in actions:
             if isinstance(action, RequestPlan):
-                self._asked.append(action)
+                self._requests.append(action)
             elif isinstance(action, Send):
                 self._note(action.frame)
         self.core.validate()
@@ -122,7 +122,7 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
                 self._staged(node, story)
             case 8:
                 self._reports(node, story)
-            case 9 | 10 if self._asked:
+            case 9 | 10 if self._requests:
                 self._answer(story)
             case 11:
                 self.give(OperatorSaid(1, self._order(story)))
@@ -179,11 +179,11 @@ class _Manager(SteppedCore[ManagerEvent, ManagerAction]):
 
     def _answer(self, story: Story) -> None:
         """Let the planner answer the last request, or an older one, or fail."""
-        asked = self._asked[-1] if story.number(8) else self._asked[0]
+        request = self._requests[-1] if story.number(8) else self._requests[0]
         if story.number(8) == 1:
-            self.give(PlanFailed(asked.request, "no time"))
+            self.give(PlanFailed(request.request, "no time"))
         else:
-            self.give(PlanReady(asked.request, _plan(self.spec, asked)))
+            self.give(PlanReady(request.request, _plan(self.spec, request)))
 
     def _order(self, story: Story) -> Order:
         names = (*elements(self.spec), "pe:nobody", "nonsense")

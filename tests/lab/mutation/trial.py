@@ -109,7 +109,7 @@ class Trials:
     def verdicts(self, mutants: Iterable[Mutant]) -> Iterator[Verdict]:
         """Try every mutant, after the baselines; verdicts come as trials end."""
         gc.freeze()
-        for mutant, report in forked(mutants, self._jobs, self._assess):
+        for mutant, report in forked(mutants, self._jobs, self._fly_with):
             yield self._verdict(mutant, report)
 
     def runs(self, mutant: Mutant) -> list[Baseline]:
@@ -152,7 +152,7 @@ class Trials:
         for told in (time.process_time() - began_s, landed, lines, pickle.dumps(plans)):
             tell(told)
 
-    def _assess(self, mutant: Mutant, tell: Callable[[object], None]) -> None:
+    def _fly_with(self, mutant: Mutant, tell: Callable[[object], None]) -> None:
         meeting = self.runs(mutant)
         if not meeting:
             return

@@ -52,7 +52,7 @@ class Campaign:
         self._agents = {pe: fleet.start_pe(pe) for pe in spec.pes}
         entries = [entry for pe in spec.pes for entry in Compiler(spec).table(pe).modules]
         self._declared = {entry.name: Declared(entry.partition, entry.restarts) for entry in entries}
-        self._assess = DeclaredOracle(self._declared)
+        self._oracle = DeclaredOracle(self._declared)
         self._plan: dict[str, Any] = {}  # the modules that run
         self._planned: dict[str, Any] = {}
         self._available: set[str] = set()
@@ -66,7 +66,7 @@ class Campaign:
     @property
     def failures(self) -> list[str]:
         """Give the outcomes that the spec does not declare, as sentences."""
-        return self._own_failures + self._assess.failures
+        return self._own_failures + self._oracle.failures
 
     def begin(self) -> None:
         """Wait until the aircraft flies, and its partitions have loaded their modules."""
@@ -84,7 +84,7 @@ class Campaign:
     def inject(self) -> None:
         """Inject one drawn fault, and wait for its outcome."""
         before = self._partitions()
-        self._miss(self._living, before, set(), "between two faults")
+        self._report_ended(self._living, before, set(), "between two faults")
         way = self._random.choices(_WAYS, _WEIGHTS)[0]
         pe = self._random.choice(sorted(self._available) or sorted(self._agents))
         own = {pid for pid, (agent, _) in before.items() if agent == self._agents[pe]}
@@ -99,7 +99,7 @@ class Campaign:
             signal_number = signal.SIGKILL if way == "partition killed" else signal.SIGSTOP
             self.became[way, self._kill_partition(victim, pe, before[victim][1], signal_number)] += 1
         after = self._partitions()
-        self._miss(before, after, injected, f"{way} on {pe}")
+        self._report_ended(before, after, injected, f"{way} on {pe}")
         self._living = {pid: partition for pid, partition in after.items() if pid not in injected}
         words = self._fleet.ended()
         if words is not None:
@@ -115,7 +115,7 @@ class Campaign:
             call(self._fleet.control_socket(), ClearElement(element))
         self._failed -= around
 
-    def _miss(self, before: _Partitions, after: _Partitions, injected: set[int], when: str) -> None:
+    def _report_ended(self, before: _Partitions, after: _Partitions, injected: set[int], when: str) -> None:
         """Report processes that ended without an injected fault."""
         pe_of = {agent: pe for pe, agent in self._agents.items()}
         for agent, name in (before[pid] for pid in before.keys() - after.keys() - injected):
@@ -126,7 +126,7 @@ class Campaign:
             )
 
     def _kill_partition(self, victim: int, pe: str, name: str, signal_number: int) -> str:
-        self._assess.injected(pe, name, time.monotonic())
+        self._oracle.injected(pe, name, time.monotonic())
         with suppress(ProcessLookupError):
             os.kill(victim, signal_number)
         end_s = time.monotonic() + PATIENCE_S
@@ -174,7 +174,7 @@ class Campaign:
     def _kill_agent(self, pe: str) -> str:
         self._killed = pe
         agent = self._agents[pe]
-        self._assess.agent_killed(pe)
+        self._oracle.agent_killed(pe)
         self._fleet.kill_pe(pe)
         gone = self._comes_true(lambda: pe not in self._available and all(m["pe"] != pe for m in self._plan.values()))
         alone = self._comes_true(lambda: agent not in {owner for owner, _ in self._partitions().values()})
@@ -208,7 +208,7 @@ class Campaign:
     def _note(self, event: dict[str, Any]) -> None:
         match event["event"]:
             case "fault_reported" | "module_restarted" as kind:
-                self._assess.heard(event, time.monotonic())
+                self._oracle.heard(event, time.monotonic())
                 if kind == "fault_reported":
                     self._failed.add(event["element"])
             case "pe_lost":

@@ -8,12 +8,12 @@ from lab.partition_kills.declared import LATELY_S, Declared, DeclaredOracle
 
 
 @pytest.fixture
-def assess() -> DeclaredOracle:
+def oracle() -> DeclaredOracle:
     """A fault was injected at second 0 into one partition with two modules, on `nav` alone."""
     modules = {"guidance": Declared("B", 2), "logger": Declared("B", 0), "elevator": Declared("A", 2)}
-    assess = DeclaredOracle(modules)
-    assess.injected("nav", "B", 0.0)
-    return assess
+    oracle = DeclaredOracle(modules)
+    oracle.injected("nav", "B", 0.0)
+    return oracle
 
 
 def restarted(times: int, module: str = "guidance", by: str = "nav") -> dict[str, Any]:
@@ -24,31 +24,31 @@ def given_up(module: str = "guidance", by: str = "nav") -> dict[str, Any]:
     return {"event": "fault_reported", "element": f"module:{module}", "by": by, "code": "PARTITION_ENDED"}
 
 
-def test_a_module_is_given_up_after_two_restarts_and_counted_from_one_after_that(assess: DeclaredOracle) -> None:
+def test_a_module_is_given_up_after_two_restarts_and_counted_from_one_after_that(oracle: DeclaredOracle) -> None:
     for event in (restarted(1), restarted(2), given_up(), restarted(1), given_up("logger")):
-        assess.heard(event, 1.0)
-    assert assess.failures == []
+        oracle.heard(event, 1.0)
+    assert oracle.failures == []
 
 
-def test_a_count_may_be_reported_twice(assess: DeclaredOracle) -> None:
-    assess.heard(restarted(1), 1.0)
-    assess.heard(restarted(1), 1.2)
-    assess.heard(restarted(2), 2.0)
-    assert assess.failures == []
+def test_a_count_may_be_reported_twice(oracle: DeclaredOracle) -> None:
+    oracle.heard(restarted(1), 1.0)
+    oracle.heard(restarted(1), 1.2)
+    oracle.heard(restarted(2), 2.0)
+    assert oracle.failures == []
 
 
-def test_a_failure_counts_from_one_after_a_minute_or_a_new_agent(assess: DeclaredOracle) -> None:
-    assess.heard(restarted(2), 1.0)
-    assess.injected("nav", "B", 70.0)
-    assess.heard(restarted(1), 70.0)
-    assess.agent_killed("nav")
-    assess.heard(restarted(1), 71.0)
-    assert assess.failures == []
+def test_a_failure_counts_from_one_after_a_minute_or_a_new_agent(oracle: DeclaredOracle) -> None:
+    oracle.heard(restarted(2), 1.0)
+    oracle.injected("nav", "B", 70.0)
+    oracle.heard(restarted(1), 70.0)
+    oracle.agent_killed("nav")
+    oracle.heard(restarted(1), 71.0)
+    assert oracle.failures == []
 
 
-def test_the_oracle_ignores_a_report_of_a_device(assess: DeclaredOracle) -> None:
-    assess.heard({"event": "fault_reported", "element": "device:servo", "by": "nav", "code": "REPORTED"}, 1.0)
-    assert assess.failures == []
+def test_the_oracle_ignores_a_report_of_a_device(oracle: DeclaredOracle) -> None:
+    oracle.heard({"event": "fault_reported", "element": "device:servo", "by": "nav", "code": "REPORTED"}, 1.0)
+    assert oracle.failures == []
 
 
 @pytest.mark.parametrize(
@@ -62,10 +62,10 @@ def test_the_oracle_ignores_a_report_of_a_device(assess: DeclaredOracle) -> None
     ],
 )
 def test_an_undeclared_outcome_is_a_failure(
-    assess: DeclaredOracle, event: dict[str, Any], now_s: float, failure: str
+    oracle: DeclaredOracle, event: dict[str, Any], now_s: float, failure: str
 ) -> None:
-    assess.heard(event, now_s)
-    assert assess.failures[0] == failure
+    oracle.heard(event, now_s)
+    assert oracle.failures[0] == failure
 
 
 @pytest.mark.parametrize(
@@ -77,9 +77,9 @@ def test_an_undeclared_outcome_is_a_failure(
     ],
 )
 def test_a_count_out_of_order_is_a_failure(
-    assess: DeclaredOracle, second: dict[str, Any], now_s: float, failure: str
+    oracle: DeclaredOracle, second: dict[str, Any], now_s: float, failure: str
 ) -> None:
-    assess.heard(restarted(2), 1.0)
-    assess.injected("nav", "B", now_s)
-    assess.heard(second, now_s)
-    assert assess.failures == [failure]
+    oracle.heard(restarted(2), 1.0)
+    oracle.injected("nav", "B", now_s)
+    oracle.heard(second, now_s)
+    assert oracle.failures == [failure]

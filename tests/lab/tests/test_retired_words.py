@@ -56,7 +56,7 @@ _RETIRED = re.compile(
 _INTERFACE = re.compile(
     r"""`[^`]{1,200}` | "[^"\n]{1,60}" | (?<!\w)'[^'\n]{1,60}'(?!\w)   # quoted
     | \{[^{}\n]*\}                                                     # a place that a program fills in
-    | --[\w-]+ | \b\w*_\w+ | \b\w+(?:[.:/]\w+)+ | \b[A-Z][A-Z]+\b      # option, name, path, state
+    | --[\w-]+ | \b\w*_\w+ | \b\w+(?:\\?[.:/]\w+)+ | \b[A-Z][A-Z]+\b      # option, name, path, state
     | \b\w+[ ](?=(?:pe|bus|module|device):\w)                          # verb of a scenario
     """,
     re.VERBOSE,
