@@ -25,6 +25,10 @@ CHECKED = (
     *("tests/lab/peers.py", "tests/lab/benches", "tests/lab/documents", "tests/lab/fuzz", "tests/lab/mutation"),
     *("tests/lab/partition_kills", "tests/lab/planner_race", "tests/lab/tests"),
 )
+QUOTING = {  # files that have to quote retired words
+    "tests/lab/tests/test_retired_words.py": "the words themselves",
+    "tests/lab/tests/test_words.py": "sentences of earlier golden traces",
+}
 PRODUCT = ("dbc", "dg_specs", "pe_agent", "manager", "tools")
 MOST_LINES = 500  # of a file of the product
 MOST_BYTES_OF_THE_MAP = 8192
@@ -40,7 +44,7 @@ RETIRED = {  # by the pattern of a word; the space in a phrase may be the end of
     r"at leisure": "in the background",
     r"foresight|thinker\w*|th(?:inks?|inking|ought) ahead": "pre-planning, pre-planner",
     r"judg\w+": "verifier, verify; oracle (in the simulator); assess",
-    r"strikes?|striking|struck": "fault, inject",
+    r"strikes?|striking|struck(?! out)": "fault, inject",
     r"(?:an|the|each|every) act": "fault",
     r"drill\w*": "conformance test",
     r"technician\w*": "diagnostic client",
@@ -49,6 +53,7 @@ RETIRED = {  # by the pattern of a word; the space in a phrase may be the end of
     r"bef(?:all\w*|ell)": "link status events; happen to",
     r"who(?:m|so)?ever|whom": "the name of the thing",
 }
+KEPT = ("Manager that is obeyed", "Frames not understood or not obeyed")  # names of CANopen objects, an interface too
 _RETIRED = re.compile(
     r"\b(?:%s)(?![\w-])" % "|".join(f"({word})" for word in RETIRED).replace(" ", r"[\s#]+"),  # noqa: UP031
     re.IGNORECASE,
@@ -56,7 +61,7 @@ _RETIRED = re.compile(
 _INTERFACE = re.compile(
     r"""`[^`]{1,200}` | "[^"\n]{1,60}" | (?<!\w)'[^'\n]{1,60}'(?!\w)   # quoted
     | \{[^{}\n]*\}                                                     # a place that a program fills in
-    | --[\w-]+ | \b\w*_\w+ | \b\w+(?:\\?[.:/]\w+)+ | \b[A-Z][A-Z]+\b      # option, name, path, state
+    | --[\w-]+ | \b\w*_\w+ | \b\w+(?:\\?[.:/]\w+)+ | \b[A-Z][A-Z]+\b   # option, name, path, state
     | \b\w+[ ](?=(?:pe|bus|module|device):\w)                          # verb of a scenario
     """,
     re.VERBOSE,
@@ -109,6 +114,8 @@ def names(source: str) -> Iterator[tuple[int, str]]:
 
 def retired_in(prose: str) -> Iterator[tuple[int, str]]:
     """Give each retired word of a prose: its line, and what is wrong with it."""
+    for kept in KEPT:
+        prose = prose.replace(kept, blank(kept))
     plain = _INTERFACE.sub(lambda name: blank(name[0]), prose)
     for found in _RETIRED.finditer(plain):
         term = list(RETIRED.values())[(found.lastindex or 1) - 1]
@@ -139,8 +146,8 @@ def files(*places: str) -> Iterator[Path]:
 
 
 def test_prose_has_no_retired_word() -> None:
-    own = Path(__file__)  # lists the words
-    found = [finding for file in files(*CHECKED) if file != own for finding in findings(file)]
+    quoting = {ROOT / name for name in QUOTING}
+    found = [finding for file in files(*CHECKED) if file not in quoting for finding in findings(file)]
     assert not found, "\n".join(["retired words (docs/glossary.md has the vocabulary):", *found])
 
 
@@ -150,7 +157,7 @@ def test_prose_has_no_retired_word() -> None:
         (
             "a.py",
             '"""A PE\n    that obeys."""\nx = "judge"  # nothing counts\n# on it\n',
-            ["2: 'obeys'", "3: 'counts # on'"],
+            ["2: 'obeys'", "3: 'counts on'"],
         ),
         ("a.py", 'f"{reign} of `deaf`, \'deaf\', DEAF, --deaf, is_deaf, sim.deaf"\n"deaf pe:nav at 2.0"\n', []),
         ("a.py", 'def test_it_obeys() -> None:\n    """Nothing."""\n', ["1: 'obeys'"]),
