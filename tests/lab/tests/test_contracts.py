@@ -24,30 +24,32 @@ class Breach(NamedTuple):
 
 
 BREACHES = {
-    "The house: tools above manager and agent, those above the graph, all above the wire": Breach(
+    "Packages: tools above manager and agent, those above the dependency graph, all above the wire": Breach(
         "dbc/heronry_wire", "heronry_dg.model"
     ),
-    "The agent knows the wire alone: no graph": Breach("pe_agent/heronry_agent/shell", "heronry_dg.model"),
-    "A node needs python-can alone": Breach("pe_agent/heronry_agent/shell", "canopen"),
-    "The rooms of the tools, from the command line down to the console": Breach(
+    "The agent imports the wire alone, not the dependency graph": Breach(
+        "pe_agent/heronry_agent/shell", "heronry_dg.model"
+    ),
+    "A PE needs python-can alone": Breach("pe_agent/heronry_agent/shell", "canopen"),
+    "Packages of the tools, from the command line down to the console": Breach(
         "tools/heronry_tools/console", "heronry_tools.reports.plan"
     ),
     (
-        "The rooms of the simulator: scenarios and replays above flights, flights above oracles, faults and the world"
+        "Packages of the simulator: scenarios and replays above flights, flights above oracles, faults and the world"
     ): Breach("tools/heronry_tools/sim/world", "heronry_tools.sim.faults.fault"),
-    "Shells may use cores, and no core uses a shell": Breach(
+    "The agent's shell may import its core, and the core no shell": Breach(
         "pe_agent/heronry_agent/core", "heronry_agent.shell.devices"
     ),
-    "The manager: the shell above planner and plans made ahead": Breach(
+    "The manager's shell may import its core, and the core no shell": Breach(
         "manager/heronry_manager/core", "heronry_manager.shell.driver"
     ),
-    "What decides touches no clock, chance, file, socket, thread, process, bus or solver": Breach(
+    "A core imports no clock, randomness, file, socket, thread, process, bus or solver": Breach(
         "manager/heronry_manager/core", "random"
     ),
-    "No command uses another one: what they share lies below": Breach(
+    "No command imports another one: shared code lies below": Breach(
         "tools/heronry_tools/commands", "heronry_tools.commands.sim"
     ),
-    "No two rooms, and no two files of a room, import each other, by whatever way": Breach(
+    "No two packages, and no two modules of a package, import each other, directly or not": Breach(
         "dg_specs/heronry_dg/rules", "heronry_dg.loader"
     ),
 }
@@ -98,25 +100,23 @@ def test_every_contract_has_a_breach_here() -> None:
     assert BREACHES.keys() == CONTRACTS.keys()
 
 
-def test_the_sources_break_none(sources: Sources) -> None:
+def test_the_sources_break_no_contract(sources: Sources) -> None:
     assert sources.broken() == set()
 
 
-def test_breaches_are_red(sources: Sources) -> None:
+def test_all_breaches_together_fail(sources: Sources) -> None:
     assert sources.broken(*BREACHES.values()) == BREACHES.keys()
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", BREACHES)
-def test_a_breach_alone_is_red(sources: Sources, name: str) -> None:
+def test_a_breach_alone_fails(sources: Sources, name: str) -> None:
     assert name in sources.broken(BREACHES[name])
 
 
 @pytest.mark.parametrize(
     "forbidden",
-    CONTRACTS["What decides touches no clock, chance, file, socket, thread, process, bus or solver"][
-        "forbidden_modules"
-    ],
+    CONTRACTS["A core imports no clock, randomness, file, socket, thread, process, bus or solver"]["forbidden_modules"],
 )
 def test_nothing_that_a_core_must_not_touch_is_misspelt(forbidden: str) -> None:
     """A module that does not exist forbids nothing."""
