@@ -16,7 +16,7 @@ help:
 	@echo
 	@echo '  make demo      watch an aircraft lose processors and keep flying (first time: installs into .venv)'
 	@echo '                 options follow in ARGS, and ARGS=--help lists them:  make demo ARGS=--help'
-	@echo '  make test      tests, in minutes: without processes, with processes, on a real SocketCAN vcan0, and flights of new seeds'
+	@echo '  make test      tests, in minutes: without processes, with processes, on a SocketCAN vcan0, and flights of new seeds'
 	@echo '  make soak      the same with all long tests, complete: for a night'
 	@echo '  make coverage  tests without processes, long ones too, and which branches of the code they miss'
 	@echo '  make lint      style, types, which package may import which, retired words in prose'
