@@ -230,11 +230,11 @@ def test_what_the_operator_supposes_is_not_what_another_manager_holds(beside: Be
     assert beside.status()["phase"] == "glide"
     replies.append(beside.accept(ClearElement("device:servo_left")))
     assert beside.status()["latched"] == []
-    only_advises = "; this manager only advises: say it to the one that reigns"
+    only_advises = "; this manager only advises: give the order to the active manager"
     assert [(one.done, one.sentence) for one in replies] == [
         (True, "device:servo_left counts as failed until it is cleared" + only_advises),
         (True, "the phase is land from now on, it was climb" + only_advises),
-        (True, "device:servo_left is taken for well again" + only_advises),
+        (True, "device:servo_left counts as well again" + only_advises),
     ]
 
 

@@ -155,7 +155,7 @@ def test_an_epoch_too_old_to_be_remembered_is_one_that_nobody_commanded(manager:
         manager.answer()
     assert manager.prepared() == (first[0] + 10, first[1])
     manager.live("left", PeState.ACTIVE, epoch=first[0], digest=first[1])
-    assert "which nobody commanded" in manager.last("pe_lost")["cause"]
+    assert "which no manager commanded" in manager.last("pe_lost")["cause"]
 
 
 def test_who_is_late_for_the_plan_that_runs_and_has_work_in_it_needs_an_epoch(manager: OneManager) -> None:

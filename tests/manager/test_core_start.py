@@ -53,7 +53,7 @@ def test_who_hears_its_double_says_what_is_wrong() -> None:
     manager = OneManager()
     manager.start()
     manager.hear(lease(term=1, node=126))
-    assert manager.stops[0].startswith("another manager 126 reigns on can0, in the same term")
+    assert manager.stops[0].startswith("another manager 126 is active on can0, in the same term")
 
 
 @pytest.mark.parametrize(("own_losses", "remembered"), [(0, {}), (1, {}), (2, {"left": 2})])
@@ -83,7 +83,7 @@ def test_who_hears_nobody_may_find_that_another_one_is_active() -> None:
         manager.die(pe)
     manager.pass_time(100 * MS)
     manager.hear(lease(term=2, node=127))
-    assert "manager 127 already reigns" in manager.stops[0]
+    assert "manager 127 is already active" in manager.stops[0]
 
 
 def test_where_nobody_was_ever_heard_it_goes_on_speaking() -> None:

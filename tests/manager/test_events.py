@@ -89,7 +89,7 @@ END = [
     event("journal_failed", 4990 * MS, problem="No space left on device"),
     event("journal_kept", 4995 * MS, before="No space left on device"),
     event("second_manager", 5000 * MS, node=127, term=4),
-    event("stopped", 5000 * MS, reason="manager 127 reigns with the higher term 4"),
+    event("stopped", 5000 * MS, reason="manager 127 is active with the higher term 4"),
 ]
 
 

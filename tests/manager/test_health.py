@@ -84,7 +84,7 @@ def test_who_was_lost_before_the_others_fell_silent_has_lost_it_itself(spec: Spe
         health.tick(at_ns)
     health.tick(230 * MS)
     health.tick(300 * MS)
-    assert health.hears_nobody(300 * MS)
+    assert health.hears_no_pe(300 * MS)
     assert health.discount_losses() == [*PES[1:]]
     assert [health.losses(pe) for pe in PES] == [1, 0, 0]
 

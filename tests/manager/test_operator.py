@@ -166,7 +166,7 @@ def test_who_only_advises_unlocks_nothing() -> None:
     core.step(6 * BEAT_NS, Tick())
     (reply,) = core.step(6 * BEAT_NS, OperatorSaid(1, UnlockPe("pe:left")))
     assert isinstance(reply, Reply)
-    assert (reply.done, reply.sentence) == (False, "this manager only advises: say it to the one that reigns")
+    assert (reply.done, reply.sentence) == (False, "this manager only advises: give the order to the active manager")
 
 
 def test_what_its_pe_gives_up_after_the_operator_has_failed_it_runs_again_with_a_new_epoch(manager: OneManager) -> None:

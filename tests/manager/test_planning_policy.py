@@ -132,7 +132,7 @@ class TestQuestions:
         assert PlanningPolicy(SPEC, None, has_planner=True).step(asked) == [AskPlanner(asked)]
 
     def test_somebody_has_to_plan(self) -> None:
-        with pytest.raises(InvariantError, match="there is nobody to plan"):
+        with pytest.raises(InvariantError, match="there is no planner"):
             PlanningPolicy(SPEC, None, has_planner=False)
 
 

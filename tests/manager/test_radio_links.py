@@ -49,7 +49,7 @@ class Link:
     links: RadioLinks = field(default_factory=lambda: RadioLinks(SPEC))
     now_ns: int = 0
     sequence: int = 0
-    anybody_beyond: bool = True
+    any_pe_beyond: bool = True
     changes: list[tuple[str, int]] = field(default_factory=list)
 
     def report(self, usable: int, state: LinkState = LinkState.UP, *, node: int = 93) -> None:
@@ -58,7 +58,7 @@ class Link:
         self.say(LinkReport(node, state, self.sequence, usable, 100, 0, 0).encode())
 
     def say(self, data: bytes) -> None:
-        heard = self.links.heard(Frame(RADIO.link_id, data), self.now_ns, anybody_beyond=self.anybody_beyond)
+        heard = self.links.heard(Frame(RADIO.link_id, data), self.now_ns, any_pe_beyond=self.any_pe_beyond)
         self.changes += [(change.what, change.step) for change in heard]
 
     def repeat(self, usable: int, times: int) -> None:
@@ -116,11 +116,11 @@ def test_gone_and_back_and_who_returns_finds_the_step_of_the_moment(link: Link) 
     link.report(0, LinkState.GONE)
     assert link.changes == [("gone", 0)]
     assert link.links.limits() == {}
-    link.anybody_beyond = False
+    link.any_pe_beyond = False
     for usable in (300, 90, 170):
         link.report(usable)
     assert link.changes[1:] == [("back", 1000), ("limited", 250), ("limited", 80), ("limited", 160)]
-    link.anybody_beyond = True
+    link.any_pe_beyond = True
     link.report(1000)
     assert link.changes[-1] == ("limited", 160)
 

@@ -489,8 +489,8 @@ def who_has_staged_what_was_given_up_gets_a_newer_one() -> None:
 def who_runs_what_nobody_commanded_is_failed() -> None:
     """Another epoch, another digest, or nothing at all any more."""
     for change, cause in (
-        ({"epoch": 999}, "which nobody commanded"),
-        ({"digest": 0x99}, "which nobody commanded"),
+        ({"epoch": 999}, "which no manager commanded"),
+        ({"digest": 0x99}, "which no manager commanded"),
         ({"state": PeState.UNCONFIGURED, "epoch": 0, "digest": 0}, "it runs nothing although it was configured"),
     ):
         manager = ManagerUnderTest().flies()

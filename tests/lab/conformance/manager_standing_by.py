@@ -104,7 +104,7 @@ def it_takes_over_when_the_pes_hear_nobody() -> None:
     demand(bool(leases), "most hear nobody, and it does not take over")
     equal(leases[0][1].term, 2, "its term")
     equal(len(manager.told("taken_over")), 1, "how often it takes over")
-    equal(manager.told("plan_requested")[0]["causes"], ["nobody reigned"], "why it asks for a plan")
+    equal(manager.told("plan_requested")[0]["causes"], ["no manager was active"], "why it asks for a plan")
 
 
 def it_waits_for_the_lease_to_expire() -> None:
