@@ -1,4 +1,4 @@
-"""A channel that carries nothing, as the manager knows it: told, forgotten in time, and no reason for a plan."""
+"""A channel that carries nothing, as the manager knows it: reported, forgotten in time, and no reason for a plan."""
 
 import pytest
 
@@ -40,7 +40,7 @@ def status(manager: OneManager) -> dict[str, list[str]]:
     return dict(reply.status["channels"])
 
 
-def test_it_is_told_once_for_each_who_lacks_it_and_changes_no_plan(manager: OneManager) -> None:
+def test_a_lost_channel_makes_one_event_for_each_node_that_lacks_it_and_changes_no_plan(manager: OneManager) -> None:
     asked, answered = len(manager.requests), len(manager.answers())
     for _ in range(3):
         manager.report("left", LOST)
@@ -55,7 +55,7 @@ def test_it_is_told_once_for_each_who_lacks_it_and_changes_no_plan(manager: OneM
     assert (len(manager.requests), len(manager.answers())) == (asked, answered)
 
 
-def test_what_nobody_repeats_is_over(manager: OneManager) -> None:
+def test_a_loss_that_is_not_repeated_is_over(manager: OneManager) -> None:
     manager.report("left", LOST)
     manager.pass_time(CHANNEL_REPORT_NS)
     manager.report("left", LOST)

@@ -1,5 +1,4 @@
-"""Modules that failed and were built anew by their PE: one event each, though the PE repeats its EMCY until
-acknowledged.
+"""Modules that failed and were built anew by their PE: one event each, though the PE repeats its EMCY.
 
     unheard    no EMCY of this module, or with another count
     heard      this PE has sent this count of this module, and again within T_lease of its bus: no further event

@@ -1,4 +1,4 @@
-"""A plan that was made at once flies first; the best one is asked for when that is done, and taken where it counts."""
+"""A plan that was made immediately flies first; the best one is requested then, and taken where it counts."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ LEFT_SERVO_FAILED = Emergency(FaultCode.REPORTED, 0x81, ElementKind.DEVICE, 0, 0
 
 
 def fly(manager: OneManager, made: Plan) -> None:
-    """Answer the last request with a plan, and let every PE do it."""
+    """Answer the last request with a plan, and let every PE run it."""
     manager.give(PlanReady(manager.requests[-1].request, made))
     for pe in manager.spec.pes:
         manager.stage(pe)
@@ -33,12 +33,12 @@ def best(manager: OneManager) -> Plan:
 
 
 def as_good(manager: OneManager) -> Plan:
-    """A plan made at once that happens to be the best."""
+    """A plan made immediately that happens to be the best."""
     return replace(best(manager), optimal=False)
 
 
 def nothing_at_all(manager: OneManager) -> Plan:
-    """A plan made at once that is legal, and no more than that."""
+    """A plan made immediately that is legal, and no more than that."""
     now = Situation(manager.requests[-1].now.down)
     objective = score(manager.spec, now, Configuration(), None)
     return make_plan(manager.spec, now, Configuration(), objective, optimal=False)
@@ -72,7 +72,7 @@ def test_a_better_one_takes_the_place_of_what_runs(manager: OneManager) -> None:
     told = manager.last("reconfigured")
     assert told["causes"] == ["a better plan"]
     assert "control" in told["started"]
-    assert len(manager.requests) == 2  # it is the best: nobody asks again
+    assert len(manager.requests) == 2  # it is the best: there is no further request
 
 
 def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
@@ -83,7 +83,7 @@ def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
     assert manager.events[-1]["event"] == "plan_unchanged"  # taken; and as it happens nothing has to be done for it
 
 
-def test_it_is_asked_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
+def test_the_best_plan_is_requested_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
     fly(manager, as_good(manager))
     assert [asked.in_background for asked in manager.requests] == [False, True]
@@ -101,7 +101,7 @@ def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
     assert manager.requests[-1].in_background
 
 
-def test_no_answer_is_left_at_that(manager: OneManager) -> None:
+def test_a_failure_leads_to_no_second_request(manager: OneManager) -> None:
     fly(manager, as_good(manager))
     asked = manager.requests[-1]
     actions = manager.give(PlanFailed(asked.request, "it was killed"))
