@@ -124,12 +124,12 @@ def test_a_manager_that_fell_silent_waits_for_proof_as_at_its_start() -> None:
     assert manager.of("hears_nobody")
     manager.live("left")
     begun_ns = manager.now_ns
-    assert not manager.core.reigns
+    assert not manager.core.is_active
     manager.pass_time(200 * MS)
-    assert manager.core.reigns
-    asked = len(manager.requests)
+    assert manager.core.is_active
+    requests = len(manager.requests)
     manager.pass_time(START_UP_WINDOW_NS - 300 * MS)
-    assert (len(manager.requests), manager.core.reigns) == (asked, True)
+    assert (len(manager.requests), manager.core.is_active) == (requests, True)
     assert manager.now_ns - begun_ns < START_UP_WINDOW_NS
 
 
@@ -278,12 +278,12 @@ def advisor() -> OneManager:
     return one
 
 
-def overheard_welcome(one: OneManager, signer: CommandSigner, asked: int = 5, answered: int = 5) -> Session:
+def overheard_welcome(one: OneManager, signer: CommandSigner, nonce: int = 5, answered: int = 5) -> Session:
     """Let it hear a nonce of the left PE, other talk, the answer, and its TAG."""
     control, tag = signer.welcome(LEFT, answered)
     other = Frame(control.can_id, Control(signer.term, LEFT, Operation.ACKNOWLEDGE).encode())
     to_unknown, _ = CommandSigner(KEY, NODE, signer.term).welcome(125, answered)
-    asks = Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), asked).encode())
+    asks = Frame(state_id(LEFT), StatePage2(PeState.UNCONFIGURED, PeFlags(0), nonce).encode())
     for frame in (asks, asks, other, to_unknown, control, tag, tag):
         one.hear(frame)
     return Session(NODE, signer.term, signer.number)

@@ -28,8 +28,8 @@ def fly(manager: OneManager, made: Plan) -> None:
 
 
 def best(manager: OneManager) -> Plan:
-    asked = manager.requests[-1]
-    return plan(manager.spec, Situation(asked.now.down), asked.running)
+    request = manager.requests[-1]
+    return plan(manager.spec, Situation(request.now.down), request.running)
 
 
 def as_good(manager: OneManager) -> Plan:
@@ -54,15 +54,15 @@ def manager() -> OneManager:
 def test_a_best_plan_that_is_no_better_where_it_counts_interrupts_nothing(manager: OneManager) -> None:
     made = as_good(manager)
     fly(manager, made)
-    asked = manager.requests[-1]
-    assert asked.in_background
-    assert asked.running == placement(made.configuration)
+    request = manager.requests[-1]
+    assert request.in_background
+    assert request.running == placement(made.configuration)
     elsewhere = replace(made, objective=replace(made.objective, changes=0, bus_mbit_per_s=0, cpu_millis=0))
-    actions = manager.give(PlanReady(asked.request, elsewhere))
+    actions = manager.give(PlanReady(request.request, elsewhere))
     assert manager.events[-1]["event"] == "plan_kept"
     assert [type(action) for action in actions if isinstance(action, Settled)] == [Settled]
     assert len(manager.of("epoch_prepared")) == 1
-    assert manager.requests[-1] is asked
+    assert manager.requests[-1] is request
 
 
 def test_a_better_one_takes_the_place_of_what_runs(manager: OneManager) -> None:
@@ -86,7 +86,7 @@ def test_better_inputs_alone_are_worth_it_too(manager: OneManager) -> None:
 def test_the_best_plan_is_requested_once_even_if_the_answer_is_not_proven_either(manager: OneManager) -> None:
     fly(manager, nothing_at_all(manager))
     fly(manager, as_good(manager))
-    assert [asked.in_background for asked in manager.requests] == [False, True]
+    assert [request.in_background for request in manager.requests] == [False, True]
 
 
 def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
@@ -103,9 +103,9 @@ def test_a_fault_meanwhile_makes_the_answer_stale(manager: OneManager) -> None:
 
 def test_a_failure_leads_to_no_second_request(manager: OneManager) -> None:
     fly(manager, as_good(manager))
-    asked = manager.requests[-1]
-    actions = manager.give(PlanFailed(asked.request, "it was killed"))
+    request = manager.requests[-1]
+    actions = manager.give(PlanFailed(request.request, "it was killed"))
     assert any(isinstance(action, Settled) for action in actions)
     manager.pass_time(PLAN_AGAIN_NS + 100 * MS)
-    assert manager.requests[-1] is asked
-    assert manager.give(PlanFailed(asked.request, "it was killed")) == []
+    assert manager.requests[-1] is request
+    assert manager.give(PlanFailed(request.request, "it was killed")) == []

@@ -237,19 +237,19 @@ def test_what_runs_gets_a_newer_number_than_the_epoch_that_a_returning_pe_shows(
     manager = overtaken()
     assert manager.requests[-1].now.down == {"pe:left"}
     assert manager.last("plan_requested")["causes"] == ["pe:left: it runs a newer epoch"]
-    asked = len(manager.requests)
+    requested = len(manager.requests)
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested
     manager.answer()
     assert manager.last("epoch_prepared")["epoch"] == 41
     assert manager.last("epoch_prepared")["pes"] == ["middle", "right"]
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested
 
 
 def test_the_plan_is_requested_again_where_the_planner_fails() -> None:
     manager = overtaken()
-    asked = len(manager.requests)
+    requested = len(manager.requests)
     manager.give(PlanFailed(manager.requests[-1].request, "it was killed"))
     manager.pass_time(2 * BEAT_NS)
-    assert len(manager.requests) == asked
+    assert len(manager.requests) == requested

@@ -175,13 +175,13 @@ class Flight(OneManager):
 
 def test_a_limit_above_what_the_plan_uses_leads_to_no_plan() -> None:
     flight = Flight()
-    asked = len(flight.requests)
+    requested = len(flight.requests)
     flight.report(700, times=2)
     assert flight.last("link_limited")["share"] == "60%"
-    assert len(flight.requests) == asked
+    assert len(flight.requests) == requested
     flight.report(1000, times=12)
     assert flight.last("link_limited")["share"] == "100%"
-    assert len(flight.requests) == asked, "what was planned for all of it is as good again"
+    assert len(flight.requests) == requested, "what was planned for all of it is as good again"
 
 
 def test_a_limit_below_what_the_plan_uses_is_a_fault_with_a_number() -> None:

@@ -24,7 +24,7 @@ def test_a_conformance_tests_is_the_same_each_time_and_says_what_went_wrong(monk
 
 
 def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["pe_accepting", "who_answers_in_time_stays"]) == 0
+    assert main(["pe_accepting", "a_pe_that_answers_in_time_stays"]) == 0
     assert capsys.readouterr().out == "8 of 8 drills went by the book\n"
     with pytest.raises(SystemExit) as ended:
         main(["nothing_is_named_so"])
