@@ -98,7 +98,7 @@ class _Peer:
     held: dict[bytes, None] = field(default_factory=dict)  # every EMCY since the PE last had none pending, oldest first
     proven: bytes = NO_EMERGENCY  # by the last page 0
     refused: int = 0  # states that were not believed
-    refuses: tuple[int, int] = (0, 0)  # commands that it has refused, as it says: unproven, other
+    refuses: tuple[int, int] = (0, 0)  # commands that it has refused, by its page 3: unproven, other
     told: tuple[int, int] = (0, 0)  # the same when an event last reported it, and the time of that
     told_ns: int | None = None
 

@@ -18,7 +18,7 @@ side of a broken bus. A PE that hears the newer epoch drives nothing exclusive u
 (protocol rule 6), so the manager gives what runs a new number, without the PE that was cut off. The core checks this
 with every state, so a lost state does no harm.
 
-*Adopting*: the manager may take over what runs when it begins as it is (`adoption`). A manager that only advises tells
+*Adopting*: at its start the manager may take over what runs as it is (`adoption`). A manager that only advises tells
 what it would do, and takes for done what it sees (`advice`).
 
 `epochs` says how an epoch is made and remembered, `activation` its steps, `numbering` its number; `observation` and

@@ -19,7 +19,7 @@ without it would stop everything that flies.
 A standby manager hears in turn what is latched (`announcing`), and once what is cleared. What it has not heard again
 for three turns is latched no more: a lost CLEAR costs some beats. The same holds for a manager that advises beside the
 active one, except for what the operator has told the advising manager itself: that is a supposition, and it stays until
-another word on it comes.
+another report of it comes.
 
 All of it outlives a restart (`memory`), and so does a quarantine: a PE that is held down for long goes on waiting.
 """

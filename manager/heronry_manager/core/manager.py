@@ -23,7 +23,7 @@ After each event, in this order: a standby manager takes over, if no manager is 
 without a PE that was just lost; epochs move on. A manager that was paused finds frames and deadlines waiting: the
 driver gives it the frames first.
 
-After a restart: a new term, then the same start as ever, with all that is remembered (`memory`, kept by the driver in
+After a restart: a new term, then the normal start, with all that is remembered (`memory`, kept by the driver in
 the journal): the phase, latched faults, quarantines, what runs. PEs go on with what they run (`replanning`).
 """
 

@@ -45,7 +45,7 @@ from heronry_wire.state_frames import PeState
 
 _SLOWEST_RETRY = 8  # as a multiple of the first
 _FRAME_BITS = 135
-_LONGEST_BURST = 8  # frames of slices sent at once by a driver whose timer was late
+_LONGEST_BURST = 8  # frames of slices sent together by a driver whose timer was late
 
 
 class Stage(Enum):

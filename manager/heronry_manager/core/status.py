@@ -9,7 +9,7 @@ A pure function of the parts of the core. The document is versioned; a later ver
     unknown_epoch   newest epoch that PEs run, where this manager does not know what that is: then `epoch` is null; else
                     this is, and so it is where the manager stands by
     pes             by name: state, why, epoch, runs (what its state frames say), losses, held_down_for_ns, authentic
-                    (null without a key; else is_believed, refused_states, and refused_commands as it says)
+                    (null without a key; else is_believed, refused_states, and refused_commands by its report)
     latched         list of element, by, code, detail, for_ns
     links           by name of the radio: state, limit (per mille, planned with), usable (per mille, as reported last),
                     delivered (per cent), queued, dropped
