@@ -369,7 +369,7 @@ def an_immediate_plan_is_improved_in_the_background() -> None:
 
     manager.manager.planning = immediate
     manager.run(900)
-    equal([one.in_background for one in manager.request()], [False, True], "requests")
+    equal([one.in_background for one in manager.plan_requests()], [False, True], "requests")
     equal(len(manager.told("reconfigured")), 2, "reconfigurations")
     keeping = ManagerUnderTest()
 
@@ -381,7 +381,7 @@ def an_immediate_plan_is_improved_in_the_background() -> None:
     keeping.manager.planning = the_same
     keeping.run(900)
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
-    equal([one.in_background for one in keeping.request()], [False, True], "requests")
+    equal([one.in_background for one in keeping.plan_requests()], [False, True], "requests")
     equal(len(keeping.told("plan_kept")), 1, "plans that are no better")
     equal(len(keeping.told("reconfigured")), 1, "reconfigurations")
     equal(manager.told("reconfigured")[1]["causes"], ["a better plan"], "causes of the second one")
