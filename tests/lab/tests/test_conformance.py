@@ -20,7 +20,7 @@ def test_a_conformance_tests_is_the_same_each_time_and_says_what_went_wrong(monk
     monkeypatch.setattr(pe_speaking, "PeUnderTest", lambda: PeUnderTest(clock_ppm=500_000))
     wrong, _ = conforms(name)
     assert wrong is not None
-    assert wrong.startswith("DrillError: sequences")
+    assert wrong.startswith("ConformanceError: sequences")
 
 
 def test_the_command_plays_those_it_is_told_to(capsys: pytest.CaptureFixture[str]) -> None:
